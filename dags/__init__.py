@@ -1,0 +1,1 @@
+"""The will: which stages run, when and where."""

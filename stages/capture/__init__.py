@@ -1,0 +1,1 @@
+"""Captures the project makes itself, with ground truth."""

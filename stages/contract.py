@@ -1,0 +1,176 @@
+"""One declaration a stage; the plan, the arrays, the keys, the docs and the checks are derived from it.
+
+Declarations import numpy and pydantic and nothing heavier: a kernel is a dotted name that the worker resolves.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+from storage.spec import ArraySpec, Shape, TableSpec
+
+Axis = Literal["sequence", "time", "view", "path"]
+ViewSelection = Literal["own", "sources", "held_out", "all"]
+Facts = frozenset[str]
+
+
+class Params(BaseModel):
+    """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of fingerprints."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+    def hashed(self) -> dict[str, Any]:
+        """The fields that can change a result."""
+        volatile = {n for n, f in type(self).model_fields.items() if extra(f).get("volatile")}
+        return self.model_dump(mode="json", exclude=volatile)
+
+
+def setting(default: Any, description: str, *, unit: str = "1", volatile: bool = False, quality_levels: list[Any] | None = None, **bounds: Any) -> Any:
+    """A documented parameter: its unit, its bounds (ge, le, gt, lt), its quality levels from cheap to dear."""
+    return Field(default, description=description, json_schema_extra={"unit": unit, "volatile": volatile, "quality_levels": quality_levels}, **bounds)
+
+
+def extra(info: FieldInfo) -> dict[str, Any]:
+    """Unit, volatility and quality levels of a field declared with `setting`."""
+    return info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+
+
+def always(params: Any, facts: Facts) -> bool:
+    """The condition of a read that every task needs."""
+    return True
+
+
+@dataclass(frozen=True)
+class Read:
+    """One input of a stage."""
+
+    array: str
+    """Name of the array (`{path}` stands for the task's camera path), or of a source."""
+    views: ViewSelection = "sources"
+    """Which views are read of an array with a view axis."""
+    halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)
+    """Frames before and after the partition; may follow from the params."""
+    when: Callable[[Any, Facts], bool] = always
+    """Whether the input is read at all, given params and facts."""
+    is_source: bool = False
+    """Whether it is a source file of the capture, read through a lazy reader."""
+
+    @classmethod
+    def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always) -> Read:
+        """A source of the capture: pictures, masks, joints, joints3d or depth."""
+        return cls(kind, views=views, when=when, is_source=True)
+
+    def halo_for(self, params: Any) -> tuple[int, int]:
+        """(before, after) in frames."""
+        return self.halo(params) if callable(self.halo) else self.halo
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What one task needs."""
+
+    cpu: int = 1
+    """Threads."""
+    gpu: int = 0
+    """Devices; without a GPU worker the task falls to the CPU pool and the plan says so."""
+    ram: int = 0
+    """Projected peak of host memory, bytes."""
+    vram: int = 0
+    """Projected peak of device memory, bytes."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What an effect's measure led to."""
+
+    on: bool
+    """Whether the effect is computed."""
+    measured: float
+    """The measured value, in the effect's unit."""
+    bound: float
+    """The bound it was compared with."""
+    reason: str
+    """One sentence for the plan."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something computed only where a measure calls for it."""
+
+    name: str
+    """Key below `effects` in the configuration."""
+    measure: str
+    """Name of the survey's measure that decides."""
+    threshold: float
+    """Bound above which the effect is on."""
+    unit: str
+    """Unit of measure and bound."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far serial and distributed results may differ, and why."""
+
+    absolute: float
+    """In the array's unit."""
+    reason: str
+    """Why the bytes cannot be equal."""
+
+
+def needed(params: Any, facts: Facts) -> str | None:
+    """The answer of a stage that every capture needs."""
+    return None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The declaration of one stage."""
+
+    name: str
+    """Key of its settings and prefix of its tasks."""
+    summary: str
+    """One sentence for help, docs and dashboard."""
+    version: int
+    """Raised by hand when results change in a way the code digest cannot see."""
+    run: str
+    """`module:function`, `run(inputs, params) -> Iterator[Block]`."""
+    reads: tuple[Read, ...]
+    """Inputs."""
+    writes: tuple[ArraySpec | TableSpec, ...]
+    """Outputs."""
+    over: tuple[Axis, ...]
+    """Axes of work: one task each combination."""
+    params: type[Params]
+    """Its settings."""
+    needs: Callable[[Shape, Any], Resources]
+    """Resources of one task, from the shape of one partition (`frame` is the partition's length) and the params."""
+    check: str | None = None
+    """`module:function`, `check(block, params) -> list[str]`: warnings; an impossible value raises."""
+    unneeded: Callable[[Any, Facts], str | None] = needed
+    """Why this capture does not need the stage, or None."""
+    effects: tuple[Effect, ...] = ()
+    """Effects the stage can switch on."""
+    tolerance: Tolerance | None = None
+    """None: serial and distributed results are equal byte by byte."""
+    groups: frozenset[str] = field(default_factory=frozenset)
+    """Free labels for reports."""
+
+    def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
+        """The inputs that count under these params and facts."""
+        return tuple(r for r in self.reads if r.when(params, facts))
+
+    def writes_for(self, facts: Facts) -> tuple[ArraySpec | TableSpec, ...]:
+        """The outputs this capture gets."""
+        return tuple(w for w in self.writes if w.when is None or w.when in facts)
+
+
+def resolve(dotted: str) -> Callable[..., Any]:
+    """The function behind `module:function`."""
+    module, _, name = dotted.partition(":")
+    return getattr(importlib.import_module(module), name)

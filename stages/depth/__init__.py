@@ -1,0 +1,1 @@
+"""Depth of every source view: stereo between neighbouring views, bounded by the visual hull."""

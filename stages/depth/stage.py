@@ -1,0 +1,34 @@
+"""Declaration of the depth stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.depth.params import DepthParams
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: DepthParams) -> Resources:
+    """Pictures and masks of all views, one view's depth, and one pair's cost volume (256 disparities of 2 bytes)."""
+    pixels = shape["y"] * shape["x"]
+    return Resources(cpu=1, ram=shape["frame"] * pixels * (shape["view"] * 4 + 12) + pixels * 256 * 6)
+
+
+STAGE = Stage(
+    name="depth",
+    summary="Estimate metric depth and its confidence for every source view.",
+    version=1,
+    run="stages.depth.run:run",
+    check="stages.depth.run:check",
+    reads=(
+        Read("frames/color", when=lambda p, f: p.method == "sgbm"),
+        Read("frames/mask"),
+        Read("truth/depth", when=lambda p, f: p.method == "truth"),
+    ),
+    writes=(
+        ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis; 0 where there is no surface."),
+        ArraySpec("depth/confidence", ("frame", "view", "y", "x"), "float16", "1", "0 = no surface, 1 = certain."),
+    ),
+    over=("sequence", "time"),
+    params=DepthParams,
+    needs=needs,
+)

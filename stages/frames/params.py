@@ -1,0 +1,43 @@
+"""Settings of the frames stage, and how `matte: auto` is resolved."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from stages.contract import Facts, Params, setting
+from storage.timegrid import parse_range
+
+
+class Crop(BaseModel):
+    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
+    offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+
+
+class FramesParams(Params):
+    """Which frames, at which size, with which matte."""
+
+    range: str = setting("::", "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one.")
+    size: int | None = setting(None, "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.", unit="px", ge=16, le=16384)
+    crop: dict[str, Crop] = setting({}, "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset.")
+    matte: Literal["auto", "given", "plate", "none"] = setting("auto", "Where the foreground mask comes from: masks that came with the capture, a background plate of a static camera, or none (everything is foreground).")
+    plate_threshold: float = setting(30.0, "Colour distance from the plate above which a pixel is foreground.", unit="1/255", gt=0, le=255)
+
+    @field_validator("range")
+    @classmethod
+    def _range_parses(cls, text: str) -> str:
+        parse_range(text)
+        return text
+
+
+def resolve_matte(params: FramesParams, facts: Facts) -> Literal["given", "plate", "none"]:
+    """What `auto` means for this capture: given masks before a plate; a plate needs several frames."""
+    if params.matte != "auto":
+        return params.matte
+    if "masks" in facts:
+        return "given"
+    return "plate" if "several_frames" in facts else "none"

@@ -1,0 +1,48 @@
+"""Declaration of the frames stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.frames.params import FramesParams, resolve_matte
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: FramesParams) -> Resources:
+    """One view's partition of pictures and masks, and one captured picture while it is warped."""
+    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["source_y"] * shape["source_x"] * 40)
+
+
+def _given(params: FramesParams, facts: Facts) -> bool:
+    return resolve_matte(params, facts) == "given"
+
+
+def _plate(params: FramesParams, facts: Facts) -> bool:
+    return resolve_matte(params, facts) == "plate"
+
+
+def _truth(params: FramesParams, facts: Facts) -> bool:
+    return "truth_depth" in facts
+
+
+STAGE = Stage(
+    name="frames",
+    summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
+    version=1,
+    run="stages.frames.run:run",
+    check="stages.frames.run:check",
+    reads=(
+        Read.source("pictures"),
+        Read.source("masks", when=_given),
+        Read.source("depth", when=_truth),
+        Read("survey/plate", views="own", when=_plate),
+        Read("survey/spread", views="own", when=_plate),
+    ),
+    writes=(
+        ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
+        ArraySpec("frames/mask", ("frame", "view", "y", "x"), "uint8", "1/255", "Soft foreground of the one main subject; padding is 0."),
+        ArraySpec("truth/depth", ("frame", "view", "y", "x"), "float32", "m", "True depth along the optical axis of a simulated capture; 0 where there is no surface.", when="truth_depth"),
+    ),
+    over=("sequence", "time", "view"),
+    params=FramesParams,
+    needs=needs,
+)

@@ -1,0 +1,1 @@
+"""Pixel-aligned Gaussian maps of every source view: the analytic prior."""

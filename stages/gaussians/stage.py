@@ -1,0 +1,31 @@
+"""Declaration of the gaussians stage."""
+
+from __future__ import annotations
+
+from stages.contract import Read, Resources, Stage
+from stages.gaussians.params import GaussiansParams
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: GaussiansParams) -> Resources:
+    """One view's partition: depth and confidence in, nine channels out, in float32 while they are computed."""
+    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 30 + shape["y"] * shape["x"] * 120)
+
+
+STAGE = Stage(
+    name="gaussians",
+    summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
+    version=1,
+    run="stages.gaussians.run:run",
+    check="stages.gaussians.run:check",
+    reads=(Read("depth/depth"), Read("depth/confidence")),
+    writes=(
+        ArraySpec("gaussians/scale", ("frame", "view", "axis", "y", "x"), "float16", "m", "Standard deviations along (tangent, tangent, normal).", keep="until_done"),
+        ArraySpec("gaussians/rotation", ("frame", "view", "axis", "y", "x"), "float16", "1", "Unit normal in camera axes, facing the camera; it is the Gaussian's third axis.", keep="until_done"),
+        ArraySpec("gaussians/opacity", ("frame", "view", "faces", "y", "x"), "float16", "1", "Opacity seen face-on and at grazing angle.", keep="until_done"),
+        ArraySpec("gaussians/confidence", ("frame", "view", "one", "y", "x"), "float16", "1", "Share of the learned value in the blend; 0 = the prior alone.", keep="until_done"),
+    ),
+    over=("sequence", "time"),
+    params=GaussiansParams,
+    needs=needs,
+)

@@ -1,0 +1,1 @@
+"""Rigid motions, pairs, rectification, un/projection, visual hull, camera paths."""

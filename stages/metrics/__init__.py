@@ -1,0 +1,1 @@
+"""Measures of rendered pictures against pictures that were kept aside."""

@@ -1,0 +1,1 @@
+"""Joints: read, triangulated robustly across views, filled by reprojection, encoded as heatmaps."""

@@ -1,0 +1,17 @@
+"""Settings of the pose stage."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from stages.contract import Params, setting
+
+
+class PoseParams(Params):
+    """How joints are believed, and how wide a heatmap's peak is."""
+
+    joints_frame: Literal["video", "calibrated"] = setting("video", "Pixels that given joints refer to: the captured video's, or the calibrated picture's (after frames.crop).")
+    min_score: float = setting(0.2, "Detections below this score are not triangulated.", ge=0, le=1)
+    max_residual: float = setting(0.02, "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side.", gt=0, le=0.5)
+    sigma: float = setting(0.04, "Standard deviation of a joint's Gaussian.", unit="m, or px with sigma_unit: px", gt=0)
+    sigma_unit: Literal["m", "px"] = setting("m", "Whether sigma is in metres around the 3D joint or in pixels of the full-size picture.")

@@ -1,0 +1,39 @@
+"""Declaration of the pose stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.pose.params import PoseParams
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: PoseParams) -> Resources:
+    """One view's partition of heatmaps, in float32 while it is drawn."""
+    return Resources(cpu=1, ram=shape["frame"] * 17 * shape["y"] * shape["x"] // 16 * 12)
+
+
+def unneeded(params: PoseParams, facts: Facts) -> str | None:
+    """Without joints of any kind there is nothing to encode."""
+    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints"
+
+
+STAGE = Stage(
+    name="pose",
+    summary="Triangulate joints across views, fill what is missing, encode heatmaps.",
+    version=1,
+    run="stages.pose.run:run",
+    check="stages.pose.run:check",
+    reads=(
+        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f),
+        Read.source("joints3d", when=lambda p, f: "joints3d" in f),
+    ),
+    writes=(
+        ArraySpec("pose/joints2d", ("frame", "view", "joint", "uvs"), "float32", "px", "Joints in frames/* pixels and their score; 0 score = unknown."),
+        ArraySpec("pose/joints3d", ("frame", "joint", "xyzs"), "float32", "m", "Joints in the world and their score; 0 score = unknown."),
+        ArraySpec("pose/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).", keep="until_done"),
+    ),
+    over=("sequence", "time"),
+    params=PoseParams,
+    needs=needs,
+    unneeded=unneeded,
+)

@@ -1,0 +1,1 @@
+"""Splat rendering: lift the maps of the nearest source views to 3D Gaussians and rasterize them."""

@@ -1,0 +1,1 @@
+"""Temporal stabilisation of pose heatmaps (the paper's TPS)."""

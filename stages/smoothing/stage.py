@@ -1,0 +1,33 @@
+"""Declaration of the smoothing stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.smoothing.params import SmoothingParams, halo
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: SmoothingParams) -> Resources:
+    """One view's heatmaps in and out, in float32 while they are blended."""
+    before, after = halo(params)
+    return Resources(cpu=1, ram=(2 * shape["frame"] + before + after) * 17 * shape["y"] * shape["x"] // 16 * 8)
+
+
+def unneeded(params: SmoothingParams, facts: Facts) -> str | None:
+    """No joints, no heatmaps to smooth."""
+    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints"
+
+
+STAGE = Stage(
+    name="smoothing",
+    summary="Stabilise pose heatmaps over time.",
+    version=1,
+    run="stages.smoothing.run:run",
+    check="stages.smoothing.run:check",
+    reads=(Read("pose/heatmaps", views="all", halo=halo), Read("pose/joints2d", views="all", halo=halo)),
+    writes=(ArraySpec("smoothing/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Heatmaps blended over time; the amplitude is the larger score.", keep="until_done"),),
+    over=("sequence", "time"),
+    params=SmoothingParams,
+    needs=needs,
+    unneeded=unneeded,
+)

@@ -1,0 +1,153 @@
+"""A capture as an importer found it: cameras, and for every view which files hold what.
+
+Files are referenced, not copied; each is known by its sha256, its size and its modification time. The capture is kept as
+JSON in the sequence's attributes; `sources.py` makes lazy readers from it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from storage.errors import SourceError
+from storage.rig import Rig
+from storage.spec import digest
+
+
+@cache
+def _sha256(path: str, size: int, mtime_ns: int) -> str:
+    with open(path, "rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One referenced file."""
+
+    path: str
+    """Absolute path."""
+    sha256: str
+    """Digest of the content at import."""
+    size: int
+    """Bytes."""
+    mtime_ns: int
+    """Modification time at import; while size and time are unchanged the file is not hashed again."""
+
+    @classmethod
+    def of(cls, path: str | Path) -> SourceFile:
+        """Reference an existing file. Raises SourceError when it is missing or unreadable."""
+        p = Path(path).resolve()
+        try:
+            stat = p.stat()
+            return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
+        except OSError as e:
+            raise SourceError(f"cannot read {p}: {e.strerror}") from e
+
+    def verify(self) -> None:
+        """Raise SourceError when the file is gone or its content is not what was imported."""
+        p = Path(self.path)
+        try:
+            stat = p.stat()
+        except OSError as e:
+            raise SourceError(f"source file {p} cannot be read any more ({e.strerror}); put it back or import the capture again") from e
+        if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
+            return
+        if stat.st_size != self.size or _sha256(str(p), stat.st_size, stat.st_mtime_ns) != self.sha256:
+            raise SourceError(f"source file {p} changed since it was imported ({self.size} -> {stat.st_size} bytes); import the capture again")
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The files of one kind of one view: a video, or one file a frame."""
+
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "trc"]
+    """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
+    files: tuple[SourceFile, ...]
+    """One file for video, coco and trc; else one for every number."""
+    numbers: tuple[int, ...]
+    """Source frame numbers, ascending."""
+    size: tuple[int, int] = (0, 0)
+    """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """What a reader of this format must know besides, for example a joint set or a person's id."""
+
+    def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
+        """Digest of the files behind some frame numbers: of the whole file where one file holds all."""
+        wanted = {int(n) for n in numbers}
+        shas = [f.sha256 for f in self.files] if len(self.files) == 1 else [f.sha256 for f, n in zip(self.files, self.numbers, strict=True) if n in wanted]
+        return digest([self.kind, shas, sorted(wanted & set(self.numbers)), self.options])
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Everything an importer found out about one capture."""
+
+    layout: str
+    """Name of the importer."""
+    rig: Rig
+    """Cameras as calibrated, in our pixel centres, one for every view."""
+    frame_rate: float
+    """Frames per second of the source; time = number / frame_rate."""
+    pictures: tuple[Stream, ...]
+    """[V] pictures of each view."""
+    masks: tuple[Stream | None, ...] = ()
+    """[V] masks of each view, or empty."""
+    joints: tuple[Stream | None, ...] = ()
+    """[V] 2D joints of each view, or empty; `options["joint_set"]` names their joint set."""
+    joints3d: Stream | None = None
+    """3D joints; `options["joint_set"]` names their joint set."""
+    depth: tuple[Stream | None, ...] = ()
+    """[V] true depth of each view of a simulated capture, or empty."""
+    notes: tuple[str, ...] = ()
+    """Sentences the user is shown after the import: what was found, chosen, left out."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """[N] ascending source frame numbers that at least one view has."""
+        return np.unique(np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in self.pictures]))
+
+    def streams(self, kind: str) -> tuple[Stream | None, ...]:
+        """Streams of a source kind: pictures, masks, joints, joints3d (one entry) or depth."""
+        return (self.joints3d,) if kind == "joints3d" else tuple(getattr(self, kind))
+
+    def has(self, kind: str) -> bool:
+        """Whether any view has a source of that kind."""
+        return any(s is not None for s in self.streams(kind))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON types; `from_json` is the inverse."""
+        out: dict[str, Any] = {k: getattr(self, k) for k in ("layout", "frame_rate", "notes")}
+        out["rig"] = {
+            "names": list(self.rig.names),
+            **{k: getattr(self.rig, k).tolist() for k in ("intrinsics", "distortion", "world_to_camera", "size")},
+        }
+        for kind in ("pictures", "masks", "joints", "depth"):
+            out[kind] = [asdict(s) if s else None for s in self.streams(kind)]
+        out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
+        return out
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Capture:
+        """The capture that `to_json` described."""
+
+        def stream(s: dict[str, Any] | None) -> Stream | None:
+            if s is None:
+                return None
+            return Stream(s["kind"], tuple(SourceFile(**f) for f in s["files"]), tuple(s["numbers"]), tuple(s["size"]), s["options"])
+
+        r = data["rig"]
+        rig = Rig(
+            tuple(r["names"]),
+            np.array(r["intrinsics"], dtype=np.float64),
+            np.array(r["distortion"], dtype=np.float64),
+            np.array(r["world_to_camera"], dtype=np.float64),
+            np.array(r["size"], dtype=np.int64),
+        )
+        kinds = {k: tuple(stream(s) for s in data[k]) for k in ("pictures", "masks", "joints", "depth")}
+        return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]

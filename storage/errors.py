@@ -1,0 +1,32 @@
+"""The named errors of the project: each says the thing, the value, the bound and the next step.
+
+Every error that a user can cause derives from `UserError`; the command line prints its sentence and no traceback.
+"""
+
+
+class UserError(Exception):
+    """Something the user can mend: a path, a setting, a file's content. Exit status 2 on the command line."""
+
+
+class SourceError(UserError):
+    """A source file is missing, unreadable, changed since import, or contradicts another one."""
+
+
+class CalibrationError(UserError):
+    """Cameras that are missing, not finite, not rigid, or do not fit the pictures they belong to."""
+
+
+class ConfigError(UserError):
+    """One or more faults of a configuration file, each with file:line:column."""
+
+
+class ArchiveError(UserError):
+    """An archive that does not exist, is of a newer format, or lies where runs are not possible."""
+
+
+class ShardMissing(ArchiveError):
+    """A shard that a receipt promises is not there."""
+
+
+class ShardCorrupt(ArchiveError):
+    """A shard whose size or content is not what its receipt promises."""

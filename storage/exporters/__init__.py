@@ -1,0 +1,1 @@
+"""One file an output format: pictures of a run -> files people open."""

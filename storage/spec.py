@@ -1,0 +1,117 @@
+"""What an array is: dimensions, type, unit, meaning; and how any value is hashed.
+
+Nothing here opens a store. `archive.py` turns an `ArraySpec` into a zarr array; codecs follow from the dtype alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+Keep = Literal["always", "until_done", "never"]
+Shape = Mapping[str, int]
+"""Length of every named dimension of one sequence: frame, view, y, x, joint, source_y, ... (`y/4` follows from `y`)."""
+
+FIXED_DIMS = {"rgb": 3, "uvs": 3, "xyzs": 4, "axis": 3, "faces": 2, "one": 1, "coco17": 17}
+"""Dimensions whose length never depends on the capture: (u, v, score), (x, y, z, score), tangent-tangent-normal, ..."""
+
+BATCH_DIMS = ("frame", "view", "camera")
+"""Dimensions a reader wants one at a time: a chunk is one frame of one view."""
+
+
+def dim_length(dim: str, shape: Shape) -> int:
+    """Length of one dimension; `"y/4"` means ceil(y / 4).
+
+    Raises KeyError with the known names when the dimension is unknown.
+    """
+    name, _, divisor = dim.partition("/")
+    length = FIXED_DIMS.get(name, shape.get(name))
+    if length is None:
+        raise KeyError(f"unknown dimension {name!r}; known are {sorted({*FIXED_DIMS, *shape})}")
+    return -(-length // int(divisor)) if divisor else length
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """One array of the archive, declared once by the stage that writes it."""
+
+    name: str
+    """Path inside the sequence's group; `{path}` stands for the camera path of a rendering task."""
+    dims: tuple[str, ...]
+    """Named dimensions, batch dimensions (frame, view, camera) first."""
+    dtype: str
+    """numpy name of the element type."""
+    unit: str
+    """Unit of the values: m, px, s, "1" for ratios, sRGB for display-referred colour."""
+    meaning: str
+    """One sentence: what a value says and in which frame of reference."""
+    keep: Keep = "always"
+    """How long the bytes are kept once every consumer has read them."""
+    when: str | None = None
+    """Name of the fact without which the array is not written (None: always)."""
+
+    def lengths(self, shape: Shape) -> tuple[int, ...]:
+        """Length of every dimension for a sequence of the given shape."""
+        return tuple(dim_length(d, shape) for d in self.dims)
+
+    @property
+    def per_view(self) -> bool:
+        """Whether a shard holds one view only."""
+        return "view" in self.dims
+
+    @property
+    def per_frame(self) -> bool:
+        """Whether the array is partitioned along time."""
+        return "frame" in self.dims
+
+
+@dataclass(frozen=True)
+class TableSpec:
+    """One Parquet table of the archive, one file a partition."""
+
+    name: str
+    """Path inside the sequence; `{path}` stands for the camera path."""
+    columns: tuple[tuple[str, str], ...]
+    """(column, arrow type) in order."""
+    meaning: str
+    """One sentence: what a row says."""
+    when: str | None = None
+    """Name of the fact without which the table is not written (None: always)."""
+
+
+def canonical(value: Any) -> Any:
+    """A value as plain JSON types with sorted keys, so that equal values hash equally.
+
+    Raises TypeError for what has no canonical form (a set, an open file), rather than hashing its address.
+    """
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float | np.floating):
+        return ["float", float(value).hex()]
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, np.ndarray):
+        return ["array", str(value.dtype), list(value.shape), array_digest(value)]
+    if isinstance(value, Mapping):
+        return {str(k): canonical(value[k]) for k in sorted(value, key=str)}
+    if isinstance(value, list | tuple | range):
+        return [canonical(v) for v in value]
+    raise TypeError(f"no canonical form for {type(value).__name__}: {value!r}")
+
+
+def digest(value: Any) -> str:
+    """BLAKE2b-128 of the canonical form, 32 hex digits."""
+    text = json.dumps(canonical(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def array_digest(array: np.ndarray) -> str:
+    """BLAKE2b-128 over dtype, shape and C-order bytes, 32 hex digits."""
+    h = hashlib.blake2b(f"{array.dtype.str}{array.shape}".encode(), digest_size=16)
+    h.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    return h.hexdigest()
