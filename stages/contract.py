@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -124,7 +124,7 @@ class Tolerance:
 
 
 def needed(params: Any, facts: Facts) -> str | None:
-    """The answer of a stage that every capture needs."""
+    """The answer of a stage that every capture needs and can serve."""
     return None
 
 
@@ -154,12 +154,15 @@ class Stage:
     """`module:function`, `check(block, params) -> list[str]`: warnings; an impossible value raises."""
     unneeded: Callable[[Any, Facts], str | None] = needed
     """Why this capture does not need the stage, or None."""
+    refusal: Callable[[Any, Facts], str | None] = needed
+    """Why these params cannot be served by this capture, with the setting to change, or None."""
     effects: tuple[Effect, ...] = ()
     """Effects the stage can switch on."""
     tolerance: Tolerance | None = None
     """None: serial and distributed results are equal byte by byte."""
-    groups: frozenset[str] = field(default_factory=frozenset)
-    """Free labels for reports."""
+    sequence_wide: bool = False
+    """Constants of a whole sequence: made only where a needed stage reads them, and kept, whatever the sources' growth,
+    until a run says `--from` this stage."""
 
     def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
         """The inputs that count under these params and facts."""

@@ -107,8 +107,10 @@ class Inputs(Protocol):
     """Cameras of `frames/*`: after crop, scale and undistortion (distortion is zero)."""
     source_rig: Rig
     """Cameras as calibrated, in our pixel centres."""
+    captured_to_calibrated: np.ndarray
+    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy) (`frames.crop`)."""
     path: CameraPath | None
-    """Target cameras over the frames of `span` of the rendered pictures, for a task over a path."""
+    """Target cameras over the frames of the partition, for a task over a path."""
     facts: frozenset[str]
     """What the capture has: joints2d, joints3d, masks, truth_depth, held_out, several_frames."""
 

@@ -30,10 +30,13 @@ class MemoryInputs:
     facts: frozenset[str] = frozenset({"several_frames"})
     source_rig: Rig = None  # type: ignore[assignment]
     valid_all: np.ndarray | None = None
+    captured_to_calibrated: np.ndarray = None  # type: ignore[assignment]
     time_invariant: frozenset[str] = frozenset({"survey/plate", "survey/spread", "survey/sample"})
 
     def __post_init__(self) -> None:
         self.source_rig = self.source_rig or self.rig
+        if self.captured_to_calibrated is None:
+            self.captured_to_calibrated = np.tile([1.0, 0.0, 0.0], (len(self.rig), 1))
         valid = self.valid_all if self.valid_all is not None else np.ones((self.frames, len(self.rig)), bool)
         self.valid = valid[list(self.partition)]
         self.source_frames = np.asarray(self.partition)

@@ -13,6 +13,13 @@ def needs(shape: Shape, params: DepthParams) -> Resources:
     return Resources(cpu=1, ram=shape["frame"] * pixels * (shape["view"] * 4 + 12) + pixels * 256 * 6)
 
 
+def refusal(params: DepthParams, facts: Facts) -> str | None:
+    """True depth exists for simulated captures only."""
+    if params.method == "truth" and "truth_depth" not in facts:
+        return "depth.method is truth, but the capture has no true depth for every source view (only simulated captures have); use sgbm or hull"
+    return None
+
+
 STAGE = Stage(
     name="depth",
     summary="Estimate metric depth and its confidence for every source view.",
@@ -31,4 +38,5 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=DepthParams,
     needs=needs,
+    refusal=refusal,
 )

@@ -24,6 +24,15 @@ def _truth(params: FramesParams, facts: Facts) -> bool:
     return "truth_depth" in facts
 
 
+def refusal(params: FramesParams, facts: Facts) -> str | None:
+    """Given masks must have come with the capture; a plate needs frames to take a median of."""
+    if params.matte == "given" and "masks" not in facts:
+        return "frames.matte is given, but not every source view has masks; use auto, plate or none"
+    if params.matte == "plate" and "several_frames" not in facts:
+        return "frames.matte is plate, but the capture has a single frame; use given or none"
+    return None
+
+
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
@@ -45,4 +54,5 @@ STAGE = Stage(
     over=("sequence", "time", "view"),
     params=FramesParams,
     needs=needs,
+    refusal=refusal,
 )

@@ -22,6 +22,7 @@ STAGE = Stage(
     summary="Measure rendered held-out views against their pictures.",
     version=1,
     run="stages.metrics.run:run",
+    check="stages.metrics.run:check",
     reads=(
         Read("rendering/{path}/color", halo=(1, 0)),
         Read("frames/color", views="held_out", halo=(1, 0)),

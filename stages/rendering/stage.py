@@ -8,10 +8,13 @@ from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of all source views of a partition, the lifted Gaussians of one frame, and one picture's tiles."""
+    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians; the pictures."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
-    return Resources(cpu=1, gpu=1, ram=shape["frame"] * pixels * shape["view"] * 28 + pixels * params.sources * 30 * wide + 2**29, vram=pixels * params.sources * 30 * wide + 2**29)
+    lifted = pixels * shape["view"] * 20 * wide
+    picture = pixels * params.sources * 60 * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
+    maps_and_output = shape["frame"] * (pixels * shape["view"] * 23 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
+    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture + 2**28, vram=lifted + picture + 2**28)
 
 
 STAGE = Stage(

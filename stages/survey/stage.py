@@ -27,5 +27,5 @@ STAGE = Stage(
     over=("sequence", "view"),
     params=SurveyParams,
     needs=needs,
-    groups=frozenset({"sequence-wide"}),
+    sequence_wide=True,
 )

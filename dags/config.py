@@ -1,0 +1,220 @@
+"""Settings: the packaged default, a file laid over it, `--set` on top, and overrides by sequence.
+
+Every fault of every layer is collected and reported as `file:line:column key: what is wrong; what to write instead`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, Field, ValidationError, create_model
+
+from dags.yaml_marks import Document, Location, load
+from stages.contract import Params, setting
+from stages.registry import STAGES
+from storage.errors import ConfigError
+
+GLOBAL = {"archive", "partition", "run", "sequences"}
+"""Sections that hold for all sequences alike."""
+
+PACKAGED = Path(__file__).with_name("pipeline.yaml")
+"""The full configuration with every default."""
+
+
+class PartitionSettings(Params):
+    """How a sequence is cut along time when it is imported."""
+
+    frames: int | None = setting(None, "Frames of a partition; null: as many as fit the budget.", unit="frames", ge=1, le=4096)
+    megabytes: float = setting(256.0, "Budget of the largest shard.", unit="MB", gt=0)
+    most_frames: int = setting(16, "Upper bound of the partition length that the budget leads to.", unit="frames", ge=1, le=4096)
+
+
+class ViewSettings(Params):
+    """Roles of the cameras."""
+
+    sources: list[str] | None = setting(None, "Cameras to reconstruct from; null: all that are not held out.")
+    held_out: list[str] = setting([], "Cameras that only metrics may look at.")
+
+
+class RunSettings(Params):
+    """Where tasks run. Nothing here can change a result."""
+
+    scheduler: str = setting("local", "serial, local, or the address of a running scheduler.", pattern=r"^(serial|local|(tcp|tls|ucx)://.+)$")
+    workers: int | None = setting(None, "Worker processes of the local scheduler; null: one a core.", ge=1, le=1024)
+    threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
+    window: int = setting(2, "Tasks in flight for every worker slot.", ge=1, le=64)
+
+
+class _Common(Params):
+    archive: str = Field("./archive", description="Folder of the archive.")
+    partition: PartitionSettings = PartitionSettings()
+    views: ViewSettings = ViewSettings()
+    effects: dict[str, Any] = Field(default={}, description="NAME: auto | on | off.")
+    run: RunSettings = RunSettings()
+
+
+Settings: Any = create_model("Settings", __base__=_Common, **{s.name: (s.params, s.params()) for s in STAGES})  # type: ignore[call-overload]
+"""The validated settings of one sequence: one field a stage, beside archive, partition, views, effects and run."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """All layers, and the settings they lead to."""
+
+    layers: tuple[Document, ...]
+    """Lowest first: packaged default, file, `--set`."""
+    default: Any
+    """Settings of a sequence that no override names."""
+    overrides: dict[str, dict[str, Any]]
+    """{glob: partial settings} of `sequences`."""
+
+    def for_sequence(self, name: str) -> Any:
+        """Settings of one sequence: overrides whose glob matches are laid over the default, in the order of the file."""
+        values = _merged(self.layers)
+        globs = [g for g in self.overrides if fnmatch.fnmatchcase(name, g)]
+        if not globs:
+            return self.default
+        for g in globs:
+            values = merge(values, self.overrides[g])
+        return Settings.model_validate({k: v for k, v in values.items() if k != "sequences"})
+
+    def as_yaml(self) -> str:
+        """The effective settings, kept in the archive by every run."""
+        return yaml.safe_dump({**self.default.model_dump(mode="json"), "sequences": self.overrides}, sort_keys=False)
+
+
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one mapping over another, key by key; lists and scalars are replaced."""
+    out = dict(below)
+    for key, value in above.items():
+        old = out.get(key)
+        out[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return out
+
+
+def load_configuration(config: Path | None = None, assignments: Sequence[str] = (), folder: Path | None = None) -> Configuration:
+    """Read `config`, else ./pipeline.yaml of `folder`, over the packaged default, with `--set` assignments on top.
+
+    Raises ConfigError listing every fault.
+    """
+    layers = [load(PACKAGED)]
+    own = (folder or Path.cwd()) / "pipeline.yaml"
+    if config is not None:
+        layers.append(load(config))
+    elif own.is_file() and own.resolve() != PACKAGED.resolve():
+        layers.append(load(own))
+    if assignments:
+        layers.append(_from_assignments(assignments))
+    return validate(tuple(layers))
+
+
+def validate(layers: tuple[Document, ...]) -> Configuration:
+    """Check every layer against the schema. Raises ConfigError with all faults at once."""
+    faults: list[str] = []
+    values = _merged(layers)
+    overrides = values.pop("sequences", None) or {}
+    settings = _try(values, (), layers, faults)
+    known_effects = {e.name for s in STAGES for e in s.effects}
+    faults += [f"{_where(layers, ('effects', name))} effects.{name}: unknown effect; known are {', '.join(sorted(known_effects)) or 'none yet'}" for name in values.get("effects") or {} if name not in known_effects]
+    if not isinstance(overrides, Mapping):
+        faults.append(f"{_where(layers, ('sequences',))} sequences: a mapping of names to settings is expected, got {overrides!r}")
+        overrides = {}
+    for glob, partial in overrides.items():
+        if not isinstance(partial, Mapping):
+            faults.append(f"{_where(layers, ('sequences', glob))} sequences.{glob}: a mapping of settings is expected, got {partial!r}")
+            continue
+        faults += [f"{_where(layers, ('sequences', glob, key))} sequences.{glob}.{key}: cannot differ between sequences; set it at the top level" for key in GLOBAL & partial.keys()]
+        known = {k: v for k, v in partial.items() if k not in GLOBAL}
+        _try(merge(values, known), ("sequences", glob), layers, faults, only=known)
+    if faults:
+        raise ConfigError("\n".join(dict.fromkeys(faults)))
+    return Configuration(layers, settings, {str(k): dict(v) for k, v in overrides.items()})
+
+
+def _merged(layers: Sequence[Document]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for layer in layers:
+        values = merge(values, layer.values)
+    return values
+
+
+def _from_assignments(assignments: Sequence[str]) -> Document:
+    """`depth.method=hull` as a layer; values are YAML."""
+    document = Document("--set")
+    for text in assignments:
+        key, separator, value = text.partition("=")
+        if not separator or not key.strip():
+            raise ConfigError(f"--set {text}: write it as stage.key=value, for example depth.method=hull")
+        target = document.values
+        *parents, last = key.strip().split(".")
+        for parent in parents:
+            target = target.setdefault(parent, {})
+            if not isinstance(target, dict):
+                raise ConfigError(f"--set {text}: {parent} was already given a value and cannot hold {last}")
+        try:
+            target[last] = yaml.safe_load(value)
+        except yaml.YAMLError as e:
+            raise ConfigError(f"--set {text}: {value!r} is not a YAML value: {e}") from e
+    return document
+
+
+def _where(layers: Sequence[Document], location: Location) -> str:
+    """Position in the topmost layer that has the key."""
+    for layer in reversed(layers):
+        if _present(layer.values, location):
+            return layer.where(location)
+    return layers[-1].where(location)
+
+
+def _present(node: Any, location: Location) -> bool:
+    """Whether a layer says something about a key."""
+    for part in location:
+        inside = part in node if isinstance(node, Mapping) else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        if not inside:
+            return False
+        node = node[part]
+    return True
+
+
+def _try(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document], faults: list[str], only: Mapping[str, Any] | None = None) -> Any:
+    """Validate; add a sentence per fault; None when there are any."""
+    try:
+        return Settings.model_validate(values)
+    except ValidationError as error:
+        for e in error.errors():
+            location: Location = tuple(p for p in e["loc"] if p != "[key]")
+            if only is not None and not _present(only, location):
+                continue
+            where = _where(layers, (*prefix, *location))
+            faults.append(f"{where} {'.'.join(map(str, (*prefix, *location)))}: {_sentence(e, location)}")
+        return None
+
+
+def _sentence(error: Any, location: Location) -> str:
+    """What is wrong, the bound, and a suggestion."""
+    if error["type"] == "extra_forbidden":
+        known = _fields_at(location[:-1])
+        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+        return f'unknown key; did you mean "{close[0]}"?' if close else f"unknown key; known are {', '.join(known)}"
+    message = error["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    return message if error["type"] == "value_error" else f"{message}, got {error['input']!r}"
+
+
+def _fields_at(location: Location) -> list[str]:
+    """Known keys of a section."""
+    model: type[BaseModel] = Settings
+    for part in location:
+        info = model.model_fields.get(str(part))
+        annotation = info.annotation if info else None
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            break
+        model = annotation
+    names = list(model.model_fields)
+    return [*names, "sequences"] if model is Settings else names

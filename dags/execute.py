@@ -1,0 +1,205 @@
+"""One task on one worker: read the slice, run the kernel, write whole shards, write the receipt.
+
+The order is what makes a kill harmless: the old receipt goes first, the new one comes last.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dags import threads
+from stages.contract import Facts, Stage, resolve
+from stages.io import Block, Views
+from stages.registry import stage as stage_named
+from storage.archive import Sequence
+from storage.capture import Capture
+from storage.receipts import Output, Receipt, ShardFile, remove_receipt, write_receipt
+from storage.rig import CameraPath, Rig
+from storage.shards import read_array, write_array, write_table
+from storage.sources import open_source
+from storage.spec import ArraySpec, TableSpec, digest
+
+LIBRARIES = ("numpy", "zarr", "torch", "opencv-contrib-python-headless", "av", "numba", "OpenImageIO")
+"""Libraries whose versions go into the receipt."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How one array is read: its name, dimensions, frames, and the files that hold each view."""
+
+    name: str
+    dims: tuple[str, ...]
+    span: range
+    files: dict[int | None, tuple[ShardFile, ...]]
+
+
+@dataclass(frozen=True)
+class Order:
+    """Everything a worker needs to know about one task, about ten kilobytes."""
+
+    root: Path
+    """Folder of the sequence."""
+    stage: str
+    params: Any
+    partition: int | None
+    view: int | None
+    path_name: str | None
+    frames: range
+    source_frames: np.ndarray
+    time: np.ndarray
+    valid: np.ndarray
+    views: Views
+    rig: Rig
+    captured_to_calibrated: np.ndarray
+    path: CameraPath | None
+    facts: Facts
+    joint_set: str | None
+    readings: dict[str, Reading]
+    """By declared name."""
+    parts: dict[str, Any]
+    """Fingerprint parts."""
+    survey_sources: str | None
+    """Digest of the pictures a sequence-wide stage was taken from."""
+    threads: int
+    gpu: bool
+    """Whether the stage asks for a GPU."""
+
+
+@lru_cache(maxsize=8)
+def _capture(root: Path, stamp: int) -> Capture:
+    return Sequence(root).capture
+
+
+class StoreInputs:
+    """`stages.io.Inputs` over an archive."""
+
+    def __init__(self, order: Order) -> None:
+        """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
+        self._order = order
+        self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns)
+        self.partition = order.frames
+        self.source_frames = order.source_frames
+        self.time = order.time
+        self.valid = order.valid
+        self.views = order.views
+        self.view = order.view
+        self.rig = order.rig
+        self.source_rig = self._capture.rig
+        self.captured_to_calibrated = order.captured_to_calibrated
+        self.path = order.path
+        self.facts = order.facts
+        self.joint_set = order.joint_set
+
+    def _reading(self, array: str) -> Reading:
+        if array not in self._order.readings:
+            raise KeyError(f"{self._order.stage} does not declare that it reads {array} under these settings; it declares {', '.join(self._order.readings) or 'nothing'}")
+        return self._order.readings[array]
+
+    def span(self, array: str) -> range:
+        """Frame indices that `read(array)` covers."""
+        return self._reading(array).span
+
+    def read(self, array: str, view: int | None = None) -> np.ndarray:
+        """[len(span), ...]; only views the stage declared can be read."""
+        r = self._reading(array)
+        if view not in r.files:
+            raise KeyError(f"{self._order.stage} may not read view {view} of {array}; it declared {sorted(v for v in r.files if v is not None) or 'no views'}")
+        return read_array(Sequence(self._order.root), r.name, r.dims, r.span, view, r.files[view])
+
+    def source(self, kind: str) -> Any:
+        """The lazy reader of a declared source."""
+        stage = stage_named(self._order.stage)
+        declared = [r.array for r in stage.reads_for(self._order.params, self.facts) if r.is_source]
+        if kind not in declared:
+            raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
+        return open_source(self._capture, kind)
+
+
+def execute(order: Order) -> Receipt:
+    """Run one task and return its receipt, which is on disk by then."""
+    stage = stage_named(order.stage)
+    kernel = resolve(stage.run)
+    threads.limit(order.threads)
+    sequence = Sequence(order.root)
+    started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
+    remove_receipt(sequence, order.stage, order.partition, order.view, order.path_name)
+    warnings: list[str] = []
+    outputs = [_write(sequence, stage, order, block) for block in _checked(stage, kernel(StoreInputs(order), order.params), order, warnings)]
+    _complete(stage, order, outputs)
+    facts = _facts(order, started, time.perf_counter() - clock, time.process_time() - cpu)
+    receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    write_receipt(sequence, receipt)
+    return receipt
+
+
+def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
+    """The kernel's blocks, each past the stage's check."""
+    check = resolve(stage.check) if stage.check else None
+    for block in blocks:
+        if check is not None:
+            prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
+            warnings += [prefix + w for w in check(block, order.params)]
+        yield block
+
+
+def _write(sequence: Sequence, stage: Stage, order: Order, block: Block) -> Output:
+    """Write one block whole."""
+    spec = next((w for w in stage.writes_for(order.facts) if w.name == block.array), None)
+    if spec is None:
+        raise ValueError(f"{stage.name} yields {block.array}, which it does not declare")
+    path = order.path_name or ""
+    if isinstance(spec, TableSpec):
+        return write_table(sequence, spec, path, order.partition, block.data)
+    return write_array(sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data))
+
+
+def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
+    """Raise when the kernel left out a declared output: an absent shard would read as zeros."""
+    got = {(o.array, o.view) for o in outputs}
+    for spec in stage.writes_for(order.facts):
+        name = spec.name.format(path=order.path_name or "")
+        if not isinstance(spec, ArraySpec) or not spec.per_view:
+            wanted: set[tuple[str, int | None]] = {(name, None)}
+        else:
+            wanted = {(name, v) for v in ([order.view] if order.view is not None else range(len(order.rig)))}
+        if wanted - got:
+            missing = sorted(f"{a} view {v}" for a, v in wanted - got)
+            raise ValueError(f"{stage.name} did not yield {', '.join(missing)}")
+
+
+def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) -> dict[str, Any]:
+    """Circumstances: never part of the fingerprint."""
+    torch = sys.modules.get("torch")
+    return {
+        "started": started.isoformat(timespec="milliseconds"),
+        "seconds": round(seconds, 4),
+        "cpu_seconds": round(cpu_seconds, 4),
+        "host": socket.gethostname(),
+        "pid": os.getpid(),
+        "worker": os.environ.get("POSEGAUSSIAN_WORKER", "main"),
+        "device": "cuda" if order.gpu and torch and torch.cuda.is_available() else "cpu",
+        "machine": platform.machine(),
+        "threads": order.threads,
+        "peak_rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "libraries": _versions(),
+        "sources": order.survey_sources,
+    }
+
+
+@lru_cache(maxsize=1)
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}

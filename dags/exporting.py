@@ -1,0 +1,120 @@
+"""From finished pictures of one camera path to files people open: video, frames, contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from dags.plan import Plan
+from dags.results import Results
+from storage.errors import UserError
+from storage.rig import CameraPath
+
+
+def pictures(results: Results, path: CameraPath) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """(frame index, camera, [h, w, 3] uint8 over black, [h, w] uint8 alpha) of all served pictures, frame by frame.
+
+    The padding of mixed sizes is cut off.
+    """
+    name = path.name
+    alphas = results.iterate(f"rendering/{name}/alpha")
+    for (frame, color), (_, alpha) in zip(results.iterate(f"rendering/{name}/color"), alphas, strict=True):
+        for camera, (width, height) in enumerate(path.size):
+            if path.served[frame, camera]:
+                yield frame, camera, color[camera, :height, :width], alpha[camera, :height, :width]
+
+
+def export_video(results: Results, path: CameraPath, file: Path) -> list[Path]:
+    """Write H.264 video: of the path's one camera over time, of its steps for a single frame, else one file a camera.
+
+    Returns the files written. Raises UserError when the path serves no frame.
+    """
+    from storage.exporters.video import write_video
+
+    if not path.served.any():
+        raise UserError(f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to {file}")
+    rate = results.context.capture.frame_rate / _stride(results)
+    if len(path.served) == 1 or len(path.names) == 1:
+        write_video(file, (picture for _, _, picture, _ in pictures(results, path)), rate if len(path.served) > 1 else 24.0)
+        return [file]
+    written = []
+    for camera, name in enumerate(path.names):
+        if path.served[:, camera].any():
+            own = file.with_name(f"{file.stem}_{name}{file.suffix}")
+            write_video(own, (picture for _, c, picture, _ in pictures(results, path) if c == camera), rate)
+            written.append(own)
+    return written
+
+
+def _stride(results: Results) -> float:
+    """Source frames from one frame of the sequence to the next."""
+    numbers = results.context.source_frames
+    return float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
+
+
+def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool) -> int:
+    """Write `<camera>/<frame:06d>.png` and frames.csv; returns the number of pictures."""
+    from storage.exporters.frames import write_frames
+
+    context = results.context
+    numbers, times = context.source_frames, context.time
+    items = ((path.names[c], int(numbers[f]), picture, a if alpha else None) for f, c, picture, a in pictures(results, path))
+    return write_frames(folder, path.names, numbers, times, items)
+
+
+def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = 3, views: int = 4) -> None:
+    """Write a contact sheet: for a few frames and source views the picture, mask, joints, depth; below them novel views."""
+    from storage.exporters.contact_sheet import Sheet, write_sheet
+
+    context = results.context
+    chosen = np.unique(np.linspace(0, len(context.source_frames) - 1, frames).round().astype(int))
+    sources = context.views.sources
+    picked = [sources[i] for i in np.unique(np.linspace(0, len(sources) - 1, min(views, len(sources))).round().astype(int))]
+    sheet = Sheet(context.joint_set)
+    for frame in chosen:
+        one = range(frame, frame + 1)
+        for view in picked:
+            width, height = context.rig.size[view]
+            crop = (slice(height), slice(width))
+            joints = results.read("pose/joints2d", one, view)[0] if results.has("pose/joints2d") else None
+            sheet.add_source(
+                f"{context.views.names[view]} frame {context.source_frames[frame]}",
+                results.read("frames/color", one, view)[0][crop],
+                results.read("frames/mask", one, view)[0][crop],
+                joints,
+                results.read("depth/depth", one, view)[0][crop],
+            )
+        color = results.read(f"rendering/{path.name}/color", one)[0]
+        cameras = [c for c in range(len(path.names)) if path.served[frame, c]]
+        for c in [cameras[i] for i in np.unique(np.linspace(0, len(cameras) - 1, min(views, len(cameras))).round().astype(int))] if cameras else []:
+            w, h = path.size[c]
+            truth = _truth(results, path, c, one)
+            sheet.add_novel(f"{path.names[c]} frame {context.source_frames[frame]}", color[c, :h, :w], truth)
+    write_sheet(file, sheet)
+
+
+def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.ndarray | None:
+    """[h, w, 3] the held-out picture over black that a rendered one is compared with, or None."""
+    if path.kind != "held_out":
+        return None
+    view = results.context.rig.index(path.names[camera])
+    w, h = path.size[camera]
+    color, mask = (results.read(a, frame, view)[0][:h, :w] for a in ("frames/color", "frames/mask"))
+    return (color * (mask[..., None] / 255.0)).round().astype(np.uint8)
+
+
+def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False) -> list[str]:
+    """Write what was asked for of every path of a finished plan; returns sentences about the files."""
+    results = Results(p.context)
+    said = []
+    for chosen in p.context.paths.values():
+        if video:
+            said += [f"video: {file}" for file in export_video(results, chosen, video)]
+        if frames:
+            said.append(f"frames: {export_frames(results, chosen, frames, alpha)} pictures in {frames}")
+        if sheet:
+            export_sheet(results, chosen, sheet)
+            said.append(f"contact sheet: {sheet}")
+    return said

@@ -1,0 +1,124 @@
+"""What a task's output depends on, hashed; and, from two such records, sentences that say what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dags.code import code_digest
+from dags.context import Context
+from dags.tasks import Product, Task, inputs, selected_views
+from stages.contract import Stage
+from stages.registry import stage as stage_named
+from storage.spec import digest
+
+
+def own_parts(context: Context, task: Task) -> dict[str, Any]:
+    """Everything but the contents of inputs: stage, version, code, params, effects, sources, bounds, cameras."""
+    stage = stage_named(task.stage)
+    params = context.params(stage)
+    return {
+        "stage": stage.name,
+        "version": stage.version,
+        "code": code_digest(stage.run),
+        "params": params.hashed(),
+        "effects": {},
+        "bounds": _bounds(context, task),
+        "cameras": _cameras(context, task),
+        "sources": {} if stage.sequence_wide else _sources(context, stage, task),
+    }
+
+
+def _bounds(context: Context, task: Task) -> list[Any]:
+    """Source frame numbers of the partition and which views have them."""
+    if task.partition is None:
+        return []
+    own = context.grid.bounds(task.partition)
+    views = [task.view] if task.view is not None else list(context.active_views)
+    valid = context.valid[own.start : own.stop][:, views]
+    return [context.source_frames[own.start : own.stop].tolist(), "all" if valid.all() else valid.astype(int).tolist()]
+
+
+def _cameras(context: Context, task: Task) -> str:
+    """Digest of the cameras and roles a task may look at; of its own camera alone where it runs over views."""
+    views = list(range(len(context.rig))) if task.view is None else [task.view]
+    parts: list[Any] = [context.rig.subset(views).digest, context.capture.rig.subset(views).digest, context.captured_to_calibrated[views]]
+    if task.view is None:
+        names = context.views.names
+        parts += [[names[i] for i in context.views.sources], [names[i] for i in context.views.held_out]]
+    if task.path is not None and task.partition is not None:
+        own = context.grid.bounds(task.partition)
+        path = context.paths[task.path].slice(slice(own.start, own.stop))
+        parts += [list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served]
+    if context.joint_set is not None:
+        parts.append(context.joint_set)
+    return digest(parts)
+
+
+def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
+    """Digest of the source files a task may open, by kind and camera."""
+    found = {}
+    own = context.grid.bounds(task.partition) if task.partition is not None else None
+    numbers = context.source_frames[own.start : own.stop] if own is not None else context.capture.numbers
+    for read in stage.reads_for(context.params(stage), context.facts):
+        if not read.is_source:
+            continue
+        streams = context.capture.streams(read.array)
+        if read.array == "joints3d":
+            chosen = {"joints3d": streams[0]}
+        else:
+            chosen = {f"{read.array} of {context.views.names[v]}": streams[v] if streams else None for v in selected_views(context, read, task)}
+        found |= {k: "none" if s is None else s.digest(numbers) for k, s in chosen.items()}
+    return found
+
+
+def all_parts(context: Context, task: Task, own: dict[str, Any], digests: Mapping[Product, str]) -> dict[str, Any]:
+    """`own_parts` and the content digest of every product the task reads."""
+    names = context.views.names
+    read = {_product_label(p, names): digests[p] for i in inputs(context, task) for p in i.products}
+    return {**own, "inputs": read}
+
+
+def _product_label(p: Product, names: tuple[str, ...]) -> str:
+    return " ".join([p.array, *([f"partition {p.partition}"] if p.partition is not None else []), *([f"of {names[p.view]}"] if p.view is not None else [])])
+
+
+def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What changed between two records, most telling first; keys that `new` lacks are not compared."""
+    stage = new["stage"]
+    out = []
+    if old.get("version") != new["version"]:
+        out.append(f"version of {stage} {old.get('version')} -> {new['version']}")
+    out += _params_changed(stage, old.get("params", {}), new["params"])
+    if old.get("code") != new["code"]:
+        out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
+    if old.get("effects") != new["effects"]:
+        out.append(f"effects of {stage} changed")
+    if old.get("bounds") != new["bounds"]:
+        out.append(_bounds_changed(old.get("bounds"), new["bounds"]))
+    if old.get("cameras") != new["cameras"]:
+        out.append("cameras, their roles or the camera path changed")
+    out += [f"source {k} changed" for k in sorted({*old.get("sources", {}), *new["sources"]}) if old.get("sources", {}).get(k) != new["sources"].get(k)]
+    if "inputs" in new:
+        out += [f"input {k} changed" for k in sorted({*old.get("inputs", {}), *new["inputs"]}) if old.get("inputs", {}).get(k) != new["inputs"].get(k)]
+    return out
+
+
+def _params_changed(stage: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    absent = object()
+    changed = [k for k in sorted({*old, *new}) if old.get(k, absent) != new.get(k, absent)]
+    return [f"{stage}.{k} {_short(old.get(k, 'unset'))} -> {_short(new.get(k, 'unset'))}" for k in changed]
+
+
+def _short(value: Any) -> str:
+    text = f"{value}"
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _bounds_changed(old: Any, new: Any) -> str:
+    def span(b: Any) -> str:
+        return f"{b[0][0]}..{b[0][-1]} ({len(b[0])} frames)" if b and b[0] else "none"
+
+    return f"frames of the partition {span(old)} -> {span(new)}" if span(old) != span(new) else "which views have which frames changed"
+
+

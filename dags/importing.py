@@ -1,0 +1,91 @@
+"""Registering a capture: importer -> capture -> a sequence of the archive, with its partition length fixed."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from stages.frames.layout import frames_rig
+from stages.registry import STAGES
+from storage.archive import Archive, Sequence
+from storage.capture import Capture, SourceFile, Stream
+from storage.errors import ConfigError, SourceError
+from storage.importers import registry
+from storage.joints import JOINT_SETS
+from storage.spec import ArraySpec
+
+
+def find_capture(layout: str, source: Path, assignments: list[str], settings: Any) -> Capture:
+    """Let an importer look through a folder.
+
+    `assignments` are the layout's options as key=value; crops come from `frames.crop` of the settings.
+
+    Raises:
+        ConfigError: an assignment that is not key=value.
+        SourceError, CalibrationError: an unknown layout or option, and what the importer found wrong.
+    """
+    options: dict[str, Any] = {"crop": {n: c.model_dump() for n, c in settings.frames.crop.items()}}
+    for text in assignments:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise ConfigError(f"--option {text}: write it as key=value, for example frame_rate=30")
+        options[key.strip()] = yaml.safe_load(value)
+    return registry.find_capture(layout, source, options)
+
+
+def partition_length(capture: Capture, settings: Any) -> int:
+    """Frames of a partition: as given, else what the byte budget of the largest shard allows, within bounds."""
+    wanted = settings.partition
+    if wanted.frames is not None:
+        return int(wanted.frames)
+    rig = frames_rig(capture.rig, settings.frames)
+    sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
+    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": len(JOINT_SETS[sets[0]].names) if sets else 1, "frame": 1, "view": 1}
+    specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
+    largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
+    return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
+
+
+def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False) -> tuple[Sequence, list[str]]:
+    """Write a capture into the archive; returns the sequence and sentences about what was decided.
+
+    A sequence that exists keeps its partition length, so that what was computed stays usable.
+    """
+    capture.rig.check()
+    said = []
+    length = partition_length(capture, settings)
+    if name in archive.names():
+        old = archive.sequence(name).partition_frames
+        if old != length:
+            said.append(f"sequence {name} keeps its partitions of {old} frames")
+        length = old
+        said.append(f"sequence {name} was registered before; its results are kept where they still hold")
+    if copy:
+        capture = _copied(capture, archive.root / name / "_sources")
+    return archive.create_sequence(name, capture, length), said
+
+
+def _copied(capture: Capture, folder: Path) -> Capture:
+    """The capture with every file copied below a folder."""
+
+    def stream(s: Stream | None, kind: str, owner: str) -> Stream | None:
+        return None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
+
+    names = capture.rig.names
+    kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in ("pictures", "masks", "joints", "depth")}
+    return dataclasses.replace(capture, joints3d=stream(capture.joints3d, "joints3d", "all"), **kinds)  # type: ignore[arg-type]
+
+
+def _copy(file: SourceFile, folder: Path) -> SourceFile:
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / Path(file.path).name
+    try:
+        shutil.copy2(file.path, target)
+    except OSError as e:
+        raise SourceError(f"cannot copy {file.path} to {target}: {e.strerror}") from e
+    return SourceFile.of(target)

@@ -1,0 +1,102 @@
+"""Progress on the terminal: a bar and an estimate for every stage; plain lines where there is no terminal."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from dags.events import Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh
+from stages.registry import STAGES
+
+QUIET_SECONDS = 10.0
+"""Pause between two plain progress lines."""
+
+
+class TerminalProgress:
+    """Bars of rich, one a stage that has something to do."""
+
+    def __init__(self, console: Console) -> None:
+        """Nothing is shown before the run starts."""
+        self.console = console
+        self.bars = Progress(TextColumn("{task.description:<11}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=console)
+        self.ids: dict[str, TaskID] = {}
+
+    def __call__(self, event: Event) -> None:
+        """Take one event of the run."""
+        if isinstance(event, RunStarted):
+            for sentence in event.sentences:
+                self.console.print(sentence)
+            total = Counter(t.stage for t in event.tasks)
+            self.ids = {s.name: self.bars.add_task(s.name, total=total[s.name], start=False) for s in STAGES if total[s.name]}
+            self.bars.start()
+        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked):
+            bar = self.ids[event.task.stage]
+            self.bars.start_task(bar)
+            self.bars.advance(bar)
+            if isinstance(event, TaskFailed):
+                self.bars.console.print(f"failed: {event.task.sequence} {event.task.label()}: {event.error}", markup=False, style="red")
+        elif isinstance(event, RunEnded):
+            self.bars.stop()
+
+
+class PlainProgress:
+    """A line now and then, for logs and pipes."""
+
+    def __init__(self, write: Callable[[str], None] = print) -> None:
+        """`write` takes one line."""
+        self.write = write
+        self.total: Counter[str] = Counter()
+        self.settled: Counter[str] = Counter()
+        self.ran: Counter[str] = Counter()
+        self.first: dict[str, float] = {}
+        self.last = time.monotonic()
+
+    def __call__(self, event: Event) -> None:
+        """Take one event of the run."""
+        if isinstance(event, RunStarted):
+            for sentence in event.sentences:
+                self.write(sentence)
+            self.total = Counter(t.stage for t in event.tasks)
+        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked):
+            self._settle(event)
+
+    def _settle(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked) -> None:
+        stage, now = event.task.stage, time.monotonic()
+        self.settled[stage] += 1
+        if isinstance(event, TaskDone):
+            self.ran[stage] += 1
+            self.first.setdefault(stage, now - event.receipt.facts.get("seconds", 0.0))
+        if isinstance(event, TaskFailed):
+            self.write(f"failed: {event.task.sequence} {event.task.label()}: {event.error}")
+        if self.settled[stage] == self.total[stage] and self.ran[stage]:
+            self.write(f"{stage}: {self.total[stage]} of {self.total[stage]} done, {now - self.first[stage]:.1f} s")
+            self.last = now
+        elif now - self.last > QUIET_SECONDS:
+            self.write("; ".join(self._line(s, now) for s in self.total if 0 < self.settled[s] < self.total[s]))
+            self.last = now
+
+    def _line(self, stage: str, now: float) -> str:
+        left = ""
+        if self.ran[stage]:
+            left = f", about {(now - self.first[stage]) / self.ran[stage] * (self.total[stage] - self.settled[stage]):.0f} s left"
+        return f"{stage} {self.settled[stage]}/{self.total[stage]}{left}"
+
+
+class WarningCollector:
+    """The warnings of checks and the failures of a run, for the end of the run and for its log."""
+
+    def __init__(self) -> None:
+        """Empty."""
+        self.warnings: list[str] = []
+        self.failures: list[TaskFailed] = []
+
+    def __call__(self, event: Event) -> None:
+        """Take one event of the run."""
+        if isinstance(event, TaskDone):
+            self.warnings += [f"{event.task.sequence} {event.task.label()}: {w}" for w in event.receipt.warnings]
+        elif isinstance(event, TaskFailed):
+            self.failures.append(event)

@@ -1,0 +1,120 @@
+"""Which tasks a sequence has, and which task makes what another one reads. Integers and names only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from dags.context import Context
+from stages.contract import Read, Stage
+from stages.registry import STAGES
+from storage.spec import ArraySpec, TableSpec
+
+
+class Task(NamedTuple):
+    """One unit of work, and the key of its receipt."""
+
+    sequence: str
+    """Name of the sequence."""
+    stage: str
+    """Name of the stage."""
+    partition: int | None = None
+    """Partition along time, or None for a task of the whole sequence."""
+    view: int | None = None
+    """View, for stages that run over views."""
+    path: str | None = None
+    """Camera path, for stages that run over paths."""
+
+    def label(self, names: tuple[str, ...] = ()) -> str:
+        """`frames cam01 p0003`, as shown to people."""
+        view = None if self.view is None else names[self.view] if names else f"view {self.view}"
+        parts = [self.stage, self.path, view, None if self.partition is None else f"p{self.partition:04d}"]
+        return " ".join(p for p in parts if p)
+
+
+class Product(NamedTuple):
+    """One (array, partition, view) that a task writes and another may read; `array` has its path filled in."""
+
+    array: str
+    partition: int | None
+    view: int | None
+
+
+class Input(NamedTuple):
+    """What one task reads of one array."""
+
+    read: Read
+    """The declaration."""
+    spec: ArraySpec
+    """The array."""
+    name: str
+    """Its name, path filled in."""
+    span: range
+    """Frames, halo included; empty for arrays without a frame axis."""
+    views: tuple[int | None, ...]
+    """Views that are read."""
+    products: tuple[Product, ...]
+    """What must exist."""
+
+
+PRODUCERS: dict[str, tuple[Stage, ArraySpec | TableSpec]] = {w.name: (s, w) for s in STAGES for w in s.writes}
+"""Declared output -> (its stage, its spec)."""
+
+
+def tasks(context: Context) -> Iterator[Task]:
+    """All tasks of a sequence, in the order of flow."""
+    gone = context.unneeded()
+    for stage in STAGES:
+        if stage.name in gone:
+            continue
+        partitions = list(context.grid.partitions) if "time" in stage.over else [None]
+        views = list(context.active_views) if "view" in stage.over else [None]
+        paths = _paths(context, stage) if "path" in stage.over else [None]
+        for path in paths:
+            for partition in partitions:
+                for view in views:
+                    yield Task(context.sequence.name, stage.name, partition, view, path)
+
+
+def _paths(context: Context, stage: Stage) -> list[str]:
+    """Paths a stage works on: those with truth for a stage that compares with held-out pictures, else all."""
+    compares = any(r.views == "held_out" for r in stage.reads)
+    return [name for name, p in context.paths.items() if p.kind == "held_out" or not compares]
+
+
+def inputs(context: Context, task: Task) -> tuple[Input, ...]:
+    """What a task reads, of every array it declares."""
+    stage = next(s for s in STAGES if s.name == task.stage)
+    params = context.params(stage)
+    found = []
+    for read in stage.reads_for(params, context.facts):
+        if read.is_source:
+            continue
+        spec = PRODUCERS[read.array][1]
+        assert isinstance(spec, ArraySpec), f"{task.stage} reads {read.array}, which is a table"
+        name = read.array.format(path=task.path)
+        span = context.grid.span(task.partition, read.halo_for(params)) if spec.per_frame and task.partition is not None else range(0)
+        views = selected_views(context, read, task) if spec.per_view else (None,)
+        partitions = list(context.grid.touched(span)) if spec.per_frame else [None]
+        found.append(Input(read, spec, name, span, views, tuple(Product(name, p, v) for p in partitions for v in views)))
+    return tuple(found)
+
+
+def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
+    """Views that a read means for one task."""
+    if read.views == "own":
+        assert task.view is not None, f"{task.stage} reads its own view of {read.array} but does not run over views"
+        return (task.view,)
+    return {"sources": context.views.sources, "held_out": context.views.held_out, "all": tuple(range(len(context.rig)))}[read.views]
+
+
+def producer(product: Product, task: Task) -> Task:
+    """The task that writes a product, for a reader of the same sequence and path."""
+    declared = product.array.replace(task.path, "{path}") if task.path else product.array
+    stage, _ = PRODUCERS[declared]
+    return Task(task.sequence, stage.name, product.partition if "time" in stage.over else None, product.view if "view" in stage.over else None, task.path if "path" in stage.over else None)
+
+
+def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
+    """Tasks that must be done before this one, each once."""
+    return tuple(dict.fromkeys(producer(p, task) for i in inputs(context, task) for p in i.products))

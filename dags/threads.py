@@ -1,0 +1,25 @@
+"""One number of threads for every library that would otherwise take all cores in every worker."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def environment(threads: int) -> dict[str, str]:
+    """Variables to set before the libraries are imported."""
+    n = str(threads)
+    names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OPENIMAGEIO_THREADS")
+    return {**dict.fromkeys(names, n), "ZARR_ASYNC__CONCURRENCY": "4", "ZARR_THREADING__MAX_WORKERS": "4"}
+
+
+def limit(threads: int) -> None:
+    """Limit the libraries that are imported already, and those that will be through the environment."""
+    os.environ.update(environment(threads))
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(threads)
+    if cv2 := sys.modules.get("cv2"):
+        cv2.setNumThreads(threads)
+    if oiio := sys.modules.get("OpenImageIO"):
+        oiio.attribute("threads", threads)
+        oiio.attribute("exr_threads", threads)

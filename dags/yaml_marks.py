@@ -1,0 +1,83 @@
+"""YAML with the position of every key and value, so that a configuration error can say file:line:column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from storage.errors import ConfigError
+
+Location = tuple[str | int, ...]
+
+
+@dataclass
+class Document:
+    """One layer of configuration: plain values, and where each came from."""
+
+    source: str
+    """File name, or `--set`."""
+    values: dict[str, Any] = field(default_factory=dict)
+    """Plain Python values."""
+    marks: dict[Location, tuple[int, int]] = field(default_factory=dict)
+    """(line, column), 1-based, of every key."""
+
+    def where(self, location: Location) -> str:
+        """`file:line:column` of a key, or of the nearest key around it."""
+        for n in range(len(location), 0, -1):
+            if location[:n] in self.marks:
+                line, column = self.marks[location[:n]]
+                return f"{self.source}:{line}:{column}"
+        return self.source
+
+
+def load(path: Path) -> Document:
+    """Read a YAML file. Raises ConfigError for a missing file, for broken YAML and for keys given twice."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as e:
+        raise ConfigError(f"cannot read configuration {path}: {e}") from e
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as e:
+        mark = e.problem_mark or e.context_mark
+        at = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
+        raise ConfigError(f"{at}: not valid YAML: {e.problem or e}") from e
+    except yaml.YAMLError as e:
+        raise ConfigError(f"{path}: not valid YAML: {e}") from e
+    document = Document(str(path))
+    if node is None:
+        return document
+    if not isinstance(node, yaml.MappingNode):
+        raise ConfigError(f"{path}:1:1: a configuration is a mapping of stages to settings, this is a {node.id}")
+    errors: list[str] = []
+    document.values = _plain(node, (), document, errors)
+    if errors:
+        raise ConfigError("\n".join(errors))
+    return document
+
+
+def _plain(node: yaml.Node, location: Location, document: Document, errors: list[str]) -> Any:
+    """Value of a node; notes the mark of every key on the way."""
+    if isinstance(node, yaml.MappingNode):
+        out: dict[Any, Any] = {}
+        for key_node, value_node in node.value:
+            key = yaml.SafeLoader("").construct_object(key_node)
+            key = key if isinstance(key, str) else key_node.value
+            here = (*location, key)
+            if key in out:
+                first = document.where(here)
+                errors.append(f"{document.source}:{key_node.start_mark.line + 1}:{key_node.start_mark.column + 1} {'.'.join(map(str, here))}: given twice, first at {first}")
+                continue
+            document.marks[here] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
+            out[key] = _plain(value_node, here, document, errors)
+        return out
+    if isinstance(node, yaml.SequenceNode):
+        items = []
+        for i, item in enumerate(node.value):
+            document.marks[(*location, i)] = (item.start_mark.line + 1, item.start_mark.column + 1)
+            items.append(_plain(item, (*location, i), document, errors))
+        return items
+    return yaml.SafeLoader("").construct_object(node)

@@ -1,0 +1,109 @@
+"""Kernel of the frames stage: decode, warp, matte; one view of one partition."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stages.frames.display import to_display
+from stages.frames.matte import plate_matte
+from stages.frames.params import FramesParams, resolve_matte
+from stages.frames.warp import Warp
+from stages.io import Block, Inputs
+from storage.errors import SourceError
+
+NEARLY_EMPTY = 0.002
+"""Share of the picture below which a mask holds nobody."""
+NEARLY_FULL = 0.7
+
+
+def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
+    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8 and, of simulated captures, true depth [F, h, w] float32 m.
+
+    h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
+    0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB and clipped at 1.
+    Raises SourceError for pictures or masks whose size contradicts the calibration or each other.
+    """
+    view = inputs.view
+    assert view is not None, "the frames stage runs over views"
+    pictures = inputs.source("pictures")
+    warp = Warp(view, pictures.size(view), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[view])
+    present = np.flatnonzero(inputs.valid[:, view])
+    numbers = [int(n) for n in inputs.source_frames[present]]
+
+    color = _empty(inputs, (3,), np.uint8)
+    for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
+        _place(color[frame], warp(to_display(picture)))
+    mask = _empty(inputs, (), np.uint8)
+    _fill_mask(inputs, params, warp, present, numbers, color, mask)
+    yield Block("frames/color", color, view)
+    del color
+    yield Block("frames/mask", mask, view)
+    del mask
+    if "truth_depth" in inputs.facts:
+        depth = _empty(inputs, (), np.float32)
+        for frame, truth in zip(present, inputs.source("depth").read(view, numbers), strict=True):
+            _same_size(warp, "true depth", truth)
+            _place(depth[frame], warp.nearest(truth))
+        yield Block("truth/depth", depth, view)
+
+
+def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> None:
+    view, (width, height) = inputs.view, warp.size
+    matte = resolve_matte(params, inputs.facts)
+    if matte == "given":
+        for frame, given in zip(present, inputs.source("masks").read(view, numbers), strict=True):
+            _same_size(warp, "mask", given)
+            _place(mask[frame], warp(given))
+        return
+    if matte == "none":
+        mask[present, :height, :width] = warp.coverage
+        return
+    (w, h), read = warp.captured, inputs.read
+    plate = warp(np.ascontiguousarray(read("survey/plate", view)[:h, :w]))
+    spread = warp(np.ascontiguousarray(read("survey/spread", view)[:h, :w]))
+    for frame in present:
+        found = plate_matte(np.ascontiguousarray(color[frame, :height, :width]), plate, spread, params.plate_threshold)
+        _place(mask[frame], np.minimum(found, warp.coverage))
+
+
+def _empty(inputs: Inputs, tail: tuple[int, ...], dtype: type) -> np.ndarray:
+    width, height = inputs.rig.size.max(axis=0)
+    return np.zeros((len(inputs.partition), int(height), int(width), *tail), dtype=dtype)
+
+
+def _place(target: np.ndarray, picture: np.ndarray) -> None:
+    target[: picture.shape[0], : picture.shape[1]] = picture
+
+
+def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
+    if given.shape[:2] != warp.captured[::-1]:
+        raise SourceError(
+            f"camera {warp.name}: a {what} is {given.shape[1]}x{given.shape[0]} px but its picture is {warp.captured[0]}x{warp.captured[1]}; "
+            f"export it at the picture's size, or leave it out of the capture"
+        )
+
+
+def check(block: Block, params: FramesParams) -> list[str]:
+    """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or negative."""
+    if block.array == "truth/depth":
+        wrong = ~(np.isfinite(block.data) & (block.data >= 0))
+        if wrong.any():
+            raise ValueError(f"truth/depth of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
+    if block.array != "frames/mask" or not len(block.data):
+        return []
+    share = (block.data > 127).mean(axis=(1, 2))
+    empty, full = int((share < NEARLY_EMPTY).sum()), int((share > NEARLY_FULL).sum())
+    warnings = []
+    if 2 * empty > len(share):
+        warnings.append(
+            f"view {block.view}: {empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames without a picture count too); "
+            f"a subject that stays in its place becomes part of the background plate: set frames.matte: none, or import masks"
+        )
+    if params.matte in ("auto", "plate") and full:
+        warnings.append(
+            f"view {block.view}: {full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; unless frames.matte is none, the camera moves or "
+            f"the light changes and a background plate does not fit: set frames.matte: none, or import masks"
+        )
+    return warnings

@@ -1,0 +1,83 @@
+"""One view's way from captured pixels to `frames/*` pixels, prepared once and applied to every frame."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from stages.frames.layout import captured_positions
+from stages.geometry.projection import pixel_centres
+from storage.errors import SourceError
+from storage.rig import Rig, points_to_integer_centres
+
+
+class Warp:
+    """Captured picture -> frames picture of one view: undistorted and cropped if called for, then averaged down.
+
+    The geometry is `layout.captured_positions`. Sampling is bilinear at calibrated resolution and only where crop or
+    distortion move pixels; reduction is area averaging, so a picture that needs neither comes back byte for byte.
+    """
+
+    def __init__(self, view: int, captured: tuple[int, int], source_rig: Rig, rig: Rig, crop: np.ndarray) -> None:
+        """Prepare view `view` of captured (width, height) px; crop [3] (scale, dx, dy).
+
+        Raises SourceError when the captured size is not the calibrated one and no crop says how they relate.
+        """
+        self.name = source_rig.names[view]
+        self.captured = (int(captured[0]), int(captured[1]))
+        self.calibrated = (int(source_rig.size[view, 0]), int(source_rig.size[view, 1]))
+        self.size = (int(rig.size[view, 0]), int(rig.size[view, 1]))
+        moved = bool(np.any(crop != [1.0, 0.0, 0.0]))
+        if self.captured != self.calibrated and not moved:
+            raise SourceError(
+                f"camera {self.name}: pictures are {self.captured[0]}x{self.captured[1]} px but the calibration is for {self.calibrated[0]}x{self.calibrated[1]}; "
+                f"say how they relate with frames.crop: {{{self.name}: {{scale: ..., offset: [dx, dy]}}}}"
+            )
+        self._cameras = (rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crop)
+        # A captured picture larger than the calibrated one is averaged down first: bilinear sampling would alias.
+        self._reduced = tuple(max(1, round(n * min(1.0, float(crop[0])))) for n in self.captured)
+        self._map: np.ndarray | None = None
+        coverage = np.full(self.calibrated[::-1], 255, dtype=np.uint8)
+        if moved or np.any(source_rig.distortion[view]):
+            pixels = pixel_centres(self.calibrated)
+            positions = captured_positions(pixels, source_rig.intrinsics[view], *self._cameras[1:])
+            inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
+            coverage = np.where(inside, 255, 0).astype(np.uint8)
+            scaled = points_to_integer_centres(positions * (np.array(self._reduced) / self.captured))
+            self._map = np.where(inside[..., None], scaled, -1e4).astype(np.float32)
+        self._inside = coverage
+        self.coverage = self._reduce(coverage)
+        """[h, w] uint8 frames pixels: 255 where the captured picture reaches, 0 outside."""
+
+    def __call__(self, picture: np.ndarray) -> np.ndarray:
+        """Captured [h, w] or [h, w, 3] uint8 -> frames pixels; black (0) where the captured picture does not reach.
+
+        Raises SourceError for a picture of another size than the view's.
+        """
+        if picture.shape[:2] != self.captured[::-1]:
+            raise SourceError(f"camera {self.name}: a picture of {picture.shape[1]}x{picture.shape[0]} px among pictures of {self.captured[0]}x{self.captured[1]} px")
+        if self._map is not None:
+            if self._reduced != self.captured:
+                picture = cv2.resize(picture, self._reduced, interpolation=cv2.INTER_AREA)
+            picture = cv2.remap(picture, self._map, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            picture[self._inside == 0] = 0
+        return self._reduce(picture)
+
+    def nearest(self, values: np.ndarray) -> np.ndarray:
+        """Captured [h, w] -> frames pixels without mixing values: each takes the captured pixel its centre falls into."""
+        index, inside = self._nearest
+        return np.where(inside, values[index[..., 1], index[..., 0]], values.dtype.type(0))
+
+    @cached_property
+    def _nearest(self) -> tuple[np.ndarray, np.ndarray]:
+        positions = captured_positions(pixel_centres(self.size), *self._cameras)
+        inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
+        index = np.where(inside[..., None], positions, 0.0).astype(np.int64)
+        return np.minimum(index, np.array(self.captured) - 1), inside
+
+    def _reduce(self, picture: np.ndarray) -> np.ndarray:
+        if self.size == self.calibrated:
+            return picture
+        return cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,65 @@
+"""Kernel of the gaussians stage: the analytic prior of every source view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stages.gaussians.params import GaussiansParams
+from stages.gaussians.prior import normals, scales
+from stages.io import Block, Inputs
+
+CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
+"""Maps of one view, in the order they are yielded."""
+
+
+def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
+    """Yield scale, rotation, opacity and confidence of every view, [F, channel, h, w] float16.
+
+    Views that are no source, and pixels without confidence, are 0 throughout. The maps' confidence is the share of the
+    learned value, so the prior alone writes 0.
+    """
+    width, height = (int(n) for n in inputs.rig.size.max(axis=0))
+    for view in range(len(inputs.rig)):
+        maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in CHANNELS.items()}
+        if view in inputs.views.sources:
+            depth, confidence = inputs.read("depth/depth", view), inputs.read("depth/confidence", view)
+            for i in range(len(inputs.partition)):
+                scale, normal, opacity = prior(depth[i], confidence[i], inputs.rig.intrinsics[view], params)
+                maps["gaussians/scale"][i], maps["gaussians/rotation"][i], maps["gaussians/opacity"][i] = scale, normal, opacity
+        for name, data in maps.items():
+            yield Block(name, data, view)
+
+
+def prior(depth: np.ndarray, confidence: np.ndarray, intrinsics: np.ndarray, params: GaussiansParams) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scale [3, h, w] m, normal [3, h, w] in camera axes and opacity [2, h, w] (face-on, grazing) of one picture, float32.
+
+    depth [h, w] m and confidence [h, w] 0..1; what is not finite, not in front of the camera or below
+    `params.confidence_min` is no surface and 0 in every map.
+    """
+    confidence = confidence.astype(np.float32)
+    surface = np.isfinite(depth) & (depth > 0) & np.isfinite(confidence) & (confidence > 0) & (confidence >= params.confidence_min)
+    depth = np.where(surface, depth, 0).astype(np.float32)
+    normal = normals(depth, intrinsics)
+    scale = scales(depth, normal, intrinsics, params.footprint, params.thickness, params.cosine_min)
+    face_on = np.where(surface, params.opacity * np.clip(confidence, 0, 1), 0).astype(np.float32)
+    return scale, normal, np.stack([face_on, face_on * np.float32(params.grazing)])
+
+
+def check(block: Block, params: GaussiansParams) -> list[str]:
+    """Warn of frames without any Gaussian; raise ValueError for values that are not finite, not unit, not in range."""
+    data = np.asarray(block.data)
+    where = f"{block.array} of view {block.view}"
+    if not np.isfinite(data).all():
+        raise ValueError(f"{where}: {int((~np.isfinite(data)).sum())} values are not finite; every Gaussian must be")
+    if block.array == "gaussians/rotation":
+        length = np.sqrt((data.astype(np.float32) ** 2).sum(axis=1))
+        off = np.abs(length[length > 0] - 1)
+        if off.size and off.max() > 5e-3:  # three float16 components, each within 5e-4 of its value
+            raise ValueError(f"{where}: a normal of length {1 + off.max():.4f}, bound 1 ± 0.005")
+    if block.array == "gaussians/scale" and data.min(initial=0) < 0:
+        raise ValueError(f"{where}: a scale of {data.min():g} m, bound 0 m")
+    if block.array == "gaussians/opacity" and (data.min(initial=0) < 0 or data.max(initial=0) > 1):
+        raise ValueError(f"{where}: opacity {data.min():g}..{data.max():g}, bounds 0..1")
+    return []

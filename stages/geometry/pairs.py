@@ -1,0 +1,164 @@
+"""Which views can be matched with which: every pair gets a verdict, a measured value, its bound and a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+
+import numpy as np
+
+from stages.geometry.projection import project
+from stages.geometry.rectification import rectify
+from stages.geometry.subject import body_points, look_at_point, up_direction
+from storage.rig import Rig
+
+MAX_ANGLE = 65.0
+"""Degrees at the subject; wider pairs see too little of the same surface."""
+MIN_BASELINE = 0.02
+"""Baseline per distance of the subject (1.1 degrees): below it one pixel of disparity is a tenth of the distance and more."""
+MIN_ASIDE = 30.0
+"""Degrees between the baseline and either line of sight to the subject: below it one camera stands behind the other."""
+MAX_TILT = 40.0
+"""Degrees between the baseline and the rows of either picture; the diagonal (45) has no rows to match along."""
+MAX_ROLL = 30.0
+"""Degrees by which the two pictures are turned against each other about their optical axes."""
+MIN_BODY = 0.98
+"""Share of the body seen in a source picture that must lie inside its rectified picture."""
+
+
+class Verdict(StrEnum):
+    """What a pair is good for."""
+
+    USABLE = "usable"
+    TOO_WIDE = "too wide"
+    VERTICAL = "vertical"
+    ROLLED = "rolled"
+    COINCIDENT = "coincident"
+    BEHIND = "one behind the other"
+
+
+@dataclass(frozen=True)
+class PairReport:
+    """The verdict on one pair."""
+
+    views: tuple[int, int]
+    """Indices of the two views."""
+    angle: float
+    """Degrees between the lines of sight to the subject."""
+    verdict: Verdict
+    """Usable, or the first reason why not."""
+    measured: float
+    """The value that decided, in the unit the sentence names; the angle for a usable pair."""
+    bound: float
+    """The bound it was compared with."""
+    sentence: str
+    """The reason, for the plan and the log."""
+
+    @property
+    def usable(self) -> bool:
+        """Whether the pair may be matched."""
+        return self.verdict is Verdict.USABLE
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Degrees between two vectors [3]; exact for small angles, 0 where one of them vanishes."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def angle_at(subject: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
+    """Degrees at the subject [3] between two camera centres [3]."""
+    return angle_between(first - subject, second - subject)
+
+
+def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, subject: np.ndarray | None = None, up: np.ndarray | None = None) -> PairReport:
+    """The verdict on one pair: the first of the tests below that fails, else usable. Symmetric in the two views.
+
+    `subject` [3] (world metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled
+    camera from a vertical pair; `max_angle` is in degrees.
+    """
+    subject = look_at_point(rig) if subject is None else subject
+    up = up_direction(rig) if up is None else up
+    sight = subject - rig.centres[[first, second]]
+    baseline = rig.centres[second] - rig.centres[first]
+    angle = angle_between(sight[0], sight[1])
+    name = f"{rig.names[first]} and {rig.names[second]}"
+
+    def report(verdict: Verdict, measured: float, bound: float, sentence: str) -> PairReport:
+        return PairReport((first, second), angle, verdict, measured, bound, f"{name}: {sentence}")
+
+    ratio = float(np.linalg.norm(baseline) / np.linalg.norm(sight, axis=1).min())
+    if ratio < MIN_BASELINE:
+        return report(Verdict.COINCIDENT, ratio, MIN_BASELINE, f"coincident, the baseline is {ratio:.2g} of the distance (at least {MIN_BASELINE:g})")
+    if angle > max_angle:
+        return report(Verdict.TOO_WIDE, angle, max_angle, f"too wide, {angle:.1f} degrees at the subject (at most {max_angle:g}, setting depth.max_angle)")
+    aside = min(min(t, 180 - t) for t in (angle_between(baseline, s) for s in sight))
+    if aside < MIN_ASIDE:
+        return report(Verdict.BEHIND, aside, MIN_ASIDE, f"one behind the other, the baseline lies {aside:.1f} degrees off the line of sight (at least {MIN_ASIDE:g})")
+    rolled = _rolled(rig, (first, second), baseline, up)
+    if rolled > MAX_ROLL:
+        return report(Verdict.ROLLED, rolled, MAX_ROLL, f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})")
+    tilt = max(abs(_tilt(rig.rotations[v], baseline)) for v in (first, second))
+    tilt = min(tilt, 180 - tilt)
+    if tilt > MAX_TILT:
+        return report(Verdict.VERTICAL, tilt, MAX_TILT, f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most {MAX_TILT:g})")
+    share = _body_share(rig, first, second, subject, up)
+    if share < MIN_BODY:
+        return report(Verdict.TOO_WIDE, share, MIN_BODY, f"too wide, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})")
+    return report(Verdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
+
+
+def _tilt(rotation: np.ndarray, direction: np.ndarray) -> float:
+    """Signed degrees of a world direction in a camera's picture plane, from the x axis towards the y axis."""
+    return float(np.degrees(np.arctan2(rotation[1] @ direction, rotation[0] @ direction)))
+
+
+def _rolled(rig: Rig, pair: tuple[int, int], baseline: np.ndarray, up: np.ndarray) -> float:
+    """Degrees of roll: of the two pictures against each other, or of either against the rig's up direction."""
+    first, second = (rig.rotations[v] for v in pair)
+    difference = abs(_tilt(first, baseline) - _tilt(second, baseline))
+    against_rig = [abs((_tilt(r, up) + 90 + 180) % 360 - 180) for r in (first, second)]
+    return max(min(difference, 360 - difference), *against_rig)
+
+
+def _body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
+    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame; 0 where none is seen."""
+    try:
+        pair = rectify(rig, first, second, subject)
+    except ValueError:
+        return 0.0
+    body = body_points(subject, up)
+    shares = []
+    for which, view in enumerate((first, second)):
+        seen = _inside(*project(body, rig.intrinsics[view], rig.world_to_camera[view]), rig.size[view])
+        kept = _inside(*project(body, pair.intrinsics[which], pair.world_to_camera(which)), np.array(pair.size))
+        shares.append((seen & kept).sum() / max(seen.sum(), 1))
+    return float(min(shares))
+
+
+def _inside(pixels: np.ndarray, depth: np.ndarray, size: np.ndarray) -> np.ndarray:
+    return (depth > 0) & (pixels >= 0).all(axis=-1) & (pixels <= size).all(axis=-1)
+
+
+def pair_report(rig: Rig, views: Sequence[int] | None = None, max_angle: float = MAX_ANGLE) -> list[PairReport]:
+    """The verdict on every pair of the given views (default: all), in the order of the views."""
+    subject, up = look_at_point(rig), up_direction(rig)
+    chosen = range(len(rig)) if views is None else views
+    return [classify(rig, a, b, max_angle, subject, up) for a, b in combinations(chosen, 2)]
+
+
+def choose_pairs(rig: Rig, sources: Sequence[int], count: int, max_angle: float = MAX_ANGLE, reports: Sequence[PairReport] | None = None) -> dict[int, list[int]]:
+    """For each source view its at most `count` usable partners, narrowest angle first, the lower index first at equal angles.
+
+    `reports` are those of `pair_report` where the caller has them; pairs with a view outside `sources` are left out.
+    Angles are compared to a tenth of a degree, so that rounding does not decide between the two sides of a ring.
+    """
+    reports = pair_report(rig, sources, max_angle) if reports is None else reports
+    partners: dict[int, list[tuple[float, int]]] = {v: [] for v in sources}
+    for report in reports:
+        a, b = report.views
+        if report.usable and a in partners and b in partners:
+            partners[a].append((round(report.angle, 1), b))
+            partners[b].append((round(report.angle, 1), a))
+    return {v: [b for _, b in sorted(found)[:count]] for v, found in partners.items()}

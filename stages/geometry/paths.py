@@ -1,0 +1,174 @@
+"""Camera paths: where pictures are rendered from, over the frames of a sequence.
+
+`orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead, one for each
+step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited too: the far
+side then shows what no camera saw, which is nothing.
+"""
+
+from __future__ import annotations
+
+import difflib
+import shlex
+
+import numpy as np
+
+from stages.geometry.path_file import read_path_file
+from stages.geometry.subject import look_at_point, up_direction
+from stages.io import Views
+from storage.errors import CalibrationError, UserError
+from storage.rig import CameraPath, Rig, rigid
+
+STEPS = 48
+"""Cameras of an orbit or arc of a sequence that has one frame only."""
+HALF_TURN = 1e-3
+"""Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the way."""
+
+
+def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray) -> CameraPath:
+    """The target cameras of `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, or a file whose name ends in .json.
+
+    Names with spaces are quoted. `rig` holds the cameras of the frames grid, `source_frames` [F] the source frame numbers
+    of the sequence. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
+    """
+    frames = len(source_frames)
+    if text.strip().endswith(".json"):
+        return read_path_file(text.strip(), source_frames)
+    try:
+        words = shlex.split(text)
+    except ValueError as e:
+        raise UserError(f"camera path {text!r}: {e}; put names with spaces in one pair of quotes") from None
+    kind, cameras = (words[0], words[1:]) if words else ("", [])
+    wanted = {"held_out": 0, "orbit": 0, "arc": 2, "still": 1}
+    if kind not in wanted:
+        near = difflib.get_close_matches(kind, wanted, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise UserError(f'camera path {text!r} is none of "held_out", "orbit", "arc CAM_A CAM_B", "still CAM" and a .json file{hint}')
+    if len(cameras) != wanted[kind]:
+        raise UserError(f"camera path {text!r}: {kind} takes {wanted[kind]} camera names, got {len(cameras)}")
+    indices = [_camera(name, text, rig) for name in cameras]
+    if kind == "held_out":
+        if not views.held_out:
+            raise UserError("camera path 'held_out': no camera is held out; name some in views.held_out, or render orbit, arc, still or a file")
+        return _standing(kind, list(views.held_out), rig, frames)
+    if kind == "still":
+        return _standing(kind, indices, rig, frames)
+    return _orbit(rig, frames) if kind == "orbit" else _arc(rig, indices[0], indices[1], frames)
+
+
+def _camera(name: str, text: str, rig: Rig) -> int:
+    try:
+        return rig.index(name)
+    except CalibrationError as e:
+        near = difflib.get_close_matches(name, rig.names, n=1)
+        raise UserError(f"camera path {text!r}: {e}" + (f"; did you mean {near[0]!r}?" if near else "")) from None
+
+
+def _standing(kind: str, indices: list[int], rig: Rig, frames: int) -> CameraPath:
+    """Some cameras of the rig, as they are, in every frame."""
+    names = tuple(rig.names[i] for i in indices)
+    k, pose = (np.repeat(a[None, indices], frames, axis=0) for a in (rig.intrinsics, rig.world_to_camera))
+    return CameraPath(kind, names, k, pose, rig.size[indices], np.ones((frames, len(indices)), bool))
+
+
+def _moving(kind: str, intrinsics: np.ndarray, poses: np.ndarray, size: np.ndarray, frames: int) -> CameraPath:
+    """Steps [S, 3, 3] and [S, 4, 4] as one camera over S frames, or as S cameras of the only frame."""
+    if frames > 1:
+        return CameraPath(kind, (kind,), intrinsics[:, None], poses[:, None], size[None], np.ones((frames, 1), bool))
+    steps = len(poses)
+    names = tuple(f"{kind}_{s:02d}" for s in range(steps))
+    return CameraPath(kind, names, intrinsics[None], poses[None], np.repeat(size[None], steps, axis=0), np.ones((1, steps), bool))
+
+
+def _orbit(rig: Rig, frames: int) -> CameraPath:
+    """Once around the point nearest to all optical axes, starting beside the first camera, right-handed about the rig's up.
+
+    Radius and height are the cameras' means about that axis, the focal length is their mean, the principal point is the
+    middle of a picture of the most common size. The last frame stops one step short of the first: a loop has no double.
+    """
+    subject, up = look_at_point(rig), up_direction(rig)
+    offset = rig.centres - subject
+    height = offset @ up
+    flat = offset - height[:, None] * up
+    radius = float(np.linalg.norm(flat, axis=1).mean())
+    if radius < 1e-3 * max(1.0, float(np.abs(height).max())):
+        raise UserError("camera path 'orbit': all cameras stand straight above or below the subject, so there is no radius; render still, arc or a .json file")
+    first = flat[np.argmax(np.linalg.norm(flat, axis=1) > 1e-3 * radius)]
+    side = first / np.linalg.norm(first)
+    steps = frames if frames > 1 else STEPS
+    angle = 2 * np.pi * np.arange(steps) / steps
+    around = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(up, side)
+    poses = np.stack([_looking_at(subject, subject + radius * a + height.mean() * up, up) for a in around])
+    sizes, counts = np.unique(rig.size, axis=0, return_counts=True)
+    size = sizes[np.argmax(counts)]
+    focal = rig.intrinsics[:, [0, 1], [0, 1]].mean()
+    k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+    return _moving("orbit", np.repeat(k[None], steps, axis=0), poses, size, frames)
+
+
+def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """[4, 4] world_to_camera of an upright camera that has the subject on its optical axis."""
+    forward = (subject - centre) / np.linalg.norm(subject - centre)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return rigid(rotation, -rotation @ centre)
+
+
+def _arc(rig: Rig, a: int, b: int, frames: int) -> CameraPath:
+    """From camera a to camera b about the point nearest to all optical axes; both end points are exact.
+
+    Orientations are slerped. The subject's position in camera axes is interpolated too, its direction and its distance
+    apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's and
+    the subject stays where it is in the picture, whatever the origin of the world. Translations are never interpolated.
+    The intrinsics are interpolated linearly; the size is the larger one on each axis.
+    """
+    subject = look_at_point(rig)
+    ra, rb = rig.rotations[a], rig.rotations[b]
+    xa, xb = (rig.rotations[i] @ subject + rig.world_to_camera[i, :3, 3] for i in (a, b))
+    turn = _rotation_vector(rb.T @ ra, up_direction(rig))  # world axes: camera axes a turn into those of b
+    steps = frames if frames > 1 else STEPS
+    share = np.linspace(0, 1, steps)
+    poses = []
+    for s in share:
+        rotation = ra @ _rotation(turn * s).T
+        poses.append(rigid(rotation, _between(xa, xb, float(s)) - rotation @ subject))
+    poses[0], poses[-1] = rig.world_to_camera[a], rig.world_to_camera[b]
+    k = rig.intrinsics[a] + share[:, None, None] * (rig.intrinsics[b] - rig.intrinsics[a])
+    k[-1] = rig.intrinsics[b]
+    return _moving("arc", k, np.stack(poses), np.maximum(rig.size[a], rig.size[b]), frames)
+
+
+def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
+    """[3] the vector a share of the way from a to b: direction by slerp, length linearly."""
+    la, lb = np.linalg.norm(a), np.linalg.norm(b)
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+    if angle < 1e-9:
+        return a + share * (b - a)
+    direction = (np.sin((1 - share) * angle) * a / la + np.sin(share * angle) * b / lb) / np.sin(angle)
+    return direction * ((1 - share) * la + share * lb)
+
+
+def _rotation_vector(rotation: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """[3] axis times angle of a rotation matrix, angle in [0, pi]; of a half turn, the axis that has `up` on its side."""
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]) / 2
+    angle = float(np.arctan2(np.linalg.norm(skew), (np.trace(rotation) - 1) / 2))
+    if angle < 1e-12:
+        return np.zeros(3)
+    if np.pi - angle > HALF_TURN:
+        return skew / np.linalg.norm(skew) * angle
+    symmetric = (rotation + rotation.T) / 2 - np.cos(angle) * np.eye(3)  # (1 - cos) axis axis^T
+    axis = symmetric[:, np.argmax(np.diag(symmetric))]
+    axis = axis / np.linalg.norm(axis)
+    if axis @ skew < 0:  # the way of a turn just short of half
+        axis = -axis
+    return axis * angle if axis @ up >= 0 else -axis * (2 * np.pi - angle)
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """[3, 3] rotation by a rotation vector (Rodrigues)."""
+    angle = np.linalg.norm(vector)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)

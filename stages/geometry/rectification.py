@@ -1,0 +1,130 @@
+"""Rectified pairs: two virtual cameras with parallel axes in which the same point lies on the same row.
+
+After Fusiello, Trucco and Verri, "A compact algorithm for rectification of stereo pairs" (2000): the shared x axis runs
+along the baseline, the z axis is what is left of the mean optical axis. The principal points are free: each is chosen so
+that the subject lies in the middle of its picture, which keeps a body in the frame at angles where a common principal
+point loses it, and the difference of the two is carried as an explicit offset of the disparity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.geometry.projection import pixel_centres
+from storage.rig import Rig, points_to_integer_centres
+
+FRAME_GROWTH = 1.5
+"""A rectified picture may be this much larger than the larger source picture, to hold what rectification stretches."""
+Window = tuple[int, int, int, int]
+"""x0, y0, width, height of a part of the rectified frame, px."""
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedPair:
+    """Two rectified cameras; index 0 is the first view of `views`, 1 the second."""
+
+    views: tuple[int, int]
+    """Indices of the two views in the rig."""
+    rotation: np.ndarray
+    """[3, 3] world to rectified axes, shared by both cameras."""
+    centres: np.ndarray
+    """[2, 3] camera centres in the world, metres."""
+    intrinsics: np.ndarray
+    """[2, 3, 3] px, our pixel centres: equal focal length and rows, different columns of the principal point."""
+    to_source: np.ndarray
+    """[2, 3, 3] homographies from homogeneous rectified pixels to source pixels; the third row gives source depth per rectified depth."""
+    size: tuple[int, int]
+    """(width, height) of the rectified frame, px."""
+
+    @property
+    def focal(self) -> float:
+        """Focal length of both rectified cameras, px."""
+        return float(self.intrinsics[0, 0, 0])
+
+    @property
+    def baseline(self) -> float:
+        """Metres along the rectified x axis from the first camera to the second; negative when the second lies to the left."""
+        return float(self.rotation[0] @ (self.centres[1] - self.centres[0]))
+
+    @property
+    def offset(self) -> float:
+        """Disparity of a point at infinity, px: the difference of the principal points' columns."""
+        return float(self.intrinsics[0, 0, 2] - self.intrinsics[1, 0, 2])
+
+    def world_to_camera(self, which: int) -> np.ndarray:
+        """[4, 4] of one rectified camera."""
+        out = np.eye(4)
+        out[:3, :3] = self.rotation
+        out[:3, 3] = -self.rotation @ self.centres[which]
+        return out
+
+    def disparity(self, depth: np.ndarray) -> np.ndarray:
+        """Rectified depth, metres -> x0 - x1 = focal * baseline / depth + offset, px."""
+        return self.focal * self.baseline / depth + self.offset
+
+    def depth(self, disparity: np.ndarray) -> np.ndarray:
+        """Disparity x0 - x1, px -> rectified depth, metres; infinite or negative where no point in front of the cameras has it."""
+        with np.errstate(divide="ignore"):
+            return self.focal * self.baseline / (disparity - self.offset)
+
+    def source_pixels(self, which: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rectified pixels [..., 2] -> source pixels [..., 2] and source depth per rectified depth [...].
+
+        Both in our pixel centres. A ratio of at most 0 means that the pixel lies behind the source camera.
+        """
+        return _apply(self.to_source[which], pixels)
+
+    def rectified_pixels(self, which: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Source pixels [..., 2] -> rectified pixels [..., 2] and rectified depth per source depth [...]."""
+        return _apply(np.linalg.inv(self.to_source[which]), pixels)
+
+    def maps(self, which: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
+        """Maps x, y [h, w] float32 for `cv2.remap`, which give a window of the rectified picture from the source picture."""
+        x0, y0, w, h = window
+        source, _ = self.source_pixels(which, pixel_centres((w, h)) + (x0, y0))
+        x, y = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
+        return np.ascontiguousarray(x), np.ascontiguousarray(y)
+
+
+def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    image = np.asarray(pixels, dtype=np.float64) @ homography[:, :2].T + homography[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return image[..., :2] / image[..., 2:], image[..., 2]
+
+
+def rectify(rig: Rig, first: int, second: int, subject: np.ndarray) -> RectifiedPair:
+    """The rectified pair of two views, with the subject [3] (world metres) in the middle of both pictures.
+
+    Raises ValueError where no rectification exists: equal centres, a baseline along the optical axes, or a subject behind
+    the pair. Whether the pair is any good for matching is the question of `stages.geometry.pairs.classify`.
+    """
+    pair = [first, second]
+    centres, rotations = rig.centres[pair], rig.rotations[pair]
+    along = centres[1] - centres[0]
+    baseline = np.linalg.norm(along)
+    if baseline < 1e-9:
+        raise ValueError(f"cameras {rig.names[first]} and {rig.names[second]} stand {baseline:g} m apart; a pair needs a baseline")
+    x = along / baseline
+    # The x axis follows the pictures, not the order of the views: swapping the order changes the sign of the baseline only.
+    x = x if x @ rotations[:, 0].sum(axis=0) >= 0 else -x
+    forward = rotations[:, 2].sum(axis=0)
+    z = forward - (forward @ x) * x
+    if np.linalg.norm(z) < 1e-6 * max(1.0, float(np.linalg.norm(forward))):
+        raise ValueError(f"cameras {rig.names[first]} and {rig.names[second]} have no common side: their baseline runs along the optical axes")
+    z /= np.linalg.norm(z)
+    rotation = np.stack([x, np.cross(z, x), z])
+    seen = (subject - centres) @ rotation.T
+    if (seen[:, 2] <= 0).any():
+        raise ValueError(f"the subject {np.round(subject, 3).tolist()} lies behind the rectified cameras of {rig.names[first]} and {rig.names[second]}")
+    size = tuple(int(np.ceil(FRAME_GROWTH * s)) for s in rig.size[pair].max(axis=0))
+    focal = float(rig.intrinsics[pair][:, [0, 1], [0, 1]].mean())
+    intrinsics = np.zeros((2, 3, 3))
+    intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = focal
+    intrinsics[:, 2, 2] = 1.0
+    intrinsics[:, 0, 2] = size[0] / 2 - focal * seen[:, 0] / seen[:, 2]
+    # Rows of both are equal but for rounding; one value keeps them aligned exactly.
+    intrinsics[:, 1, 2] = size[1] / 2 - focal * seen[0, 1] / seen[0, 2]
+    to_source = rig.intrinsics[pair] @ rotations @ rotation.T @ np.linalg.inv(intrinsics)
+    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size[0], size[1]))

@@ -1,0 +1,89 @@
+"""Kernel of the metrics stage: rendered held-out views against their pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from stages.io import Block, Inputs
+from stages.metrics.params import MetricsParams
+from stages.metrics.psnr import psnr
+from stages.metrics.ssim import ssim_map
+
+COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
+SSIM = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"
+BOX = "; box = bounding box of the view's own mask > 127"
+DATA_RANGE = 255.0
+
+
+def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
+    """Yield one table: psnr, ssim and delta_ssim of every held-out camera and frame, regions full and box.
+
+    Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background is
+    the same in both and carries no error. A box value of SSIM is the mean of the full picture's map over the box.
+    delta_ssim = abs(SSIM_t - SSIM_{t-1}) with the previous frame of the sequence. Frames that a camera does not serve or
+    that have no picture give no rows; an empty mask gives no box rows.
+    """
+    path = inputs.path
+    assert path is not None, "metrics run over a camera path"
+    span = inputs.span("rendering/{path}/color")
+    halo = inputs.partition.start - span.start
+    rendered = inputs.read("rendering/{path}/color")
+    table: dict[str, list[Any]] = {name: [] for name in COLUMNS}
+    for c, view in enumerate(inputs.views.held_out):
+        truth, mask = inputs.read("frames/color", view), inputs.read("frames/mask", view)
+        width, height = (int(n) for n in path.size[c])
+        before: dict[tuple[str, str], float] = {}
+        for j, frame in enumerate(span):
+            crop = (j, slice(0, height), slice(0, width))
+            usable = bool(path.served[j, c]) and (j < halo or bool(inputs.valid[j - halo, view]))
+            now = measure(rendered[:, c][crop], truth[crop], mask[crop], params.psnr_cap) if usable else {}
+            if j >= halo:
+                _append(table, path.names[c], frame, now, before, params)
+            # whether a frame of the halo had a picture is not known here; an empty mask says that it had none
+            before = now if mask[crop].any() else {}
+    yield Block("metrics/{path}", table)
+
+
+def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, cap: float) -> dict[tuple[str, str], float]:
+    """{(region, measure): value} of one picture.
+
+    rendered [h, w, 3] uint8 premultiplied on black; truth [h, w, 3] uint8 as filmed; mask [h, w] uint8 0..255.
+    """
+    picture = rendered.astype(np.float64)
+    reference = truth.astype(np.float64) * (mask[..., None].astype(np.float64) / 255)
+    similarity = ssim_map(picture, reference, DATA_RANGE)
+    regions = {"full": (slice(None), slice(None))}
+    rows, columns = (np.nonzero((mask > 127).any(axis=a))[0] for a in (1, 0))
+    if rows.size:
+        regions["box"] = (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))
+    values = {}
+    for name, region in regions.items():
+        values[name, "psnr"] = psnr(picture[region], reference[region], DATA_RANGE, cap)
+        values[name, "ssim"] = float(similarity[region].mean())
+    return values
+
+
+def _append(table: dict[str, list[Any]], camera: str, frame: int, now: dict[tuple[str, str], float], before: dict[tuple[str, str], float], params: MetricsParams) -> None:
+    """Add the rows of one picture."""
+    definitions = {
+        "psnr": f"10 log10(255^2 / MSE) over RGB, at most {params.psnr_cap:g} dB",
+        "ssim": SSIM,
+        "delta_ssim": "abs(SSIM of this frame - SSIM of the previous frame); " + SSIM,
+    }
+    rows = dict(now)
+    rows |= {(region, "delta_ssim"): abs(v - before[region, "ssim"]) for (region, m), v in now.items() if m == "ssim" and (region, "ssim") in before}
+    for (region, name), value in sorted(rows.items()):
+        definition = definitions[name] + (BOX if region == "box" else "")
+        for column, entry in zip(COLUMNS, (camera, int(frame), region, name, float(value), "black", definition), strict=True):
+            table[column].append(entry)
+
+
+def check(block: Block, params: MetricsParams) -> list[str]:
+    """Raise ValueError for a value that is not finite."""
+    for camera, frame, name, value in zip(*(block.data[k] for k in ("camera", "frame", "measure", "value")), strict=True):
+        if not np.isfinite(value):
+            raise ValueError(f"{name} of camera {camera}, frame {frame} is {value}; every measure must be finite")
+    return []

@@ -1,0 +1,114 @@
+"""EWA projection of 3D Gaussians: Zwicker et al., "EWA splatting", 2002, in the form of 3D Gaussian splatting.
+
+The 2D covariance is M M^T with M = J W R S, [2, 3]. Its determinant is the squared length of the cross product of
+M's rows, which neither cancels nor turns negative for needles, and the exponent is a sum of two squares, so that no
+alpha can exceed its opacity whatever the rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from stages.rendering.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """The K Gaussians that can reach the picture, in the order of the input."""
+
+    mean: torch.Tensor  # [K, 2]
+    """Centres, px, our pixel centres."""
+    whitening: torch.Tensor  # [K, 4]
+    """Rows (p0, p1), (q0, q1): exponent(d) = ((p0 dx + p1 dy)^2 + (q0 dx + q1 dy)^2) / 2."""
+    extent: torch.Tensor  # [K, 2]
+    """Half width and height of the box outside which alpha < alpha_min, px; carries no gradient."""
+    depth: torch.Tensor  # [K]
+    """Distance along the optical axis, metres."""
+    opacity: torch.Tensor  # [K]
+    """Alpha at the centre."""
+    color: torch.Tensor  # [K, 3]
+    """As in the input."""
+    masked: int
+    """Gaussians left out because an input or their projection was not finite."""
+
+
+def finite_rows(g: Gaussians) -> torch.Tensor:
+    """[N] bool: every attribute of the Gaussian is a finite number."""
+    parts = (g.mean, g.rotation.flatten(1), g.scale, g.opacity[:, None], g.color)
+    return torch.isfinite(torch.cat(parts, dim=1)).all(dim=1)
+
+
+def _rows(g: Gaussians, keep: torch.Tensor) -> Gaussians:
+    return Gaussians(g.mean[keep], g.rotation[keep], g.scale[keep], g.opacity[keep], g.color[keep])
+
+
+def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected:
+    """Project, cull and bound Gaussians; differentiable in every attribute of those that are kept.
+
+    Culled: z <= near, opacity < alpha_min, a projection thinner than `variance_min`, a box that holds no pixel centre.
+    Masked and counted: anything not finite. Selection comes before arithmetic, so no NaN enters a gradient.
+    """
+    finite = finite_rows(gaussians)
+    masked = int((~finite).sum())
+    g = _rows(gaussians, finite)
+    z = _camera_axis(g.mean, camera, 2)
+    g = _rows(g, (z.detach() > cutoffs.near) & (g.opacity.detach() >= cutoffs.alpha_min))
+    x, y, z = (_camera_axis(g.mean, camera, i) for i in range(3))
+    k = camera.intrinsics
+    u = float(k[0, 0]) * (x / z) + float(k[0, 1]) * (y / z) + float(k[0, 2])
+    v = float(k[1, 1]) * (y / z) + float(k[1, 2])
+    m0, m1 = _jacobian_rows(g, camera, cutoffs, x / z, y / z, z)
+    a, b, c = _dot(m0, m0), _dot(m0, m1), _dot(m1, m1)
+    n = torch.linalg.cross(m0, m1)
+    det = _dot(n, n) + cutoffs.low_pass * (a + c) + cutoffs.low_pass**2
+    a, c = a + cutoffs.low_pass, c + cutoffs.low_pass
+    with torch.no_grad():
+        reach = 2 * torch.log((g.opacity / cutoffs.alpha_min).clamp(min=1.0))
+        extent = torch.stack([torch.sqrt(reach * a), torch.sqrt(reach * c)], dim=1) + 0.01  # float32 rounding at 8k px
+        sane = torch.isfinite(det) & torch.isfinite(u) & torch.isfinite(v) & torch.isfinite(extent).all(dim=1)
+        keep = sane & (det > cutoffs.variance_min * (a + c))
+        keep &= (u + extent[:, 0] >= PIXEL_CENTRE) & (u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
+        keep &= (v + extent[:, 1] >= PIXEL_CENTRE) & (v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
+        masked += int((~sane).sum())
+    return Projected(
+        torch.stack([u[keep], v[keep]], dim=1), _whitening(a[keep], b[keep], c[keep], det[keep]), extent[keep], z[keep], g.opacity[keep], g.color[keep], masked
+    )
+
+
+def _camera_axis(mean: torch.Tensor, camera: Camera, i: int) -> torch.Tensor:
+    """[N] one camera coordinate, written out: no matrix product whose summation order depends on threads."""
+    r = camera.world_to_camera[i].tolist()
+    return r[0] * mean[:, 0] + r[1] * mean[:, 1] + r[2] * mean[:, 2] + r[3]
+
+
+def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+
+
+def _jacobian_rows(g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx, cy."""
+    k = camera.intrinsics
+    fx, skew, cx, fy, cy = (float(k[i]) for i in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
+    margin_x, margin_y = cutoffs.frustum_margin * 0.5 * camera.width / fx, cutoffs.frustum_margin * 0.5 * camera.height / fy
+    xz = xz.clamp(-cx / fx - margin_x, (camera.width - cx) / fx + margin_x)
+    yz = yz.clamp(-cy / fy - margin_y, (camera.height - cy) / fy + margin_y)
+    axes = g.rotation * g.scale[:, None, :]  # [N, 3 world, 3 axes]
+    w = camera.world_to_camera[:3, :3].tolist()
+    b = [w[i][0] * axes[:, 0] + w[i][1] * axes[:, 1] + w[i][2] * axes[:, 2] for i in range(3)]  # 3 x [N, 3 axes]
+    dx = (b[0] - xz[:, None] * b[2]) / z[:, None]
+    dy = (b[1] - yz[:, None] * b[2]) / z[:, None]
+    return fx * dx + skew * dy, fy * dy
+
+
+def _whitening(a: torch.Tensor, b: torch.Tensor, c: torch.Tensor, det: torch.Tensor) -> torch.Tensor:
+    """[K, 4] square root of the conic of [[a, b], [b, c]], completing the square on the larger diagonal entry."""
+    wide = a.detach() >= c.detach()
+    pivot = torch.where(wide, a, c)
+    first, slope = 1 / torch.sqrt(pivot), b / pivot
+    second = torch.sqrt(pivot / det)
+    zero = torch.zeros_like(first)
+    return torch.stack(
+        [torch.where(wide, first, zero), torch.where(wide, zero, first), torch.where(wide, -slope * second, second), torch.where(wide, second, -slope * second)], dim=1
+    )

@@ -1,0 +1,84 @@
+"""Kernel of the rendering stage: lift the nearest source views of each frame once, render every target camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from stages.geometry.subject import look_at_point
+from stages.io import Block, Inputs
+from stages.rendering.lift import Lifted, Maps, lift
+from stages.rendering.params import RenderingParams
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Gaussians
+from stages.rendering.sources import angles_at, choose
+
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+
+
+def device() -> torch.device:
+    """The only place where the device is chosen."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def quantise(values: torch.Tensor) -> np.ndarray:
+    """uint8 of values in 0..1, rounded, clipped; what is not a number becomes 0, never a wrapped byte."""
+    return torch.round(torch.nan_to_num(values, nan=0.0).clamp(0, 1) * 255).to(torch.uint8).cpu().numpy()
+
+
+def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
+    """Yield color [F, C, H, W, 3] and alpha [F, C, H, W] uint8, premultiplied on black, padded to the largest camera.
+
+    Each frame uses its own maps only. Frames a camera does not serve, and frames without any valid source view, are 0.
+    """
+    path = inputs.path
+    assert path is not None, "rendering runs over a camera path"
+    frames, cameras = path.served.shape
+    width, height = (int(n) for n in path.size.max(axis=0))
+    color, alpha = np.zeros((frames, cameras, height, width, 3), np.uint8), np.zeros((frames, cameras, height, width), np.uint8)
+    maps = _MapReader(inputs)
+    subject = look_at_point(inputs.rig.subset(inputs.views.sources))
+    is_source = np.isin(np.arange(len(inputs.rig)), inputs.views.sources)
+    for i in range(frames):
+        lifted: dict[int, Lifted] = {}
+        for c in np.nonzero(path.served[i])[0]:
+            w, h = (int(n) for n in path.size[c])
+            camera = Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h)
+            chosen = choose(angles_at(subject, inputs.rig.centres, camera.centre), is_source & inputs.valid[i], params.sources)
+            parts = []
+            for view, weight in chosen:
+                if view not in lifted:
+                    lifted[view] = lift(maps.frame(i, view), inputs.rig.intrinsics[view], inputs.rig.world_to_camera[view], DTYPES[params.precision], device())
+                seen = lifted[view].seen_from(camera)
+                parts.append(replace(seen, opacity=seen.opacity * weight))
+            if parts:
+                picture = rasterize(Gaussians.concatenate(parts), camera)
+                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(picture.color), quantise(picture.alpha)
+    yield Block("rendering/{path}/color", color)
+    yield Block("rendering/{path}/alpha", alpha)
+
+
+class _MapReader:
+    """Reads a view's maps when a target first asks for them."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.views: dict[int, tuple[np.ndarray, ...]] = {}
+
+    def frame(self, i: int, view: int) -> Maps:
+        """Maps of the i-th frame of the partition."""
+        if view not in self.views:
+            names = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
+            self.views[view] = tuple(self.inputs.read(name, view) for name in names)
+        return Maps(*(a[i] for a in self.views[view]))
+
+
+def check(block: Block, params: RenderingParams) -> list[str]:
+    """Warn when nothing at all was rendered: the cameras look elsewhere, or no source view has depth."""
+    data = np.asarray(block.data)
+    if block.array.endswith("/alpha") and data.size and not data.any():
+        return ["every picture of the partition is empty: the cameras look past the subject, or no source view has depth"]
+    return []

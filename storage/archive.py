@@ -1,0 +1,251 @@
+"""An archive is one folder (or file:// URL): a catalogue, and one Zarr v3 group for every sequence.
+
+This module creates and opens groups and arrays; it writes no data (`shards.py`) and knows no stage.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import BloscCodec, Crc32cCodec
+
+from storage.capture import Capture
+from storage.errors import ArchiveError
+from storage.rig import Rig
+from storage.spec import BATCH_DIMS, ArraySpec, Shape
+
+FORMAT = 1
+"""Number of the archive format this version writes; newer ones are refused."""
+
+ATTRIBUTES = "posegaussian"
+"""Key of the project's record in the attributes of a sequence's group."""
+
+MAX_CHUNK_BYTES = 16 * 2**20
+"""Pictures larger than this are tiled into several chunks of one shard."""
+
+
+def codecs(dtype: np.dtype) -> list[Any]:
+    """Compressors by element type: bitshuffle helps floats and hurts bytes; Blosc alone does not notice a flipped bit, the checksum does."""
+    shuffle = "bitshuffle" if dtype.kind == "f" else "shuffle"
+    return [BloscCodec(cname="zstd", clevel=3 if dtype.kind == "f" else 1, shuffle=shuffle, typesize=dtype.itemsize), Crc32cCodec()]
+
+
+def layout(spec: ArraySpec, shape: Shape, partition_frames: int) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """(lengths, chunk, shard) of an array: a chunk is one frame of one view, a shard one partition of one view or camera."""
+    lengths = spec.lengths(shape)
+    chunk = [1 if d in BATCH_DIMS else n for d, n in zip(spec.dims, lengths, strict=True)]
+    shard = [{"frame": partition_frames, "view": 1, "camera": 1}.get(d, n) for d, n in zip(spec.dims, lengths, strict=True)]
+    for axis, dim in enumerate(spec.dims):
+        if dim.split("/")[0] not in ("y", "camera_y", "source_y"):
+            continue
+        while np.prod(chunk) * np.dtype(spec.dtype).itemsize > MAX_CHUNK_BYTES and chunk[axis] % 2 == 0:
+            chunk[axis] //= 2
+    return tuple(max(1, n) for n in lengths), tuple(max(1, n) for n in chunk), tuple(max(1, n) for n in shard)
+
+
+def local_path(url: str) -> Path:
+    """The folder behind an archive's URL. Raises ArchiveError for object stores, which format 1 cannot write safely."""
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return Path(url).expanduser().resolve()
+    if scheme == "file":
+        return Path(rest).expanduser().resolve()
+    raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write a small file so that a reader sees the old one or the new one, and that a power cut does not lose it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    with open(partial, "wb") as f:
+        f.write(data)
+        f.flush()
+        os.fsync(f.fileno())
+    os.replace(partial, path)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames inside a folder survive a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@dataclass(frozen=True)
+class Archive:
+    """A folder of sequences."""
+
+    root: Path
+    """The archive's folder."""
+
+    @classmethod
+    def open(cls, url: str, *, create: bool = False) -> Archive:
+        """Open an archive; ArchiveError says what to do when there is none there."""
+        root = local_path(url)
+        if create:
+            root.mkdir(parents=True, exist_ok=True)
+        if not root.is_dir():
+            raise ArchiveError(f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another")
+        return cls(root)
+
+    def names(self) -> list[str]:
+        """Names of the sequences, sorted."""
+        return sorted(p.parent.name for p in self.root.glob("*/zarr.json"))
+
+    def sequence(self, name: str) -> Sequence:
+        """One sequence. Raises ArchiveError with the known names, or for a newer format."""
+        sequence = Sequence(self.root / name)
+        if not (sequence.root / "zarr.json").is_file():
+            known = ", ".join(self.names()) or "none yet"
+            raise ArchiveError(f"archive {self.root} has no sequence {name!r}; it has: {known}")
+        return sequence
+
+    def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
+        """Register a capture under a name, replacing an earlier registration but not its results.
+
+        Raises ArchiveError for a name that cannot be a folder.
+        """
+        if not name or name.startswith((".", "_")) or any(c in name for c in "/\\:"):
+            raise ArchiveError(f"sequence name {name!r} cannot be a folder's name; use letters, digits, - and _")
+        root = self.root / name
+        group = zarr.open_group(root, mode="a", zarr_format=3)
+        record = {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()}
+        group.update_attributes({ATTRIBUTES: record})
+        sequence = Sequence(root)
+        rig = capture.rig
+        sequence.put("source/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Calibrated cameras, our pixel centres.")
+        sequence.put("source/distortion", rig.distortion, ("view", "coefficient"), "1", "OpenCV k1 k2 p1 p2 k3 k4 k5 k6.")
+        sequence.put("source/world_to_camera", rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        sequence.put("source/size", rig.size.astype(np.int32), ("view", "wh"), "px", "Size of the calibrated picture.")
+        sync_folder(root)
+        self.write_catalog()
+        return sequence
+
+    def write_catalog(self) -> None:
+        """Write `catalog.parquet`, one row a sequence, from the sequences' own records."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        rows = []
+        for name in self.names():
+            s = self.sequence(name)
+            c = s.capture
+            rows.append({"sequence": name, "layout": c.layout, "views": len(c.rig), "frames": len(c.numbers), "frame_rate": c.frame_rate, "partition_frames": s.partition_frames})
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.Table.from_pylist(rows), sink)
+        write_atomically(self.root / "catalog.parquet", sink.getvalue().to_pybytes())
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One sequence's group and the folders of its receipts."""
+
+    root: Path
+    """The group's folder."""
+
+    @property
+    def name(self) -> str:
+        """The sequence's name."""
+        return self.root.name
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """The project's record. Raises ArchiveError when it is missing, broken or of a newer format."""
+        try:
+            attributes = json.loads((self.root / "zarr.json").read_bytes())["attributes"]
+            record = attributes[ATTRIBUTES]
+            number = int(record["format"])
+        except (OSError, ValueError, KeyError, TypeError) as e:
+            raise ArchiveError(f"{self.root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again") from e
+        if number > FORMAT:
+            raise ArchiveError(f"sequence {self.name} is of archive format {number}, this version reads up to {FORMAT}; update posegaussian")
+        return record
+
+    @cached_property
+    def capture(self) -> Capture:
+        """The registered capture."""
+        return Capture.from_json(self.record["capture"])
+
+    @property
+    def partition_frames(self) -> int:
+        """Frames of a partition, fixed at import."""
+        return int(self.record["partition_frames"])
+
+    @property
+    def receipts(self) -> Path:
+        """Folder of the receipts."""
+        return self.root / "_receipts"
+
+    def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str) -> None:
+        """Write a small array that is not partitioned, unless it already holds these values."""
+        if (self.root / name / "zarr.json").is_file():
+            old = zarr.open_array(self.root / name, mode="r")
+            if old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data):
+                return
+        array = zarr.create_array(
+            self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
+        )
+        assert array.shape == data.shape
+
+    def get(self, name: str) -> np.ndarray:
+        """A small array, whole. Raises ArchiveError when it is not there."""
+        try:
+            return np.asarray(zarr.open_array(self.root / name, mode="r")[...])
+        except (FileNotFoundError, zarr.errors.ArrayNotFoundError) as e:
+            raise ArchiveError(f"sequence {self.name} has no array {name}") from e
+
+    def ensure_array(self, spec: ArraySpec, shape: Shape, path: str = "") -> None:
+        """Create the array of a spec, grow or shrink it along time, or replace it when any other length changed.
+
+        `{path}` in the name is replaced. Existing shards are kept when only the number of frames changed.
+        """
+        name = spec.name.format(path=path)
+        lengths, chunk, shard = layout(spec, shape, self.partition_frames)
+        attributes = {"unit": spec.unit, "meaning": spec.meaning, "keep": spec.keep}
+        folder = self.root / name
+        if (folder / "zarr.json").is_file():
+            old = zarr.open_array(folder, mode="r+")
+            others = [i for i, d in enumerate(spec.dims) if d != "frame"]
+            same = old.dtype == np.dtype(spec.dtype) and old.chunks == chunk and old.shards == shard and all(old.shape[i] == lengths[i] for i in others)
+            if same and old.shape == lengths:
+                return
+            if same:
+                old.resize(lengths)
+                return
+        zarr.create_array(
+            self.root,
+            name=name,
+            shape=lengths,
+            chunks=chunk,
+            shards=shard,
+            dtype=spec.dtype,
+            compressors=codecs(np.dtype(spec.dtype)),
+            fill_value=0,
+            overwrite=True,
+            dimension_names=spec.dims,
+            attributes=attributes,
+            config={"write_empty_chunks": True},
+        )
+
+    def put_rig(self, prefix: str, rig: Rig) -> None:
+        """Write the cameras a reader of `<prefix>/*` needs: intrinsics, world_to_camera, size."""
+        self.put(f"{prefix}/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Our pixel centres.")
+        self.put(f"{prefix}/world_to_camera", rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        self.put(f"{prefix}/size", rig.size.astype(np.int32), ("view", "wh"), "px", "Size of each view's picture; arrays are padded to the largest.")
+
+    def walk_arrays(self) -> Iterator[Path]:
+        """Folders of all arrays of the sequence."""
+        for meta in sorted(self.root.rglob("zarr.json")):
+            if json.loads(meta.read_bytes()).get("node_type") == "array":
+                yield meta.parent

@@ -1,0 +1,116 @@
+"""One PNG that shows a run at a glance: source pictures, masks, joints, depth, and the novel views made from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from storage.joints import JOINT_SETS
+from storage.rig import points_to_integer_centres
+
+CELL = 256
+"""Height of one picture on the sheet, px."""
+
+LABEL = 18
+"""Height of a caption, px."""
+
+
+@dataclass
+class Sheet:
+    """Pictures collected row by row."""
+
+    joint_set: str | None
+    """Joint set of the joints that are added."""
+    rows: list[list[tuple[str, np.ndarray]]] = field(default_factory=list)
+    """Captioned pictures, [h, w, 3] uint8."""
+
+    def add_source(self, caption: str, color: np.ndarray, mask: np.ndarray, joints: np.ndarray | None, depth: np.ndarray) -> None:
+        """One source view of one frame: [h, w, 3] uint8, [h, w] uint8, [J, 3] (u, v, score) px or None, [h, w] metres."""
+        cells = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
+        if joints is not None and self.joint_set is not None:
+            cells.append(("joints", draw_joints(color, joints, self.joint_set)))
+        cells.append((_depth_caption(depth), color_depth(depth)))
+        self.rows.append(cells)
+
+    def add_novel(self, caption: str, color: np.ndarray, truth: np.ndarray | None) -> None:
+        """One rendered picture; beside it, where there is one, the held-out picture and four times the difference."""
+        cells = [(f"novel: {caption}", color)]
+        if truth is not None:
+            difference = np.abs(color.astype(np.int16) - truth).astype(np.uint16) * 4
+            cells += [("held out", truth), ("difference x4", difference.clip(0, 255).astype(np.uint8))]
+        self.rows.append(cells)
+
+
+def _depth_caption(depth: np.ndarray) -> str:
+    known = depth[depth > 0]
+    return f"depth {known.min():.2f}..{known.max():.2f} m" if known.size else "depth: none"
+
+
+def color_depth(depth: np.ndarray) -> np.ndarray:
+    """[h, w] metres -> [h, w, 3] uint8: near is red, far is blue, unknown black; stretched to the 2nd..98th percentile."""
+    import cv2
+
+    known = depth > 0
+    if not known.any():
+        return np.zeros((*depth.shape, 3), np.uint8)
+    low, high = np.percentile(depth[known], [2, 98])
+    level = np.clip((high - depth) / max(high - low, 1e-6), 0, 1)
+    colored = cv2.applyColorMap((level * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
+    return np.where(known[..., None], colored, 0).astype(np.uint8)
+
+
+def draw_joints(color: np.ndarray, joints: np.ndarray, joint_set: str) -> np.ndarray:
+    """The picture, dimmed, with limbs of joints whose score is positive: right side red, left side green, middle yellow."""
+    import cv2
+
+    out = np.ascontiguousarray(color // 2)
+    names = JOINT_SETS[joint_set].names
+    points = points_to_integer_centres(joints[:, :2])
+    known = (joints[:, 2] > 0) & np.isfinite(points).all(axis=1)
+    width = max(1, round(color.shape[0] / 200))
+    for a, b in JOINT_SETS[joint_set].limbs:
+        if known[a] and known[b]:
+            cv2.line(out, _pixel(points[a]), _pixel(points[b]), _side(names[a], names[b]), width, cv2.LINE_AA)
+    for j in np.flatnonzero(known):
+        cv2.circle(out, _pixel(points[j]), width + 1, (255, 255, 255), -1, cv2.LINE_AA)
+    return out
+
+
+def _pixel(point: np.ndarray) -> tuple[int, int]:
+    limit = 2**14
+    return int(np.clip(round(point[0]), -limit, limit)), int(np.clip(round(point[1]), -limit, limit))
+
+
+def _side(a: str, b: str) -> tuple[int, int, int]:
+    """Colour of a limb: its side's where both ends are of one side, else that of the middle."""
+    sides = {n[0] if n[0] in "LR" and n[1].isupper() else "" for n in (a, b)}
+    return {"R": (255, 80, 80), "L": (80, 255, 80)}.get(sides.pop() if len(sides) == 1 else "", (255, 220, 60))
+
+
+def _cell(caption: str, picture: np.ndarray) -> np.ndarray:
+    """One captioned picture of the sheet's height."""
+    import cv2
+
+    width = max(1, round(picture.shape[1] * CELL / picture.shape[0]))
+    shrink = picture.shape[0] > CELL
+    scaled = cv2.resize(np.ascontiguousarray(picture), (width, CELL), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST)
+    out = np.full((CELL + LABEL, max(width, 8 * len(caption)), 3), 24, np.uint8)
+    out[LABEL:, :width] = scaled
+    cv2.putText(out, caption, (3, LABEL - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1, cv2.LINE_AA)
+    return out
+
+
+def write_sheet(path: Path, sheet: Sheet) -> None:
+    """Write the sheet as PNG; two source rows stand side by side where they fit."""
+    from storage.media import write_png
+
+    strips = [np.concatenate([c for caption, p in row for c in (_cell(caption, p), np.full((CELL + LABEL, 6, 3), 24, np.uint8))], axis=1) for row in sheet.rows]
+    columns = 2 if len(strips) > 3 else 1
+    width = max(s.shape[1] for s in strips)
+    padded = [np.pad(s, ((0, 8), (0, width - s.shape[1]), (0, 0)), constant_values=24) for s in strips]
+    while len(padded) % columns:
+        padded.append(np.full_like(padded[0], 24))
+    lines = [np.concatenate(padded[i : i + columns], axis=1) for i in range(0, len(padded), columns)]
+    write_png(path, np.concatenate(lines, axis=0))

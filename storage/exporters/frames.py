@@ -1,0 +1,55 @@
+"""Pictures out: one PNG a frame and camera, and a table of the frames."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from storage.media import write_png
+
+
+def write_frames(
+    folder: str | Path,
+    cameras: Sequence[str],
+    source_frames: Sequence[int] | np.ndarray,
+    time: Sequence[float] | np.ndarray,
+    pictures: Iterable[tuple[str, int, np.ndarray, np.ndarray | None]],
+) -> int:
+    """Write `<camera>/<frame:06d>.png` and `frames.csv`, and count the pictures.
+
+    `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame number,
+    [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight colours, as PNG
+    demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the sequence's own), `time`.
+    Raises ValueError for an unknown camera or frame.
+    """
+    root = Path(folder)
+    index = {int(n): i for i, n in enumerate(source_frames)}
+    written: set[int] = set()
+    count = 0
+    for camera in cameras:
+        (root / camera).mkdir(parents=True, exist_ok=True)
+    for camera, number, picture, alpha in pictures:
+        if camera not in cameras or int(number) not in index:
+            raise ValueError(f"camera {camera!r}, frame {number}: not one of the cameras {list(cameras)} or of the sequence's {len(index)} frames")
+        path = root / camera / f"{number:06d}.png"
+        write_png(path, picture if alpha is None else _straight(picture, alpha))
+        written.add(int(number))
+        count += 1
+    part = root / f".frames.csv.{os.getpid()}.part"
+    with open(part, "w", newline="", encoding="utf-8") as f:
+        table = csv.writer(f)
+        table.writerow(["frame", "index", "time"])
+        table.writerows([n, index[n], repr(float(time[index[n]]))] for n in sorted(written))
+    os.replace(part, root / "frames.csv")
+    return count
+
+
+def _straight(picture: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """[h, w, 4] straight RGBA of a premultiplied picture."""
+    a = alpha.astype(np.float32)[..., None]
+    rgb = np.rint(np.clip(picture * np.float32(255) / np.maximum(a, 1), 0, 255)).astype(np.uint8)
+    return np.concatenate([rgb, alpha[..., None]], axis=2)

@@ -1,0 +1,91 @@
+"""A capture out, in the layout that `importers/images.py` reads: importing what this writes gives back every value."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from storage.media import write_exr, write_png
+from storage.rig import Rig
+
+
+def write_capture(
+    folder: str | Path,
+    rig: Rig,
+    color: np.ndarray,
+    mask: np.ndarray | None = None,
+    joints2d: np.ndarray | None = None,
+    depth: np.ndarray | None = None,
+    frame_rate: float = 30.0,
+    numbers: Sequence[int] | np.ndarray | None = None,
+) -> None:
+    """Write a capture of F frames and V views; pictures smaller than the arrays are cut to the rig's size.
+
+    color [F, V, h, w, 3]: uint8 sRGB as PNG, float16 linear as EXR. mask [F, V, h, w] uint8. joints2d [F, V, J, 3] of one
+    person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface.
+    numbers [F] source frame numbers, 0..F-1 by default. Raises ValueError when an array is smaller than the rig's pictures.
+    """
+    root = Path(folder)
+    frames = np.arange(len(color)) if numbers is None else np.asarray(numbers)
+    root.mkdir(parents=True, exist_ok=True)
+    _write_json(root / "cameras.json", _cameras(rig, frame_rate))
+    for kind, array in (("images", color), ("masks", mask), ("depth", depth)):
+        if array is None:
+            continue
+        for v, name in enumerate(rig.names):
+            width, height = (int(n) for n in rig.size[v])
+            if array.shape[2] < height or array.shape[3] < width or len(array) != len(frames):
+                raise ValueError(f"{kind} {array.shape} do not cover {len(frames)} frames of {width}x{height} px of camera {name}")
+            (root / kind / name).mkdir(parents=True, exist_ok=True)
+            for n, picture in zip(frames, array[:, v, :height, :width], strict=True):
+                suffix, write = ("png", write_png) if picture.dtype == np.uint8 else ("exr", write_exr)
+                write(root / kind / name / f"{int(n):06d}.{suffix}", picture)
+    if joints2d is not None:
+        (root / "joints").mkdir(exist_ok=True)
+        people = joints2d[:, :, None] if joints2d.ndim == 4 else joints2d
+        for v, name in enumerate(rig.names):
+            _write_json(root / "joints" / f"{name}.json", _coco(frames, people[:, v]))
+
+
+def _cameras(rig: Rig, frame_rate: float) -> dict[str, Any]:
+    entries = [
+        {
+            "name": name,
+            "width": int(rig.size[v, 0]),
+            "height": int(rig.size[v, 1]),
+            "K": rig.intrinsics[v].tolist(),
+            "R": rig.rotations[v].tolist(),
+            "t": rig.world_to_camera[v, :3, 3].tolist(),
+            "distortion": rig.distortion[v].tolist(),
+        }
+        for v, name in enumerate(rig.names)
+    ]
+    return {"pixel_center": "half", "frame_rate": float(frame_rate), "cameras": entries}
+
+
+def _coco(frames: np.ndarray, people: np.ndarray) -> dict[str, Any]:
+    """COCO keypoints of one view, [F, people, J, 3]; the scores beside the visibilities, so that nothing is rounded."""
+    images = [{"id": i, "file_name": f"{int(n):06d}.png"} for i, n in enumerate(frames)]
+    annotations = []
+    for i, found in enumerate(people):
+        for person in found:
+            visible = np.where(person[:, 2:] > 0, 2.0, 0.0)
+            annotations.append(
+                {
+                    "id": len(annotations),
+                    "image_id": i,
+                    "category_id": 1,
+                    "num_keypoints": int((person[:, 2] > 0).sum()),
+                    "keypoints": np.concatenate([person[:, :2], visible], axis=1).astype(np.float64).reshape(-1).tolist(),
+                    "keypoint_scores": person[:, 2].astype(np.float64).tolist(),
+                }
+            )
+    return {"pixel_center": "half", "images": images, "annotations": annotations, "categories": [{"id": 1, "name": "person"}]}
+
+
+def _write_json(path: Path, data: dict[str, Any]) -> None:
+    path.write_text(json.dumps(data, indent=None, allow_nan=False), encoding="utf-8")

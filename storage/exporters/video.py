@@ -1,0 +1,102 @@
+"""Video out: H.264 in mp4 that every browser plays."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from storage.errors import SourceError, UserError
+
+_BT709 = 1
+_LIMITED = 1
+_QUALITY = "16"
+"""x264 constant rate factor; 16 is visually lossless."""
+
+
+def write_video(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
+    """Write [h, w, 3] uint8 sRGB frames as H.264, yuv420p, BT.709 limited range (converted and tagged), and count them.
+
+    Odd sizes are padded to even ones by repeating the last row or column. The file appears under its name only when it is
+    whole. Raises UserError when there are no frames or the path does not end in .mp4, ValueError when a frame has
+    another size than the first, SourceError when the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".mp4":
+        raise UserError(f"video {path}: videos are written as .mp4, not {path.suffix or 'without an ending'}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        count = _encode(part, frames, rate)
+        if count == 0:
+            raise UserError(f"video {path}: there are no frames to write")
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def _encode(part: Path, frames: Iterable[np.ndarray], rate: float) -> int:
+    import av
+    import av.error
+    import av.logging
+
+    av.logging.set_level(av.logging.PANIC)
+    iterator = iter(frames)
+    first = next(iterator, None)
+    if first is None:
+        return 0
+    count = 0
+    try:
+        with av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            stream = _stream(container, first.shape, rate)
+            for count, picture in enumerate(_chain(first, iterator), start=1):
+                if picture.shape != first.shape or picture.dtype != np.uint8:
+                    raise ValueError(f"frame {count - 1} is {picture.dtype} {picture.shape}, the first one is uint8 {first.shape}")
+                frame = _frame(picture)
+                frame.pts, frame.time_base = count - 1, 1 / stream.codec_context.framerate
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    except (av.error.FFmpegError, OSError) as e:
+        raise SourceError(f"cannot write video {part}: {e.strerror or e}") from e
+    return count
+
+
+def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
+    yield first
+    yield from rest
+
+
+def _stream(container: Any, shape: tuple[int, ...], rate: float) -> Any:
+    stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001), options={"crf": _QUALITY, "preset": "medium"})
+    stream.width, stream.height, stream.pix_fmt = shape[1] + shape[1] % 2, shape[0] + shape[0] % 2, "yuv420p"
+    context = stream.codec_context
+    context.color_primaries = context.color_trc = context.colorspace = _BT709
+    context.color_range = _LIMITED
+    context.thread_count = 1
+    return stream
+
+
+def _frame(picture: np.ndarray) -> Any:
+    """The yuv420p frame of a picture, by swscale with the BT.709 matrix."""
+    import av
+    from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+    height, width = picture.shape[:2]
+    even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24").reformat(
+        format="yuv420p",
+        src_colorspace=Colorspace.ITU709,
+        dst_colorspace=Colorspace.ITU709,
+        src_color_range=ColorRange.JPEG,
+        dst_color_range=ColorRange.MPEG,
+        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INP | Interpolation.BITEXACT,
+        threads=1,
+    )
+    frame.colorspace, frame.color_range = _BT709, _LIMITED
+    frame.color_primaries = frame.color_trc = _BT709
+    return frame

@@ -1,0 +1,136 @@
+"""From what calibration files hold to a checked rig in our pixel centres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from storage.capture import Stream
+from storage.errors import CalibrationError
+from storage.rig import Rig, from_integer_centres, rigid
+
+DISTORTION = 8
+"""Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""
+_FAR = 100.0
+"""Metres between cameras above which the translations are probably not in metres."""
+
+
+class Crop(BaseModel):
+    """Similarity from a captured pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
+    offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+
+
+class RawCamera(NamedTuple):
+    """One camera as a file gives it."""
+
+    name: str
+    intrinsics: np.ndarray
+    """[3, 3] px."""
+    distortion: np.ndarray
+    """[n] OpenCV order."""
+    rotation: np.ndarray
+    """[3] Rodrigues vector or [3, 3], world to camera."""
+    translation: np.ndarray
+    """[3] metres."""
+    size: tuple[int, int] | None
+    """(width, height) px; None: as captured."""
+
+
+def numbers(value: Any, camera: str, label: str, shapes: Sequence[tuple[int, ...]]) -> np.ndarray:
+    """The value as float64 in the first shape that fits; (-1,) takes any list. Raises CalibrationError."""
+    try:
+        out = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CalibrationError(f"camera {camera}: {label} {value!r} is not made of numbers") from None
+    for shape in shapes:
+        if shape == (-1,) or out.size == np.prod(shape):
+            return out.reshape(shape)
+    raise CalibrationError(f"camera {camera}: {label} has {out.size} numbers, expected {' or '.join(str(int(np.prod(s))) for s in shapes)}")
+
+
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """[3, 3] of a Rodrigues vector [3]: exp of its cross-product matrix (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-300:
+        return np.eye(3)
+    x, y, z = np.asarray(vector, dtype=np.float64) / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
+
+
+def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], half: bool) -> Rig:
+    """The checked rig of cameras in the integer-centre convention, or in ours with `half`.
+
+    `sizes` are the captured sizes, used where a file gives none. Raises CalibrationError, naming the camera, for values
+    that are not finite, rotations that are not rigid, skew, and distortion beyond eight coefficients.
+    """
+    for c in cameras:
+        _check_name(c.name)
+        _check_model(c)
+    intrinsics = np.stack([c.intrinsics for c in cameras])
+    distortion = np.zeros((len(cameras), DISTORTION))
+    world_to_camera = np.tile(np.eye(4), (len(cameras), 1, 1))
+    for v, c in enumerate(cameras):
+        distortion[v, : min(DISTORTION, c.distortion.size)] = c.distortion[:DISTORTION]
+        world_to_camera[v, :3, :3] = rotation_matrix(c.rotation) if c.rotation.size == 3 else c.rotation
+        world_to_camera[v, :3, 3] = c.translation
+    size = np.array([c.size or s for c, s in zip(cameras, sizes, strict=True)], dtype=np.int64)
+    names = tuple(c.name for c in cameras)
+    as_read = Rig(names, intrinsics if half else from_integer_centres(intrinsics), distortion, world_to_camera, size)
+    as_read.check()
+    exact = np.stack([rigid(m[:3, :3], m[:3, 3]) for m in world_to_camera])
+    return Rig(names, as_read.intrinsics, distortion, exact, size)
+
+
+def _check_name(name: str) -> None:
+    if not name.strip() or name in (".", "..") or any(ord(c) < 32 or c in '/\\:*?"<>|' for c in name):
+        raise CalibrationError(f"camera name {name!r} cannot name a folder; use letters, digits, '-', '_' and '.'")
+
+
+def _check_model(c: RawCamera) -> None:
+    k = c.intrinsics
+    if np.isfinite(k).all() and (not np.array_equal(k[2], [0, 0, 1]) or k[1, 0] != 0):
+        raise CalibrationError(f"camera {c.name}: intrinsics must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}")
+    if abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
+        raise CalibrationError(f"camera {c.name}: skew {k[0, 1]:g} px must be 0; calibrate without skew")
+    if np.any(c.distortion[DISTORTION:]):
+        raise CalibrationError(f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3 k4 k5 k6) are read")
+
+
+def check_sizes(rig: Rig, streams: Sequence[Stream], crop: Mapping[str, Crop]) -> None:
+    """Raise CalibrationError for captured pictures whose size is not the calibrated one and that have no crop.
+
+    The sentence gives both sizes and the setting that would centre the picture at the calibrated width.
+    """
+    for name in crop:
+        rig.index(name)
+    faults = []
+    for v, (name, stream) in enumerate(zip(rig.names, streams, strict=True)):
+        (w, h), (cw, ch) = (int(rig.size[v, 0]), int(rig.size[v, 1])), stream.size
+        if (w, h) == (cw, ch) or name in crop:
+            continue
+        scale = w / cw
+        offset = (h - scale * ch) / 2
+        faults.append(
+            f"camera {name}: pictures are {cw}x{ch} px, the calibration is for {w}x{h} px; say how captured pixels become calibrated ones, "
+            f"for example (scaled to the calibrated width, centred) frames: crop: {{{name}: {{scale: {scale:.6g}, offset: [0, {offset:.4g}]}}}}"
+        )
+    if faults:
+        raise CalibrationError("\n".join(faults))
+
+
+def rig_notes(rig: Rig) -> list[str]:
+    """Sentences about a rig that is valid but odd: a single camera, or cameras improbably far apart."""
+    notes = []
+    if len(rig) == 1:
+        notes.append("one camera only: depth needs a second view, so only stages that work on one view give results")
+    far = np.ptp(rig.centres, axis=0).max()
+    if far > _FAR:
+        notes.append(f"cameras lie {far:.0f} m apart; are the translations in millimetres? They are read as metres")
+    return notes

@@ -1,0 +1,194 @@
+"""What every importer needs: options, files by frame number, streams, and the sentences about them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from storage import media
+from storage.capture import SourceFile, Stream
+from storage.errors import SourceError
+from storage.importers.cameras import Crop
+from storage.joint_files import frame_number
+from storage.video import VIDEO_SUFFIXES, VideoFile
+
+_RATE_TOLERANCE = 0.01
+_MASKS_LOOKED_AT = 5
+
+
+class ImportOptions(BaseModel):
+    """Choices that every layout has."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    cameras: tuple[str, ...] | None = Field(None, description="Names of the cameras to import; all by default.")
+    crop: dict[str, Crop] = Field({}, description="Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop).")
+    frame_rate: float | None = Field(None, gt=0, description="Frames per second; by default what the videos or the layout say.")
+    joint_set: str | None = Field(None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name.")
+
+    @property
+    def crops(self) -> dict[str, Crop]:
+        """The crops of the cameras that are imported."""
+        return {n: c for n, c in self.crop.items() if self.cameras is None or n in self.cameras}
+
+    def pick(self, found: Sequence[str]) -> tuple[str, ...]:
+        """The cameras to import out of those found, in the order asked for. Raises SourceError for one that is not there."""
+        for name in self.cameras or ():
+            if name not in found:
+                raise SourceError(f"option cameras: no pictures of a camera named {name}; there are {', '.join(found)}")
+        return tuple(found) if self.cameras is None else self.cameras
+
+
+def natural(path: Path | str) -> list[tuple[int, int | str]]:
+    """Sort key: cam2 before cam10."""
+    return [(0, int(p)) if p.isdigit() else (1, p) for p in re.split(r"(\d+)", str(path)) if p]
+
+
+def folder(path: Path) -> Path:
+    """The folder itself, or SourceError when it is missing, no folder or empty."""
+    if not path.is_dir():
+        raise SourceError(f"{path} is a file; give the capture's folder" if path.exists() else f"no such folder: {path}")
+    if not any(path.iterdir()):
+        raise SourceError(f"folder {path} is empty")
+    return path
+
+
+def chosen(base: Path, option: str | None, what: str) -> Path | None:
+    """An optional path of the options, relative to the capture's folder. Raises SourceError when it does not exist."""
+    if option is None:
+        return None
+    path = base / option
+    if not path.exists():
+        raise SourceError(f"option {what}: no such file or folder: {path}")
+    return path
+
+
+def shown(base: Path, paths: Iterable[Path]) -> str:
+    """Paths for a sentence, relative to the capture's folder where they lie in it."""
+    return ", ".join(str(p.relative_to(base) if p.is_relative_to(base) else p) for p in paths)
+
+
+def subfolders(path: Path) -> list[Path]:
+    """Folders in a folder in natural order; none when it does not exist."""
+    return sorted((p for p in path.iterdir() if p.is_dir()), key=lambda p: natural(p.name)) if path.is_dir() else []
+
+
+def videos_in(path: Path) -> dict[str, Path]:
+    """{stem: video} of one folder in natural order. Raises SourceError for two videos of one name."""
+    out: dict[str, Path] = {}
+    for p in sorted((p for p in path.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES), key=lambda p: natural(p.name)) if path.is_dir() else []:
+        if p.stem in out:
+            raise SourceError(f"two videos would be camera {p.stem}: {out[p.stem].name} and {p.name}; take one out of {path}")
+        out[p.stem] = p
+    return out
+
+
+def numbered(path: Path, suffixes: Iterable[str]) -> dict[int, Path]:
+    """{frame number: file} of the files of one folder with one of the endings. Raises SourceError for a number twice or none."""
+    out: dict[int, Path] = {}
+    for p in sorted(path.iterdir()) if path.is_dir() else []:
+        if p.suffix.lower() not in suffixes or p.name.startswith("."):
+            continue
+        n = frame_number(p)
+        if n is None:
+            raise SourceError(f"{p} holds no frame number in its name; rename it, for example to 000000{p.suffix}")
+        if n in out:
+            raise SourceError(f"two files are frame {n} in {path}: {out[n].name} and {p.name}")
+        out[n] = p
+    return dict(sorted(out.items()))
+
+
+def file_stream(kind: str, files: Mapping[int, Path], size: tuple[int, int] = (0, 0), **options: object) -> Stream:
+    """A stream of one file a frame."""
+    return Stream(kind, tuple(SourceFile.of(p) for p in files.values()), tuple(files), size, options)  # type: ignore[arg-type]
+
+
+def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
+    """Pictures of one view, one file a frame. Raises SourceError when one has another size than the first."""
+    first = next(iter(files.values()))
+    size = media.picture_size(first)
+    for p in files.values():
+        if (other := media.picture_size(p)) != size:
+            raise SourceError(f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px; one camera has one size")
+    return file_stream("images", files, size)
+
+
+def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple[list[Stream], float, list[str]]:
+    """(streams, frames per second, notes) of one video a camera.
+
+    Raises SourceError for a video that cannot be read, and for rates that differ by more than 1 %: frame n must be the
+    same instant in every view.
+    """
+    opened = {name: VideoFile(p) for name, p in videos.items()}
+    streams = [Stream("video", (SourceFile.of(videos[name]),), tuple(range(v.count)), v.size) for name, v in opened.items()]
+    rates = {name: v.rate for name, v in opened.items()}
+    low, high = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    if frame_rate is None and rates[high] > rates[low] * (1 + _RATE_TOLERANCE):
+        raise SourceError(f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one instant: give all one rate, or set frame_rate")
+    rate = frame_rate or rates[high]
+    if rate <= 0:
+        raise SourceError(f"video {opened[high].path} gives no frame rate; set frame_rate")
+    notes = []
+    for name, v in opened.items():
+        shortest, longest = v.spacing
+        if longest > 1.5 * shortest:
+            notes.append(f"camera {name}: frames are {1000 * shortest:.1f} to {1000 * longest:.1f} ms apart; time is taken as frame / {rate:g}")
+    return streams, rate, notes
+
+
+def gap_notes(names: Sequence[str], streams: Sequence[Stream | None], expected: Sequence[Sequence[int]] | np.ndarray, what: str) -> list[str]:
+    """A sentence for every camera whose stream lacks some of the frames it is expected to have."""
+    notes = []
+    for name, stream, wanted in zip(names, streams, expected, strict=True):
+        if stream is not None and (lacking := np.setdiff1d(wanted, stream.numbers)).size:
+            notes.append(f"camera {name} lacks {what} of {lacking.size} frames ({ranges(lacking)})")
+    return notes
+
+
+def picture_gaps(names: Sequence[str], streams: Sequence[Stream]) -> list[str]:
+    """Sentences about the cameras that lack frames which another one has."""
+    everything = np.unique(np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in streams]))
+    return gap_notes(names, streams, [everything] * len(streams), "pictures")
+
+
+def ranges(values: np.ndarray, most: int = 4) -> str:
+    """`0-3, 7, 9-12` of ascending integers, cut after `most` parts."""
+    runs = np.split(values, np.flatnonzero(np.diff(values) > 1) + 1)
+    parts = [str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs]
+    return ", ".join(parts[:most]) + (", ..." if len(parts) > most else "")
+
+
+def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream]) -> tuple[tuple[Stream, ...], list[str]]:
+    """(masks of every view, notes), one folder a camera; no masks at all where none of the folders has any.
+
+    Raises SourceError when only some cameras have masks, and for a mask of another size than its picture.
+    """
+    files = [numbered(f, media.PICTURE_SUFFIXES) for f in folders]
+    if not any(files):
+        return (), []
+    lacking = [n for n, f in zip(names, files, strict=True) if not f]
+    if lacking:
+        raise SourceError(f"cameras {', '.join(lacking)} have no masks while others have; add {folders[names.index(lacking[0])]} or move all masks away")
+    streams = []
+    for name, found, stream in zip(names, files, pictures, strict=True):
+        found = {n: p for n, p in found.items() if n in set(stream.numbers)}
+        for n, p in found.items():
+            if (size := media.picture_size(p)) != tuple(stream.size):
+                raise SourceError(
+                    f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is {stream.size[0]}x{stream.size[1]} px; masks must have the picture's size"
+                )
+        streams.append(file_stream("images", found, stream.size))
+    notes = gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    if _zero_one(streams):
+        streams = [Stream(s.kind, s.files, s.numbers, s.size, {"zero_one": True}) for s in streams]
+        notes.append("masks hold only 0 and 1; they are read as 0 and 255")
+    return tuple(streams), notes
+
+
+def _zero_one(streams: Sequence[Stream]) -> bool:
+    """Whether the largest value over a few masks of every view is 1."""
+    steps = [max(1, len(s.files) // _MASKS_LOOKED_AT) for s in streams]
+    return max((int(media.read_mask(f.path).max()) for s, step in zip(streams, steps, strict=True) for f in s.files[::step]), default=0) == 1

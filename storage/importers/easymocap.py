@@ -1,0 +1,133 @@
+"""Captures in EasyMocap's layout, which EasyVolcap shares.
+
+`images/NAME/000000.jpg` or `videos/NAME.mp4`, `intri.yml` and `extri.yml` (OpenCV FileStorage, metres, world to camera),
+soft masks in `masks/NAME` or `mask/NAME`, `annots/NAME/000000.json`. Calibration, joints and boxes put pixel centres at
+integers. Format: https://github.com/zju3dv/EasyMocap, doc/02_output.md and quickstart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import Field
+
+from storage import media
+from storage.capture import Capture, Stream
+from storage.errors import CalibrationError, SourceError
+from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.common import ImportOptions, folder, image_stream, mask_streams, numbered, picture_gaps, subfolders, video_streams, videos_in
+from storage.importers.joint_streams import picture_joints
+from storage.joint_files import read_easymocap
+
+DEFAULT_RATE = 30.0
+"""Frames per second of folders of images, which do not say theirs."""
+
+
+class EasyMocapOptions(ImportOptions):
+    """What to take where several fit."""
+
+    pictures: Literal["auto", "images", "videos"] = Field("auto", description="Folder of the pictures; auto takes images where there are any.")
+
+
+def find(source: Path, options: EasyMocapOptions) -> Capture:
+    """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
+    base = folder(source)
+    names, pictures, rate, notes = _pictures(base, options)
+    intri, extri = read_opencv_yaml(base / "intri.yml"), read_opencv_yaml(base / "extri.yml")
+    calibrated = _names(intri, base / "intri.yml")
+    for name in names:
+        if name not in calibrated:
+            raise CalibrationError(f"camera {name} has pictures but is not in {base / 'intri.yml'}, which names {', '.join(calibrated)}; list the wanted ones in the option cameras")
+    if options.cameras is None:
+        notes += [f"calibration {n} has no pictures and is left out" for n in calibrated if n not in names]
+    rig = build_rig([_camera(n, intri, extri) for n in names], [s.size for s in pictures], half=False)
+    check_sizes(rig, pictures, options.crops)
+    mask_root = next((base / f for f in ("masks", "mask") if (base / f).is_dir()), base / "masks")
+    masks, more = mask_streams(names, [mask_root / n for n in names], pictures)
+    notes += more
+    files = {n: numbered(base / "annots" / n, (".json",)) for n in names}
+    joints, more = picture_joints("easymocap", read_easymocap, names, files, pictures, options.joint_set, "annots")
+    return Capture("easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more, *rig_notes(rig)))
+
+
+def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], list[Stream], float, list[str]]:
+    """(camera names, pictures, frames per second, notes)."""
+    images = {f.name: n for f in subfolders(base / "images") if (n := numbered(f, media.PICTURE_SUFFIXES))} if options.pictures != "videos" else {}
+    videos = videos_in(base / "videos") if options.pictures != "images" and not images else {}
+    if not (images or videos):
+        raise SourceError(f"no pictures in {base}: expected images/NAME/000000.jpg or videos/NAME.mp4")
+    if images:
+        names = options.pick(tuple(images))
+        streams = [image_stream(n, images[n]) for n in names]
+        rate = options.frame_rate or DEFAULT_RATE
+        notes = [f"pictures: images at {rate:g} frames/s{'' if options.frame_rate else ' (assumed; set frame_rate)'}"]
+    else:
+        names = options.pick(tuple(videos))
+        streams, rate, notes = video_streams({n: videos[n] for n in names}, options.frame_rate)
+    return names, streams, rate, [*notes, *picture_gaps(names, streams)]
+
+
+class _Loader(yaml.BaseLoader):
+    """Every scalar stays text, so that a camera named 01 stays 01 and OpenCV's .Nan is seen."""
+
+
+def _matrix(loader: yaml.BaseLoader, node: yaml.MappingNode) -> np.ndarray:
+    fields: dict[str, Any] = loader.construct_mapping(node, deep=True)
+    return np.array([_number(x) for x in fields["data"]]).reshape(int(fields["rows"]), int(fields["cols"]))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+
+
+def _number(text: str) -> float:
+    return float(text.replace(".Nan", "nan").replace(".Inf", "inf"))
+
+
+def read_opencv_yaml(path: Path) -> dict[str, Any]:
+    """The nodes of an OpenCV FileStorage YAML: matrices as float64 arrays, lists, and scalars as text. Raises CalibrationError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
+        data = yaml.load(body, Loader=_Loader)
+    except OSError as e:
+        raise CalibrationError(f"cannot read calibration {path}: {e.strerror}") from e
+    except (yaml.YAMLError, ValueError, KeyError) as e:
+        raise CalibrationError(f"calibration {path} cannot be read: {' '.join(str(e).split())}") from e
+    if not isinstance(data, dict):
+        raise CalibrationError(f"calibration {path} holds no nodes")
+    return data
+
+
+def _names(intri: Mapping[str, Any], path: Path) -> tuple[str, ...]:
+    names = intri.get("names") or [k[2:] for k in intri if k.startswith("K_")]
+    for n in names:
+        if list(names).count(n) > 1:
+            raise CalibrationError(f"{path}: camera name {n!r} occurs {list(names).count(n)} times; names must be unique")
+    return tuple(names)
+
+
+def _node(data: Mapping[str, Any], keys: Sequence[str], file: str, name: str) -> Any:
+    for key in keys:
+        if key in data:
+            return data[key]
+    raise CalibrationError(f"camera {name}: {file} has no {' or '.join(keys)}")
+
+
+def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> RawCamera:
+    distortion = intri.get(f"D_{name}", intri.get(f"dist_{name}", []))
+    try:
+        size = (int(_number(intri[f"W_{name}"])), int(_number(intri[f"H_{name}"]))) if f"W_{name}" in intri and f"H_{name}" in intri else None
+    except ValueError:
+        raise CalibrationError(f"camera {name}: W_{name} {intri[f'W_{name}']!r} and H_{name} {intri[f'H_{name}']!r} in intri.yml must be whole numbers") from None
+    return RawCamera(
+        name,
+        numbers(_node(intri, [f"K_{name}"], "intri.yml", name), name, f"K_{name}", [(3, 3)]),
+        numbers(distortion, name, f"D_{name}", [(-1,)]),
+        numbers(_node(extri, [f"Rot_{name}", f"R_{name}"], "extri.yml", name), name, f"R_{name}", [(3,), (3, 3)]),
+        numbers(_node(extri, [f"T_{name}"], "extri.yml", name), name, f"T_{name}", [(3,)]),
+        size,
+    )

@@ -1,0 +1,191 @@
+"""Captures as Pose2Sim and Caliscope leave them: videos, a TOML calibration, OpenPose joints, TRC files, wherever they lie.
+
+A camera is named after its video. Its calibration is the table of that name, `int_NAME_img`, one whose `name` says so, or
+Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints put pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from storage.capture import Capture, Stream
+from storage.errors import CalibrationError, SourceError
+from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
+from storage.importers.joint_streams import picture_joints, trc_joints
+from storage.joint_files import read_json, read_openpose
+
+
+class Pose2SimOptions(ImportOptions):
+    """What to take where several files fit; paths are relative to the capture's folder."""
+
+    videos: str | None = Field(None, description="Folder of the videos.")
+    calibration: str | None = Field(None, description="Calibration file (*.toml).")
+    joints: str | None = Field(None, description="Folder with one folder of OpenPose JSON a camera.")
+    trc: str | None = Field(None, description="TRC file of 3D joints.")
+    trc_axes: str = Field("yzx", pattern="^(xyz|xzy|yxz|yzx|zxy|zyx)$", description="World axes that the TRC's x, y, z columns hold; Pose2Sim writes yzx.")
+
+
+def find(source: Path, options: Pose2SimOptions) -> Capture:
+    """Find everything in a folder and below. Raises SourceError or CalibrationError, each a sentence with the next step."""
+    base = folder(source)
+    path, tables = _calibration(base, options)
+    notes = [f"calibration: {shown(base, [path])}"]
+    videos = _videos(base, options, tables)
+    used, matched = set(), {}
+    for name in videos:
+        key = _table_of(name, tables)
+        if key is None:
+            raise CalibrationError(
+                f"video {videos[name]} has no calibration in {path.name}, which holds {', '.join(tables)}; rename it, take it out, or list the wanted ones in the option cameras"
+            )
+        if key in used:
+            raise CalibrationError(f"calibration {key} of {path.name} fits two videos, {name} and {next(n for n in matched if matched[n] == key)}; rename one")
+        used.add(key)
+        matched[name] = key
+    names = tuple(videos)
+    notes += [f"calibration {key} has no video and is left out" for key in tables if key not in used and options.cameras is None]
+    pictures, rate, more = video_streams(videos, options.frame_rate)
+    notes += [*more, *picture_gaps(names, pictures)]
+    rig = build_rig([_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
+    check_sizes(rig, pictures, options.crops)
+    joints, more = _joints(base, options, names, pictures)
+    notes += more
+    joints3d, more = _joints3d(base, options)
+    return Capture("pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more, *rig_notes(rig)))
+
+
+def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
+    """Camera tables of a TOML file, at the top or one level below; empty when it holds none. Raises CalibrationError."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as e:
+        raise CalibrationError(f"calibration {path} cannot be read: {e}") from e
+    nested = {f"{k}.{n}": t for k, v in data.items() if isinstance(v, dict) for n, t in v.items()}
+    return {k: t for k, t in {**data, **nested}.items() if isinstance(t, dict) and "matrix" in t}
+
+
+def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, Mapping[str, Any]]]:
+    """The one TOML file with camera tables; unreadable ones count only where nothing else is found."""
+    given = chosen(base, options.calibration, "calibration")
+    found: dict[Path, dict[str, Mapping[str, Any]]] = {}
+    broken: list[CalibrationError] = []
+    for path in [given] if given else sorted(base.rglob("*.toml")):
+        try:
+            if tables := _tables(path):
+                found[path] = tables
+        except CalibrationError as e:
+            broken.append(e)
+    if not found:
+        raise broken[0] if broken else CalibrationError(f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation")
+    if len(found) > 1:
+        raise CalibrationError(f"several calibrations fit: {shown(base, found)}; choose one with the option calibration")
+    path, tables = next(iter(found.items()))
+    usable = {k: t for k, t in tables.items() if not t.get("ignore")}
+    if not usable:
+        raise CalibrationError(f"every camera of {path} is set to ignore")
+    return path, usable
+
+
+def _table_of(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Key of the calibration table of a video."""
+    for wanted in (name, f"int_{name}_img"):
+        for key, table in tables.items():
+            if wanted in (key, key.partition(".")[2], str(table.get("name"))):
+                return key
+    index = re.search(r"(\d+)$", name)
+    for key in tables if index else ():
+        number = re.fullmatch(r"(?:cameras\.|cam_?|port_?)?(\d+)", key)
+        if number and index and int(number[1]) == int(index[1]):
+            return key
+    return None
+
+
+def _videos(base: Path, options: Pose2SimOptions, tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Path]:
+    """{camera: video} of the one folder whose videos the calibration knows."""
+    given = chosen(base, options.videos, "videos")
+    folders = [given] if given else [base, *sorted((p for p in base.rglob("*") if p.is_dir()), key=natural)]
+    found = {f: v for f in folders if (v := videos_in(f))}
+    if not found:
+        raise SourceError(f"no video in {given or base} or below")
+    known = {f: v for f, v in found.items() if any(_table_of(n, tables) for n in v)} or found
+    if len(known) > 1:
+        known = {f: v for f, v in known.items() if f.name == "videos"} or known
+    if len(known) > 1:
+        raise SourceError(f"several folders hold videos: {shown(base, known)}; choose one with the option videos")
+    videos = next(iter(known.values()))
+    return {n: videos[n] for n in options.pick(tuple(videos))}
+
+
+def _camera(name: str, table: Mapping[str, Any]) -> RawCamera:
+    for key in ("rotation", "translation"):
+        if table.get(key) is None:
+            raise CalibrationError(f"camera {name}: its calibration has no {key}; calibrate the extrinsics or leave the camera out with the option cameras")
+    if table.get("fisheye"):
+        raise CalibrationError(f"camera {name}: fisheye = true, but only OpenCV's rational model (k1 k2 p1 p2 k3 k4 k5 k6) is read; calibrate with it or leave the camera out")
+    size = None if table.get("size") is None else numbers(table["size"], name, "size", [(2,)])
+    return RawCamera(
+        name,
+        numbers(table["matrix"], name, "matrix", [(3, 3)]),
+        numbers(table.get("distortions", []), name, "distortions", [(-1,)]),
+        numbers(table["rotation"], name, "rotation", [(3,), (3, 3)]),
+        numbers(table["translation"], name, "translation", [(3,)]),
+        None if size is None else _whole(size, name),
+    )
+
+
+def _whole(size: Any, name: str) -> tuple[int, int]:
+    w, h = size.tolist()
+    if not (w == w // 1 and h == h // 1 and w > 0 and h > 0):
+        raise CalibrationError(f"camera {name}: size {size.tolist()} must be two positive whole numbers (width, height)")
+    return int(w), int(h)
+
+
+def _joint_folders(parent: Path, names: Sequence[str]) -> dict[str, Path]:
+    """{camera: folder with JSON}: `NAME`, or `NAME_...` such as `NAME_json`."""
+    out = {}
+    for sub in subfolders(parent):
+        fitting = [n for n in names if sub.name == n or sub.name.startswith(f"{n}_")]
+        first = next(iter(sorted(sub.glob("*.json"))), None) if fitting else None
+        if first is not None and isinstance(data := read_json(first), dict) and "people" in data:
+            out.setdefault(max(fitting, key=len), sub)
+    return out
+
+
+def _joints(base: Path, options: Pose2SimOptions, names: Sequence[str], pictures: Sequence[Stream]) -> tuple[tuple[Stream | None, ...], list[str]]:
+    given = chosen(base, options.joints, "joints")
+    parents = [given] if given else [base, *sorted((p for p in base.rglob("*") if p.is_dir()), key=natural)]
+    found = {p: f for p in parents if (f := _joint_folders(p, names))}
+    if not found:
+        if given:
+            raise SourceError(f"option joints: {given} has no folder of OpenPose JSON for any of {', '.join(names)}")
+        return (), ["no 2D joints"]
+    if len(found) > 1:
+        raise SourceError(f"several folders hold joints: {shown(base, found)}; choose one with the option joints")
+    parent, folders = next(iter(found.items()))
+    files = {n: numbered(f, (".json",)) for n, f in folders.items()}
+    return picture_joints("openpose", read_openpose, names, files, pictures, options.joint_set, parent.name)
+
+
+def _joints3d(base: Path, options: Pose2SimOptions) -> tuple[Stream | None, list[str]]:
+    """3D joints of the one TRC file; several are left out unless one is chosen."""
+    given = chosen(base, options.trc, "trc")
+    found = sorted(base.rglob("*.trc"))
+    if given is None and len(found) > 1:
+        return None, [f"{len(found)} TRC files fit, none is used; choose one with the option trc: {shown(base, found)}"]
+    if given is None and not found:
+        return None, []
+    path = given or found[0]
+    try:
+        stream = trc_joints(path, options.trc_axes)
+    except SourceError as e:
+        if given:
+            raise
+        return None, [f"3D joints are left out: {e}"]
+    return stream, [f"3D joints: {path.name}, joint set {stream.options['joint_set']}"]

@@ -1,0 +1,52 @@
+"""The importers by name: one declaration from which the command line and its help follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from storage.capture import Capture
+from storage.errors import SourceError
+from storage.importers import easymocap, images, pose2sim
+from storage.importers.common import ImportOptions
+
+
+@dataclass(frozen=True)
+class Importer:
+    """One layout that captures come in."""
+
+    name: str
+    """As in `import NAME SOURCE`."""
+    summary: str
+    """One sentence for the help."""
+    options: type[ImportOptions]
+    """What the user may choose."""
+    find: Callable[[Path, Any], Capture]
+    """`find(source, options)`; raises a UserError."""
+
+
+_ALL = (
+    Importer("pose2sim", "Videos, a TOML calibration and OpenPose joints, as Pose2Sim and Caliscope leave them.", pose2sim.Pose2SimOptions, pose2sim.find),
+    Importer("easymocap", "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.", easymocap.EasyMocapOptions, easymocap.find),
+    Importer("images", "Folders of pictures and one cameras.json, optionally masks, joints and true depth.", images.ImagesOptions, images.find),
+)
+
+IMPORTERS: Mapping[str, Importer] = {i.name: i for i in _ALL}
+"""All importers by name."""
+
+
+def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) -> Capture:
+    """Find a capture with options as plain values. Raises SourceError for an unknown layout or option, and what `find` raises."""
+    if layout not in IMPORTERS:
+        raise SourceError(f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}")
+    importer = IMPORTERS[layout]
+    try:
+        checked = importer.options.model_validate(dict(options))
+    except ValidationError as e:
+        faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
+        raise SourceError(f"options of {layout}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
+    return importer.find(Path(source).resolve(), checked)

@@ -1,0 +1,215 @@
+"""Joint files of other people: OpenPose, COCO and EasyMocap JSON (2D) and TRC (3D), read into our pixel centres and axes.
+
+2D formats place the centre of the top-left pixel at (0, 0) unless a COCO file says `"pixel_center": "half"`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from storage.errors import SourceError
+from storage.rig import points_from_integer_centres
+
+
+class Detections(NamedTuple):
+    """The people found in one picture, in our pixel centres."""
+
+    joints: np.ndarray
+    """[people, J, 3] float64 (u, v, score); a missing joint has score 0."""
+    boxes: np.ndarray
+    """[people, 5] float64 (left, top, right, bottom, score) px; score 0 where the file gives no box."""
+
+
+def no_people(joints: int) -> Detections:
+    """Zero people with that many joints."""
+    return Detections(np.zeros((0, joints, 3)), np.zeros((0, 5)))
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file. Raises SourceError with path and cause."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as e:
+        raise SourceError(f"cannot read {path}: {e.strerror}") from e
+    except ValueError as e:
+        raise SourceError(f"{path} is not valid JSON: {e}") from e
+
+
+def frame_number(path: str | Path) -> int | None:
+    """The last group of digits in a file's name (cam01_000012_keypoints.json -> 12), or None without digits."""
+    digits = re.findall(r"\d+", re.sub(r"_keypoints(2d|3d)?$", "", Path(path).stem))
+    return int(digits[-1]) if digits else None
+
+
+def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
+    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing. Scores are clipped to 0..1."""
+    try:
+        values = np.array(flat, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        raise SourceError(f"{path}: {what} is not a list of numbers") from None
+    if values.size % 3:
+        raise SourceError(f"{path}: {what} has {values.size} numbers, which are not (x, y, score) triples")
+    out = values.reshape(-1, 3)
+    out[~np.isfinite(out).all(axis=1)] = 0
+    out[:, 2] = np.clip(out[:, 2], 0, 1)
+    if not half:
+        out[:, :2] = points_from_integer_centres(out[:, :2])
+    return out
+
+
+def _box(corners: Any, score: Any, path: str | Path, half: bool) -> np.ndarray:
+    """[5] from (left, top, right, bottom) and a score."""
+    try:
+        values = np.array(corners, dtype=np.float64).reshape(2, 2)
+        return np.array([*(values if half else points_from_integer_centres(values)).reshape(4), float(score)])
+    except (TypeError, ValueError):
+        raise SourceError(f"{path}: bbox {corners!r} with score {score!r} is not made of numbers") from None
+
+
+def _gather(people: list[np.ndarray], boxes: list[np.ndarray], path: str | Path) -> Detections:
+    counts = {len(p) for p in people}
+    if len(counts) > 1:
+        raise SourceError(f"{path}: people have different numbers of joints ({', '.join(map(str, sorted(counts)))})")
+    return Detections(np.stack(people) if people else np.zeros((0, 0, 3)), np.stack(boxes) if boxes else np.zeros((0, 5)))
+
+
+def _list(data: Any, key: str, path: str | Path) -> list[dict[str, Any]]:
+    items = data.get(key) if isinstance(data, dict) else None
+    if not isinstance(items, list) or not all(isinstance(i, dict) for i in items):
+        raise SourceError(f"{path} has no list {key!r} of objects")
+    return items
+
+
+def read_openpose(path: str | Path) -> Detections:
+    """One picture's OpenPose JSON; a person without `pose_keypoints_2d` is no person. Raises SourceError."""
+    flats = [p.get("pose_keypoints_2d") for p in _list(read_json(path), "people", path)]
+    people = [_joints(f, path, "pose_keypoints_2d", False) for f in flats if f]
+    return _gather(people, [np.zeros(5) for _ in people], path)
+
+
+def read_easymocap(path: str | Path) -> Detections:
+    """One picture's EasyMocap `annots` JSON: keypoints and, where given, bbox (l, t, r, b, score). Raises SourceError."""
+    annots = [a for a in _list(read_json(path), "annots", path) if a.get("keypoints")]
+    given = [[*(a.get("bbox") or ()), 1.0] for a in annots]
+    boxes = [_box(b[:4], b[4], path, half=False) if len(b) > 4 else np.zeros(5) for b in given]
+    return _gather([_joints(a["keypoints"], path, "keypoints", False) for a in annots], boxes, path)
+
+
+def read_coco(path: str | Path, view: str | None = None) -> dict[int, Detections]:
+    """People by frame number of a COCO keypoints JSON, one view's where `file_name` has the view's folder.
+
+    The frame number is the last group of digits of `images[].file_name`. The third number of a joint is its score, a
+    visibility of 1 or 2 counts as 1; `keypoint_scores` [J], where given, goes before it. `"pixel_center": "half"` at the
+    top says that coordinates are in our pixel centres. Raises SourceError.
+    """
+    data = read_json(path)
+    half = isinstance(data, dict) and _pixel_center(data.get("pixel_center", "integer"), path) == "half"
+    images: dict[Any, int] = {}
+    for image in _list(data, "images", path):
+        name = Path(str(image.get("file_name", "")))
+        number = frame_number(name)
+        if number is None:
+            raise SourceError(f"{path}: file_name {str(name)!r} holds no frame number")
+        if view is None or view in name.parts[:-1]:
+            images[image.get("id")] = number
+    annotations: dict[int, list[dict[str, Any]]] = {n: [] for n in images.values()}
+    for a in _list(data, "annotations", path):
+        if a.get("image_id") in images and a.get("keypoints"):
+            annotations[images[a["image_id"]]].append(a)
+    return {n: _coco_people(found, path, half) for n, found in annotations.items()}
+
+
+def _coco_people(found: list[dict[str, Any]], path: str | Path, half: bool) -> Detections:
+    people = [_joints(a["keypoints"], path, "keypoints", half) for a in found]
+    for a, joints in zip(found, people, strict=True):
+        scores = a.get("keypoint_scores")
+        if scores is None:
+            continue
+        if len(scores) != len(joints):
+            raise SourceError(f"{path}: keypoint_scores has {len(scores)} values for {len(joints)} joints")
+        joints[:, 2] = np.clip(np.nan_to_num(np.array(scores, dtype=np.float64)), 0, 1)
+    boxes = []
+    for a in found:
+        x, y, w, h = a.get("bbox") or (0, 0, 0, 0)
+        boxes.append(_box((x, y, x + w, y + h), a.get("score", 1.0), path, half) if a.get("bbox") else np.zeros(5))
+    return _gather(people, boxes, path)
+
+
+def _pixel_center(value: Any, path: str | Path) -> str:
+    if value not in ("integer", "half"):
+        raise SourceError(f"{path}: pixel_center is {value!r}; it must be 'integer' or 'half'")
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class TrcFile:
+    """A TRC file as it is written, in metres."""
+
+    markers: tuple[str, ...]
+    """Marker names in file order."""
+    numbers: np.ndarray
+    """[F] int 0-based source frame numbers: `Frame#` minus one, unless the file counts from 0."""
+    points: np.ndarray
+    """[F, M, 3] metres, file axes; NaN where a marker is missing."""
+    rate: float
+    """DataRate, 1/s."""
+
+    def joints(self, names: Iterable[str], axes: str) -> Mapping[int, np.ndarray]:
+        """{number: [J, 4] (x, y, z, score) in world metres} of the named markers.
+
+        `axes` says which world axes the file's columns hold: "yzx" means that file (x, y, z) = world (Y, Z, X).
+        """
+        chosen = [self.markers.index(n) for n in names]
+        world = np.empty((len(self.numbers), len(chosen), 3))
+        for column, axis in enumerate(axes):
+            world[..., "xyz".index(axis)] = self.points[:, chosen, column]
+        score = np.isfinite(world).all(axis=-1, keepdims=True)
+        out = np.concatenate([np.where(score, world, 0.0), score.astype(np.float64)], axis=-1)
+        return dict(zip(self.numbers.tolist(), out, strict=True))
+
+
+_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+
+
+def read_trc(path: str | Path) -> TrcFile:
+    """Read a TRC file (OpenSim: 5 header lines, tab separated). Raises SourceError with path, line and cause."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as e:
+        raise SourceError(f"cannot read {path}: {e}") from e
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise SourceError(f"{path} is not a TRC file: its first line must start with PathFileType and data follow 5 header lines")
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    unit = header.get("Units", "").strip()
+    if unit not in _UNITS:
+        raise SourceError(f"{path}: unit {unit!r} is not one of {', '.join(_UNITS)}")
+    markers = tuple(n for n in lines[3].split("\t")[2:] if n.strip())
+    if not markers or len(set(markers)) < len(markers):
+        raise SourceError(f"{path}: line 4 must name each marker once, found {len(markers)} names")
+    rows, frames = [], []
+    for at, line in enumerate(lines[5:], start=6):
+        cells = [c.strip() for c in line.split("\t")]
+        if not any(cells):
+            continue
+        values = cells[2 : 2 + 3 * len(markers)]
+        try:
+            frames.append(int(float(cells[0])))
+            rows.append([float(c) if c else np.nan for c in values] + [np.nan] * (3 * len(markers) - len(values)))
+        except ValueError as e:
+            raise SourceError(f"{path} line {at}: {e}") from e
+    numbers = np.array(frames, dtype=np.int64)
+    if len(numbers) == 0 or (np.diff(numbers) <= 0).any():
+        raise SourceError(f"{path}: frame numbers must ascend, found {len(numbers)} frames")
+    points = np.array(rows).reshape(len(rows), len(markers), 3) * _UNITS[unit]
+    try:
+        rate = float(header.get("DataRate", "0"))
+    except ValueError:
+        raise SourceError(f"{path}: DataRate {header['DataRate']!r} is not a number") from None
+    return TrcFile(markers, numbers - min(1, int(numbers[0])), points, rate)

@@ -1,0 +1,118 @@
+"""Receipts: the only proof that a task's output is whole.
+
+One JSON file a task, written atomically after every shard of the task is on disk, removed before the first shard of a
+rerun is touched. So a death at any moment leaves a receipt that is true, or none.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from storage.archive import Sequence, sync_folder, write_atomically
+
+
+@dataclass(frozen=True)
+class ShardFile:
+    """One file of an output."""
+
+    key: str
+    """Path below the sequence's folder."""
+    size: int
+    """Bytes."""
+    crc32: int
+    """CRC-32 of the file, for `verify`."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """One (array, partition, view) of a task."""
+
+    array: str
+    """Name of the array or table, its path filled in."""
+    view: int | None
+    """Index of the view, or None."""
+    digest: str
+    """BLAKE2b over dtype, shape and decoded bytes: equal content, equal digest."""
+    files: tuple[ShardFile, ...]
+    """The files that hold it."""
+
+
+@dataclass(frozen=True)
+class Receipt:
+    """What one task made, from what, and how."""
+
+    stage: str
+    """Name of the stage."""
+    partition: int | None
+    """Number of the partition, or None for a task of the whole sequence."""
+    view: int | None
+    """Index of the view of a task over views."""
+    path: str | None
+    """Camera path of a task over paths."""
+    fingerprint: str
+    """Digest of `parts`."""
+    parts: dict[str, Any]
+    """Everything that went into the fingerprint, so that a plan can say what changed."""
+    outputs: tuple[Output, ...]
+    """What was written."""
+    warnings: tuple[str, ...] = ()
+    """Sentences of the stage's checks."""
+    facts: dict[str, Any] = field(default_factory=dict)
+    """Seconds, host, worker, device, threads, library versions: never part of the fingerprint."""
+
+    def to_json(self) -> bytes:
+        """UTF-8 JSON; `from_json` is the inverse."""
+        return json.dumps(asdict(self), sort_keys=True).encode()
+
+    @classmethod
+    def from_json(cls, text: bytes) -> Receipt:
+        """Parse; ValueError, KeyError or TypeError for what is not a receipt."""
+        d = json.loads(text)
+        outputs = tuple(Output(o["array"], o["view"], o["digest"], tuple(ShardFile(**f) for f in o["files"])) for o in d.pop("outputs"))
+        return cls(**{**d, "outputs": outputs, "warnings": tuple(d["warnings"])})
+
+
+def receipt_file(sequence: Sequence, stage: str, partition: int | None, view: int | None, path: str | None) -> Path:
+    """Where a task's receipt lies."""
+    parts = [stage, *([path] if path is not None else []), *([f"v{view:03d}"] if view is not None else [])]
+    return sequence.receipts.joinpath(*parts, f"{'all' if partition is None else f'p{partition:06d}'}.json")
+
+
+def write_receipt(sequence: Sequence, receipt: Receipt) -> None:
+    """Write atomically and sync: the last act of a task."""
+    write_atomically(receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path), receipt.to_json())
+
+
+def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: int | None, path: str | None) -> None:
+    """Remove and sync: the first act of a task, so that new bytes never lie under an old receipt."""
+    file = receipt_file(sequence, stage, partition, view, path)
+    if file.exists():
+        file.unlink()
+        sync_folder(file.parent)
+
+
+def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:
+    """All readable receipts. One that cannot be parsed proves nothing and is treated as absent."""
+    for file in sorted(sequence.receipts.rglob("*.json")):
+        try:
+            yield Receipt.from_json(file.read_bytes())
+        except (ValueError, KeyError, TypeError):
+            continue
+
+
+def missing_files(sequence: Sequence, receipt: Receipt) -> list[str]:
+    """Keys of shards that are gone or of another size than the receipt says."""
+    bad = []
+    for output in receipt.outputs:
+        for f in output.files:
+            try:
+                size = (sequence.root / f.key).stat().st_size
+            except OSError:
+                size = -1
+            if size != f.size:
+                bad.append(f.key)
+    return bad

@@ -1,0 +1,124 @@
+"""Whole shards, one writer each; reading with a halo, against what the receipts promise."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from storage.archive import Sequence, sync_folder, write_atomically
+from storage.errors import ShardCorrupt, ShardMissing
+from storage.receipts import Output, ShardFile
+from storage.spec import ArraySpec, TableSpec, array_digest, digest
+from storage.timegrid import TimeGrid
+
+
+def _record(sequence: Sequence, key: str) -> ShardFile:
+    """Sync a shard and its folder, and describe it."""
+    path = sequence.root / key
+    with open(path, "rb") as f:
+        data = f.read()
+        os.fsync(f.fileno())
+    sync_folder(path.parent)
+    return ShardFile(key, len(data), zlib.crc32(data))
+
+
+def _open(path: Path, mode: str) -> zarr.Array:
+    return zarr.open_array(path, mode=mode)  # type: ignore[arg-type]
+
+
+def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray) -> Output:
+    """Write the shards of one (array, partition, view) whole.
+
+    Args:
+        sequence: where to.
+        spec: the declaration; `path` fills the `{path}` in its name.
+        path: camera path, or "".
+        frames: frame indices of the partition (ignored for arrays without a frame axis).
+        partition: number of the partition.
+        view: index of the view, for arrays with a view axis.
+        data: the block, without the view axis.
+
+    Raises:
+        ValueError: when shape or dtype are not the declared ones.
+    """
+    name = spec.name.format(path=path)
+    array = _open(sequence.root / name, "r+")
+    index = tuple(slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims)
+    expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
+    if data.shape != expected or data.dtype != array.dtype:
+        raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
+    assert array.shards is not None
+    axes = []
+    for d, n, s in zip(spec.dims, array.shape, array.shards, strict=True):
+        axes.append([partition] if d == "frame" else [view] if d == "view" else list(range(-(-n // s))))
+    keys = ["/".join([name, "c", *map(str, where)]) for where in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes)).tolist()]
+    for key in keys:
+        (sequence.root / key).unlink(missing_ok=True)
+    array[index] = data
+    return Output(name, view, array_digest(data), tuple(_record(sequence, k) for k in keys))
+
+
+def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int | None, columns: Mapping[str, list[Any]]) -> Output:
+    """Write one partition's rows as a Parquet file. Raises ValueError when the columns are not the declared ones."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if list(columns) != [c for c, _ in spec.columns]:
+        raise ValueError(f"{spec.name}: got columns {list(columns)}, declared {[c for c, _ in spec.columns]}")
+    table = pa.table(dict(columns), schema=pa.schema([(c, pa.type_for_alias(t)) for c, t in spec.columns]))
+    name = spec.name.format(path=path)
+    key = f"{name}/{'all' if partition is None else f'p{partition:06d}'}.parquet"
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    write_atomically(sequence.root / key, sink.getvalue().to_pybytes())
+    rows = [[str(v) if isinstance(v, float) else v for v in column] for column in columns.values()]
+    return Output(name, None, digest(rows), (_record(sequence, key),))
+
+
+def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
+    """Raise ShardMissing or ShardCorrupt when a file is not there or not of the promised size."""
+    for f in files:
+        try:
+            size = (sequence.root / f.key).stat().st_size
+        except FileNotFoundError:
+            raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew") from None
+        if size != f.size:
+            raise ShardCorrupt(f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to make it anew")
+
+
+def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]) -> np.ndarray:
+    """Read the frames of `span` of one view, after checking the shards that hold them.
+
+    Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
+
+    Raises:
+        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match.
+    """
+    verify_files(sequence, files)
+    array = _open(sequence.root / name, "r")
+    index = tuple(slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None) for d in dims)
+    try:
+        return np.asarray(array[index])
+    except (ValueError, RuntimeError) as e:
+        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1}, view {view}: {e}; run again to make it anew") from e
+
+
+def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:
+    """Read frames of an array that a run wrote, for export and inspection: [frames, ...].
+
+    `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none.
+    """
+    files: list[ShardFile] = []
+    for partition in grid.touched(frames):
+        output = outputs.get((partition, view))
+        if output is None:
+            raise ShardMissing(f"array {name} of sequence {sequence.name} has no finished partition {partition}; run again to make it")
+        files += output.files
+    dims = tuple(_open(sequence.root / name, "r").metadata.dimension_names or ())
+    return read_array(sequence, name, dims, frames, view, files)

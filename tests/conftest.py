@@ -1,0 +1,43 @@
+"""Shared fixtures: the analytic person as a capture folder, and archives made from it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline import Pipeline, film
+
+
+def pytest_configure() -> None:
+    """One thread a library, before any is imported: tests are quick and alike on every machine."""
+    from dags import threads
+
+    threads.limit(1)
+
+
+@pytest.fixture(scope="session")
+def captures() -> Path:
+    """Folder of the real captures; the test is skipped where there is none."""
+    folder = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared"))
+    if not (folder / "captures").is_dir():
+        pytest.skip(f"no real captures at {folder} (set POSEGAUSSIAN_CAPTURES)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def person_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames of the kicking person at 48 px, six source cameras and one held-out, as an `images` capture."""
+    folder = tmp_path_factory.mktemp("person")
+    film(folder, views=6, size=48, frames=6, held_out=1)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    """The person's archive after an undisturbed serial run. Read it, do not change it."""
+    pipeline = Pipeline(tmp_path_factory.mktemp("finished") / "archive", person_folder)
+    pipeline.register()
+    pipeline.run()
+    return pipeline

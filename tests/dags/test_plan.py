@@ -1,0 +1,148 @@
+"""Incremental runs: what is fresh stays, what changed is named, only dependents rerun."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dags import fingerprint
+from dags.plan import Selection, State
+from dags.plan import why as chain
+from dags.tasks import Task
+from storage.errors import ConfigError
+from tests.pipeline import NAME, Pipeline, ended
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    """A copy of the finished archive that may be changed."""
+    return finished.copy(tmp_path / "archive")
+
+
+def stale(pipeline: Pipeline) -> dict[str, set[str]]:
+    """{stage: reasons} of everything that is not fresh."""
+    found: dict[str, set[str]] = {}
+    for v in pipeline.plan().verdicts.values():
+        if v.state is not State.FRESH:
+            found.setdefault(v.task.stage, set()).update(v.reasons)
+    return found
+
+
+def test_after_a_run_everything_is_fresh_and_a_second_run_computes_nothing(archive: Pipeline) -> None:
+    assert archive.plan().all_fresh
+    assert archive.ran() == {}
+
+
+def test_a_changed_setting_is_named_with_old_and_new_value_and_reruns_only_dependents(archive: Pipeline) -> None:
+    changed = archive.with_settings("smoothing.omega=0.5")
+    assert stale(changed) == {"smoothing": {"smoothing.omega 0.8 -> 0.5"}}
+    assert changed.ran() == {"smoothing": 3}
+    assert changed.plan().all_fresh
+
+
+def test_dependents_of_a_stale_stage_are_undecided_until_it_ran(archive: Pipeline) -> None:
+    changed = archive.with_settings("gaussians.footprint=0.6")
+    plan = changed.plan()
+    assert plan.counts("gaussians") == {State.STALE: 3}
+    assert plan.counts("rendering") == {State.UNDECIDED: 3}
+    assert plan.counts("depth") == {State.FRESH: 3}
+    assert set(changed.ran()) == {"gaussians", "rendering", "metrics"}
+
+
+def test_equal_content_upstream_stops_the_rerun(archive: Pipeline) -> None:
+    counts = archive.ran(selection=Selection(force=frozenset({"depth"})))
+    assert counts == {"depth": 3}, "depth came out equal, so nothing behind it had to run"
+
+
+def test_from_reruns_every_later_stage(archive: Pipeline) -> None:
+    counts = archive.ran(selection=Selection(start="gaussians"))
+    assert counts == {"gaussians": 3, "rendering": 3, "metrics": 3}
+
+
+def test_only_leaves_other_stages_alone_and_says_so(archive: Pipeline) -> None:
+    changed = archive.with_settings("depth.method=hull")
+    events = changed.run(selection=Selection(only=frozenset({"smoothing", "gaussians"})), expect_failure=True)
+    end = ended(events)
+    assert end.done == 0
+    assert end.blocked > 0
+
+
+@pytest.mark.parametrize("name", ["depht", ""])
+def test_an_unknown_stage_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"no stage .*survey, frames, pose"):
+        Selection(only=frozenset({name}))
+
+
+def test_a_deleted_shard_is_stale_and_made_anew(archive: Pipeline) -> None:
+    shard = next(p for p in (archive.root / NAME / "depth/depth/c").rglob("*") if p.is_file())
+    shard.unlink()
+    reasons = stale(archive)
+    assert any("is missing or of another size" in r for r in reasons["depth"])
+    assert archive.ran()["depth"] == 1
+    assert shard.is_file()
+
+
+def test_a_truncated_receipt_counts_as_none(archive: Pipeline) -> None:
+    receipt = archive.root / NAME / "_receipts/depth/p000001.json"
+    receipt.write_bytes(receipt.read_bytes()[:100])
+    assert "never made" in stale(archive)["depth"]
+
+
+def test_editing_a_kernel_makes_its_stage_stale_and_names_the_code(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = fingerprint.code_digest
+    monkeypatch.setattr(fingerprint, "code_digest", lambda run: "f" * 32 if run.startswith("stages.depth") else real(run))
+    reasons = stale(archive)
+    assert any(r.startswith("code of depth changed") for r in reasons["depth"])
+    assert "pose" not in reasons
+
+
+def test_why_walks_back_to_the_first_cause(archive: Pipeline) -> None:
+    changed = archive.with_settings("depth.pairs=1")
+    plan = changed.plan()
+    rendering = next(t for t in plan.verdicts if t.stage == "rendering")
+    text = "\n".join(chain(plan, rendering))
+    assert "depth p0000: stale (depth.pairs 2 -> 1)" in text
+    assert text.index("rendering") < text.index("gaussians") < text.index("depth p0000")
+
+
+def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    import stages.depth.run as depth
+
+    real = depth.run
+
+    def failing(inputs: object, params: object) -> object:
+        if inputs.partition.start == 2:  # type: ignore[attr-defined]
+            raise RuntimeError("the cosmic ray of partition 1")
+        return real(inputs, params)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(depth, "run", failing)
+    events = archive.run(selection=Selection(start="depth"), expect_failure=True)
+    end = ended(events)
+    failed = [e for e in events if type(e).__name__ == "TaskFailed"]
+    assert [(e.task.stage, e.task.partition) for e in failed] == [("depth", 1)]
+    assert "the cosmic ray" in failed[0].error
+    blocked = {(e.task.stage, e.task.partition) for e in events if type(e).__name__ == "TaskBlocked"}
+    assert ("gaussians", 1) in blocked
+    assert ("rendering", 0) not in blocked
+    assert end.failed == 1
+    assert not (archive.root / NAME / "_receipts/depth/p000001.json").exists(), "a failed rerun must not leave the old receipt"
+    monkeypatch.undo()
+    archive.run()
+    assert archive.plan().all_fresh
+
+
+def test_plan_imports_no_numerical_library(archive: Pipeline) -> None:
+    code = (
+        "import sys; from dags.cli import app; from typer.testing import CliRunner; "
+        f"r = CliRunner().invoke(app, ['plan', '--archive', {str(archive.root)!r}, '--set', 'views.held_out=[mid00]', '--set', 'partition.frames=2']); "
+        "print(r.exit_code, 'all fresh' in r.output, [m for m in ('torch', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "0 True []", done.stdout + done.stderr
+
+
+def test_a_task_is_labelled_by_camera() -> None:
+    assert Task("s", "frames", 3, 1).label(("cam00", "cam01")) == "frames cam01 p0003"

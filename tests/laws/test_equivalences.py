@@ -1,0 +1,123 @@
+"""The laws of the contract, over every stage of the registry at once: a whole run is compared array by array.
+
+Compared are dtype, shape and bytes of every array and the rows of every table. Not compared are times, hosts and the
+cutting into shards, which the laws are about.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dags import threads
+from dags.plan import Selection, State
+from stages.registry import STAGES
+from tests.pipeline import Pipeline, assert_same_content, content, film, receipts
+
+
+@pytest.mark.parametrize("length", [1, 4, 6])
+def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pipeline, tmp_path: Path) -> None:
+    other = Pipeline(tmp_path / "archive", finished.folder, partition=length)
+    other.register()
+    other.run()
+    assert_same_content(content(other), content(finished))
+
+
+@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=truth", "frames.matte=plate", "frames.matte=none", "rendering.precision=float64"])
+def test_partition_law_holds_for_the_other_methods(setting: str, person_folder: Path, tmp_path: Path) -> None:
+    found = []
+    for length in (2, 6):
+        pipeline = Pipeline(tmp_path / f"archive{length}", person_folder, [setting, "frames.range=0:4", "smoothing.truncation=2", "views.sources=[cam00, cam01, cam02]"], partition=length)
+        pipeline.register()
+        pipeline.run()
+        found.append(content(pipeline))
+    assert_same_content(*found)
+
+
+def test_one_thread_equals_two(finished: Pipeline, tmp_path: Path) -> None:
+    other = Pipeline(tmp_path / "archive", finished.folder)
+    other.register()
+    threads.limit(2)
+    try:
+        from dags.run import Run
+        from dags.serial import SerialBackend
+
+        Run([other.plan()], Selection(), SerialBackend(), [], threads=2).go()
+    finally:
+        threads.limit(1)
+    assert_same_content(content(other), content(finished))
+
+
+def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
+    from dags.cluster import DaskBackend
+
+    assert all(s.tolerance is None for s in STAGES), "a stage declares a tolerance: compare it here with that tolerance"
+    other = Pipeline(tmp_path / "archive", finished.folder)
+    other.register()
+    other.run(backend=DaskBackend(workers=2))
+    assert_same_content(content(other), content(finished))
+    assert receipts(other) == receipts(finished)
+
+
+def test_append_then_run_equals_run_whole(person_folder: Path, tmp_path: Path) -> None:
+    grown = Pipeline(tmp_path / "grown", person_folder, ["frames.range=0:3"])
+    grown.register()
+    grown.run("held_out")
+    grown = Pipeline(grown.root, person_folder)
+    counts = grown.ran("held_out")
+    # Partition 0 (frames 0, 1) is untouched by the three frames that came; a view's partition 1 and 2 are new.
+    assert counts["frames"] == 2 * 7
+    assert counts["depth"] == 2
+    whole = Pipeline(tmp_path / "whole", person_folder)
+    whole.register()
+    whole.run("held_out")
+    assert_same_content(content(grown), content(whole))
+
+
+def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(tmp_path: Path) -> None:
+    honest, noisy = tmp_path / "honest", tmp_path / "noisy"
+    film(honest, views=4, frames=2)
+    film(noisy, views=4, frames=2)
+    _replace_by_noise(noisy, "mid00")
+    found = []
+    for folder in (honest, noisy):
+        pipeline = Pipeline(tmp_path / f"archive_{folder.name}", folder)
+        pipeline.register()
+        pipeline.run()
+        found.append(content(pipeline, but=("frames/color", "frames/mask", "truth/", "metrics")))
+        color = content(pipeline)["frames/color"]
+        found.append({"color": color})
+    assert_same_content(found[0], found[2])
+    assert found[1] != found[3], "the noise did not arrive: the test would prove nothing"
+
+
+def _replace_by_noise(folder: Path, camera: str) -> None:
+    """Pictures and masks of one camera become noise, its joints are moved, its true depth becomes a wall."""
+    import json
+
+    from storage import media
+
+    random = np.random.default_rng(0)
+    for kind in ("images", "masks"):
+        for file in (folder / kind / camera).iterdir():
+            old = media.read_picture(file) if kind == "images" else media.read_mask(file)
+            media.write_png(file, random.integers(0, 256, old.shape, dtype=np.uint8))
+    for file in (folder / "depth" / camera).iterdir():
+        media.write_exr(file, np.full_like(media.read_depth(file), 1.0))
+    joints = folder / "joints" / f"{camera}.json"
+    data = json.loads(joints.read_text())
+    for annotation in data["annotations"]:
+        annotation["keypoints"] = [v + 7 if i % 3 < 2 else v for i, v in enumerate(annotation["keypoints"])]
+    joints.write_text(json.dumps(data))
+
+
+def test_every_stage_is_deterministic(finished: Pipeline, tmp_path: Path) -> None:
+    copy = finished.copy(tmp_path / "copy")
+    before = content(copy)
+    copy.run(selection=Selection(start=STAGES[0].name))
+    assert_same_content(content(copy), before)
+    assert all(v.state is State.FRESH for v in copy.plan().verdicts.values())
+
+

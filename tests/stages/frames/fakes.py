@@ -1,0 +1,65 @@
+"""Readers over arrays, and a person walking before a textured wall with a soft shadow."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from stages.capture.motion import pose
+from stages.capture.person import render, ring
+
+
+@dataclass
+class Pictures:
+    """[V] lists of pictures (or masks, or depth maps) numbered from 0; None where a view has none, which must not be read."""
+
+    views: list[list[np.ndarray | None]]
+
+    def numbers(self, view: int) -> np.ndarray:
+        return np.array([i for i, p in enumerate(self.views[view]) if p is not None])
+
+    def size(self, view: int) -> tuple[int, int]:
+        picture = next(p for p in self.views[view] if p is not None)
+        return picture.shape[1], picture.shape[0]
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        for n in numbers:
+            picture = self.views[view][n]
+            assert picture is not None, f"frame {n} of view {view} does not exist"
+            yield picture.copy()
+
+
+def wall(size: int, seed: int) -> np.ndarray:
+    """[size, size, 3] a mottled greyish wall, float."""
+    rng = np.random.default_rng(seed)
+    out = np.full((size, size, 3), 150.0)
+    for cell, amplitude in ((size // 64, 11.0), (size // 16, 18.0), (size // 4, 24.0)):
+        n = size // cell + 2
+        grid = rng.normal(size=(n, n, 1)) + 0.25 * rng.normal(size=(n, n, 3))
+        out += amplitude * cv2.resize(grid, (size, size), interpolation=cv2.INTER_CUBIC)
+    return np.clip(out, 30, 240)
+
+
+def film(size: int, frames: int, view: int, walk: float, shadow: float = 0.35, seed: int = 3, noise: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures [F, size, size, 3] and true masks [F, size, size] uint8 of a kicking person who walks `walk` metres sideways.
+
+    The shadow takes `shadow` of the wall's sRGB value, beside and below the person, blurred.
+    """
+    rig, ground, rng = ring(8, size, 0), wall(size, seed), np.random.default_rng(seed + 1)
+    pictures, truth = np.empty((frames, size, size, 3), np.uint8), np.empty((frames, size, size), np.uint8)
+    for f in range(frames):
+        bones = pose("kick", f / 30)
+        bones[:, :3, 3] += walk * (f / max(frames - 1, 1) - 0.5) * rig.rotations[view, 0]
+        color, mask, _ = render(bones, rig.intrinsics[view], rig.world_to_camera[view], (size, size), 2)
+        cast = np.roll(mask, (size // 20, size // 12), axis=(0, 1)).astype(np.float32) / 255
+        shade = 1.0 - shadow * cv2.GaussianBlur(cast, (0, 0), size / 60)[..., None]
+        scene = color + (1.0 - mask[..., None] / 255.0) * ground * shade + rng.normal(0, noise, color.shape)
+        pictures[f], truth[f] = np.clip(np.rint(scene), 0, 255).astype(np.uint8), mask
+    return pictures, truth
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    """Intersection over union of two soft masks, cut at half."""
+    a, b = a > 127, b > 127
+    return float((a & b).sum() / max(1, (a | b).sum()))

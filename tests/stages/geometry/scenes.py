@@ -1,0 +1,59 @@
+"""Cameras and bodies with known answers, for the tests of geometry and depth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.geometry.projection import pixel_centres, rays
+from storage.rig import Rig
+
+
+def camera(centre: np.ndarray, target: np.ndarray, roll: float = 0.0) -> np.ndarray:
+    """[4, 4] world_to_camera at `centre` looking at `target`, world Z up, turned by `roll` degrees about its axis."""
+    z = (target - centre) / np.linalg.norm(target - centre)
+    x = np.cross(z, [0.0, 0, 1])
+    x /= np.linalg.norm(x)
+    turn = np.radians(roll)
+    upright = np.stack([x, np.cross(z, x), z])
+    out = np.eye(4)
+    out[:3, :3] = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]) @ upright
+    out[:3, 3] = -out[:3, :3] @ centre
+    return out
+
+
+def on_ring(azimuth: float, elevation: float = 8.0, radius: float = 2.0) -> np.ndarray:
+    """[3] a centre at degrees around and above the origin."""
+    a, e = np.radians([azimuth, elevation])
+    return radius * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def rig_of(poses: list[np.ndarray], size: tuple[int, int] = (1024, 1024), focal: float | list[float] = 819.2) -> Rig:
+    """A rig with centred principal points."""
+    n = len(poses)
+    k = np.zeros((n, 3, 3))
+    k[:, 0, 0] = k[:, 1, 1] = focal
+    k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
+    return Rig(tuple(f"cam{i}" for i in range(n)), k, np.zeros((n, 8)), np.stack(poses), np.tile(np.array(size), (n, 1)))
+
+
+def ring(views: int, size: tuple[int, int] = (64, 64), focal: float = 60.0, radius: float = 2.0) -> Rig:
+    """Cameras evenly around the origin."""
+    return rig_of([camera(on_ring(360 * i / views, radius=radius), np.zeros(3)) for i in range(views)], size, focal)
+
+
+def sphere_depth(rig: Rig, view: int, centre: np.ndarray, radius: float) -> np.ndarray:
+    """[h, w] exact depth of a sphere along the optical axis at the pixel centres, 0 beside it."""
+    origin, directions = rays(pixel_centres(tuple(rig.size[view])), rig.intrinsics[view], rig.world_to_camera[view])
+    to = origin - centre
+    a = (directions**2).sum(-1)
+    b = directions @ to
+    inside = b**2 - a * (to @ to - radius**2)
+    return np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / a, 0.0)
+
+
+def sphere_mask(rig: Rig, view: int, centre: np.ndarray, radius: float, samples: int = 4) -> np.ndarray:
+    """[h, w] uint8 covered share of each pixel, 0..255."""
+    w, h = rig.size[view]
+    fine = rig_of([rig.world_to_camera[view]], (w * samples, h * samples), rig.intrinsics[view, 0, 0] * samples)
+    covered = sphere_depth(fine, 0, centre, radius) > 0
+    return np.rint(255 * covered.reshape(h, samples, w, samples).mean(axis=(1, 3))).astype(np.uint8)

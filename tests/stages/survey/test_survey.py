@@ -1,0 +1,66 @@
+"""The survey's sample and plate against numpy."""
+
+import numpy as np
+import pytest
+
+from stages.capture.person import ring
+from stages.io import Block, Views
+from stages.survey.params import SurveyParams
+from stages.survey.run import check, median_and_spread, sample_numbers
+from stages.survey.stage import STAGE
+from tests.memory import run_stage
+from tests.stages.frames.fakes import Pictures
+
+
+def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarray]:
+    rig = ring(len(pictures), 16, 0)
+    out: dict[str, np.ndarray] = {}
+    for view in range(len(pictures)):
+        part = run_stage(STAGE, SurveyParams(sample=sample), {}, rig, Views(rig.names, (0, 1), ()), 1, view=view, sources={"pictures": Pictures(pictures)})
+        for name, data in part.items():
+            out.setdefault(name, np.zeros_like(data))[view] = data[view]
+    return out
+
+
+@pytest.mark.parametrize("n", [3, 7, 25])
+def test_median_and_spread_are_numpy_s(n: int) -> None:
+    stack = np.random.default_rng(n).integers(0, 256, (n, 13, 17, 3), dtype=np.uint8)
+    plate, spread = median_and_spread(stack)
+    median = np.median(stack, axis=0)
+    np.testing.assert_array_equal(plate, median)
+    np.testing.assert_array_equal(spread, np.median(np.abs(stack - median), axis=0).max(axis=-1))
+
+
+def test_an_even_sample_takes_the_lower_middle_value() -> None:
+    stack = np.array([10, 40, 20, 30], np.uint8)[:, None, None, None].repeat(3, -1)
+    plate, spread = median_and_spread(stack)
+    assert plate.ravel().tolist() == [20, 20, 20]
+    assert spread.item() == 10
+
+
+def test_sample_is_even_recorded_and_padded_and_views_of_other_sizes_too() -> None:
+    rng = np.random.default_rng(0)
+    views = [list(rng.integers(0, 256, (20, 12, 16, 3), dtype=np.uint8)), list(rng.integers(0, 256, (3, 18, 10, 3), dtype=np.uint8))]
+    out = _survey(views, 5)
+    np.testing.assert_array_equal(out["survey/sample"], [[0, 5, 10, 14, 19], [0, 1, 2, -1, -1]])
+    assert out["survey/plate"].shape == (2, 18, 16, 3)
+    np.testing.assert_array_equal(out["survey/plate"][0, :12], np.median(np.stack(views[0])[[0, 5, 10, 14, 19]], axis=0))
+    np.testing.assert_array_equal(out["survey/plate"][1, :, :10], np.median(np.stack(views[1]), axis=0))
+    assert not out["survey/plate"][0, 12:].any()
+    assert not out["survey/spread"][1, :, 10:].any()
+
+
+def test_sample_covers_first_and_last_frame() -> None:
+    numbers = np.arange(100, 700, 2)
+    sample = sample_numbers(numbers, 25)
+    assert (sample[0], sample[-1], len(sample)) == (100, 698, 25)
+    assert set(sample) <= set(numbers)
+    assert np.ptp(np.diff(sample)) <= 2
+
+
+def test_check_says_when_a_plate_cannot_be_trusted() -> None:
+    params = SurveyParams()
+    assert "only 2 frames" in check(Block("survey/sample", np.array([3, 9, -1]), 0), params)[0]
+    assert check(Block("survey/sample", np.arange(25), 0), params) == []
+    assert "not static" in check(Block("survey/spread", np.full((8, 8), 30, np.uint8), 1), params)[0]
+    assert check(Block("survey/spread", np.full((8, 8), 2, np.uint8), 1), params) == []

@@ -1,0 +1,46 @@
+"""Small videos made for the tests, with any codec, container and tag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+
+def planes(y: np.ndarray, u: int = 128, v: int = 128) -> av.VideoFrame:
+    """A yuv420p frame of given luma [h, w] and flat chroma."""
+    h, w = y.shape
+    packed = np.concatenate([y.reshape(-1), np.full(h * w // 4, u, np.uint8), np.full(h * w // 4, v, np.uint8)])
+    return av.VideoFrame.from_ndarray(packed.reshape(h * 3 // 2, w).astype(np.uint8), format="yuv420p")
+
+
+def write_clip(path: Path, frames: Sequence[av.VideoFrame], codec: str = "libx264", rate: int = 30, tags: dict[str, int] | None = None, rotation: int = 0, **options: Any) -> Path:
+    """Encode frames as they are: no colour conversion happens."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(rate), options={k: str(v) for k, v in options.items()})
+        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, frames[0].format.name
+        for name, value in (tags or {}).items():
+            setattr(stream.codec_context, name, value)
+        if rotation:
+            stream.set_display_rotation(rotation)
+        for i, frame in enumerate(frames):
+            frame.pts, frame.time_base = i, Fraction(1, rate)
+            for name, value in (tags or {}).items():
+                setattr(frame, name, value)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def counting_clip(path: Path, count: int, size: tuple[int, int] = (32, 32), **more: Any) -> Path:
+    """Frame i is grey of luma 16 + 3 i: `counted` reads i back."""
+    return write_clip(path, [planes(np.full(size[::-1], 16 + 3 * i, np.uint8)) for i in range(count)], **more)
+
+
+def counted(picture: np.ndarray) -> int:
+    """Index of a frame of `counting_clip`."""
+    return round((float(picture.mean()) * 219 / 255) / 3)

@@ -1,0 +1,169 @@
+"""The images importer: both pixel conventions, all joint files, and a sentence for everything wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from storage.capture import Capture
+from storage.errors import UserError
+from storage.importers.cameras import rotation_matrix
+from storage.importers.registry import find_capture
+from storage.media import write_exr, write_png
+from storage.sources import open_source
+from tests.storage.importers import made
+
+
+def cameras(pixel_center: str = "integer", **first: object) -> dict[str, object]:
+    entries = [
+        {
+            "name": n,
+            "width": 64,
+            "height": 48,
+            "K": made.K[v].tolist(),
+            "R": rotation_matrix(made.RODRIGUES[v]).tolist(),
+            "t": made.TRANSLATION[v].tolist(),
+            "distortion": made.DISTORTION[v].tolist(),
+        }
+        for v, n in enumerate(made.NAMES)
+    ]
+    entries[0] |= first
+    return {"pixel_center": pixel_center, "frame_rate": 24, "cameras": entries}
+
+
+@pytest.fixture
+def base(tmp_path):
+    made.pictures(tmp_path / "images")
+    made.dump(tmp_path / "cameras.json", cameras())
+    return tmp_path
+
+
+def find(base: Path, **options: object) -> Capture:
+    return find_capture("images", base, options)
+
+
+def coco(v: int, prefix: str = "", **more: object) -> dict[str, list[object]]:
+    """Frames 0 and 1 with one person of 17 joints, frame 2 with none; a box around the known point."""
+    u, w = made.known_pixels()[v]
+    people = [
+        {"id": 10 * v + n, "image_id": 10 * v + n, "keypoints": made.people(v)[:17].reshape(-1).tolist(), "bbox": [u - 4, w - 5, 10, 12], "score": 0.9}
+        for n in range(2)
+    ]
+    return {"images": [{"id": 10 * v + n, "file_name": f"{prefix}{n:06d}.png"} for n in range(3)], "annotations": people, **more}
+
+
+def test_everything_is_half_a_pixel_further(base):
+    for v, name in enumerate(made.NAMES):
+        made.dump(base / "joints" / f"{name}.json", coco(v))
+    capture = find(base)
+    assert (capture.frame_rate, capture.rig.names) == (24, made.NAMES)
+    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11)  # float64 rounding of ~60 px
+    joints = open_source(capture, "joints")
+    assert joints.joint_set == "coco17"
+    for v in range(3):
+        pixel = made.imported_pixels(capture.rig)[v]
+        np.testing.assert_allclose(joints.read(v, 1)[0, 0], [*pixel, 0.75], atol=1e-11)
+        np.testing.assert_allclose(joints.boxes(v, 1), [[*(pixel + [-4, -5]), *(pixel + [6, 7]), 0.9]], atol=1e-11)
+        assert joints.read(v, 2).shape == (0, 17, 3)
+
+
+def test_half_centres_are_taken_as_they_are(base):
+    made.dump(base / "cameras.json", cameras("half"))
+    made.dump(base / "joints" / "cam1.json", coco(0, pixel_center="half"))
+    capture = find(base)
+    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels(), atol=1e-11)
+    joints = open_source(capture, "joints")
+    np.testing.assert_allclose(joints.read(0, 0)[0, 0, :2], made.known_pixels()[0], atol=0)
+    np.testing.assert_allclose(joints.boxes(0, 0)[0, :2], made.known_pixels()[0] - [4, 5], atol=1e-13)
+    assert joints.read(1, 0).shape == (0, 17, 3)
+    assert "camera cam2 has no 2D joints" in capture.notes
+
+
+def test_one_coco_file_for_all_views(base):
+    parts = [coco(v, f"images/{n}/") for v, n in enumerate(made.NAMES)]
+    made.dump(base / "joints.json", {k: sum((p[k] for p in parts), []) for k in ("images", "annotations")})
+    joints = open_source(find(base), "joints")
+    for v in range(3):
+        np.testing.assert_allclose(joints.read(v, 1)[0, 0, :2], made.known_pixels()[v] + 0.5, atol=1e-11)
+
+
+def test_openpose_folders(base):
+    for v, name in enumerate(made.NAMES):
+        for n in range(3):
+            flat = made.people(v).reshape(-1).tolist()
+            made.dump(base / "joints" / name / f"{name}_{n:012d}_keypoints.json", {"people": [{"pose_keypoints_2d": flat}, {}, {"pose_keypoints_2d": []}, {"pose_keypoints_2d": flat}]})
+    joints = open_source(find(base), "joints")
+    assert joints.joint_set == "body_25"
+    assert joints.read(2, 2).shape == (2, 25, 3)
+    np.testing.assert_allclose(joints.read(2, 2)[1, 0, :2], made.known_pixels()[2] + 0.5, atol=1e-11)
+
+
+def test_numbers_come_from_file_names(base):
+    made.pictures(base / "images", frames=(3, 12, 100))
+    for p in base.glob("images/*/00000[0-2].png"):
+        p.unlink()
+    capture = find(base)
+    assert capture.numbers.tolist() == [3, 12, 100]
+    with pytest.raises(UserError, match="no pictures of frame 4"):
+        list(open_source(capture, "pictures").read(0, [3, 4]))
+
+
+def write(path: Path, values: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    (write_png if values.dtype == np.uint8 else write_exr)(path, values)
+
+
+def change(base: Path, **first: object) -> None:
+    made.dump(base / "cameras.json", cameras(**first))
+
+
+WRONG = {
+    "no pixel_center": (lambda b: made.dump(b / "cameras.json", {"cameras": []}), "pixel_center: Field required"),
+    "another pixel_center": (lambda b: made.dump(b / "cameras.json", cameras("corner")), "pixel_center: Input should be 'integer' or 'half'"),
+    "no file": (lambda b: (b / "cameras.json").unlink(), r"cannot read .*cameras\.json"),
+    "no JSON": (lambda b: (b / "cameras.json").write_text("{"), r"cameras\.json is not valid JSON"),
+    "no cameras": (lambda b: made.dump(b / "cameras.json", {"pixel_center": "half", "cameras": []}), "names no cameras"),
+    "no K": (lambda b: change(b, K=None), "cameras.0.K: Input should be a valid list"),
+    "NaN": (lambda b: change(b, t=[float("nan"), 0, 0]), "camera cam1: world_to_camera holds nan"),
+    "K of 4": (lambda b: change(b, K=[1, 2, 3, 4]), "K has 4 numbers, expected 9"),
+    "not rigid": (lambda b: change(b, R=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation is off a rigid one by 3"),
+    "negative focal length": (lambda b: change(b, K=[[-70, 0, 30], [0, 70, 20], [0, 0, 1]]), r"focal lengths \(-70, 70\)"),
+    "duplicate": (lambda b: change(b, name="cam2"), "camera name 'cam2' occurs 2 times"),
+    "bad name": (lambda b: (change(b, name="a:b"), (b / "images/cam1").rename(b / "images/a:b")), "cannot name a folder"),
+    "size": (lambda b: change(b, width=128), r"camera cam1: pictures are 64x48 px, the calibration is for 128x48 px"),
+    "no camera for a folder": (lambda b: made.pictures(b / "images", ("extra",)), r"images/extra have no camera in .*cameras\.json"),
+    "no pictures": (lambda b: [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
+    "depth size": (lambda b: write(b / "depth/cam1/000000.exr", np.ones((3, 3), np.float32)), "depth .* is 3x3 px, its picture is 64x48"),
+    "joints two ways": (lambda b: (made.dump(b / "joints.json", coco(0)), made.dump(b / "joints/cam1.json", coco(0))), r"joints as joints\.json and as joints/NAME\.json"),
+    "joints without list": (lambda b: made.dump(b / "joints/cam1.json", {"images": []}), r"cam1\.json has no list 'annotations'"),
+    "joints of odd convention": (lambda b: made.dump(b / "joints/cam1.json", coco(0, pixel_center="edge")), "pixel_center is 'edge'"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_gets_a_sentence(base, case):
+    change_it, sentence = WRONG[case]
+    change_it(base)
+    with pytest.raises(UserError, match=sentence):
+        find(base)
+
+
+def test_a_camera_without_pictures_is_told(base):
+    for p in (base / "images/cam2").iterdir():
+        p.unlink()
+    capture = find(base)
+    assert capture.rig.names == ("cam1", "cam10")
+    assert "camera cam2 has no pictures and is left out" in capture.notes
+
+
+def test_equal_sources_have_equal_digests(base):
+    one, two = find(base), find(base)
+    assert one.rig.digest == two.rig.digest
+    assert one.pictures[0].digest([0, 1]) == two.pictures[0].digest([0, 1])
+    write_png(base / "images/cam1/000001.png", np.full((48, 64, 3), 9, np.uint8))
+    assert one.pictures[0].digest([0, 2]) == find(base).pictures[0].digest([0, 2])
+    assert one.pictures[0].digest([0, 1]) != find(base).pictures[0].digest([0, 1])
+    assert json.dumps(one.to_json()) != json.dumps(find(base).to_json())

@@ -1,0 +1,133 @@
+"""Laws of video decoding: every way to a frame gives the same frame; colours follow the H.273 equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from storage.errors import SourceError
+from storage.video import VideoFile
+from tests.storage.clips import counted, counting_clip, planes, write_clip
+
+CONTAINERS = [
+    ("a.mp4", {"g": 7, "bf": 3}),
+    ("b.mkv", {"g": 7, "bf": 3, "x264-params": "open-gop=1:scenecut=0"}),
+    ("c.mp4", {"g": 7, "bf": 3, "x264-params": "open-gop=1:scenecut=0"}),
+    ("d.avi", {"codec": "mpeg4", "g": 5, "qmin": 1, "qmax": 2, "b": 10**8}),
+    ("e.mp4", {"codec": "libvpx-vp9", "g": 9}),
+    ("g.avi", {"codec": "libx264", "g": 9, "bf": 2}),
+    ("f.mp4", {"codec": "mpeg4", "g": 10, "bf": 2, "qmin": 1, "qmax": 2, "b": 10**8}),
+]
+
+
+@pytest.mark.parametrize(("name", "options"), CONTAINERS)
+@pytest.mark.parametrize("gap", [0, 48])
+def test_any_frames_are_the_frames_of_the_whole(tmp_path, monkeypatch, name, options, gap):
+    monkeypatch.setattr("storage.video._SEEK_GAP", gap)
+    video = VideoFile(counting_clip(tmp_path / name, 60, **options))
+    assert video.count == 60
+    assert video.size == (32, 32)
+    whole = list(video.read(range(60)))
+    assert [counted(p) for p in whole] == list(range(60))
+    for numbers in ([0], [59], [13], [7, 8], [1, 20, 21, 40, 59], list(range(3, 60, 5)), [48, 49, 50, 51, 52, 53, 54, 55, 56]):
+        for n, picture in zip(numbers, video.read(numbers), strict=True):
+            np.testing.assert_array_equal(picture, whole[n])
+
+
+def test_indices_must_ascend_and_exist(tmp_path):
+    video = VideoFile(counting_clip(tmp_path / "a.mp4", 5))
+    with pytest.raises(SourceError, match="has frames 0 to 4, not 5"):
+        next(video.read([5]))
+    with pytest.raises(ValueError, match="ascend"):
+        next(video.read([3, 2]))
+    assert list(video.read([])) == []
+
+
+def equation(y, u, v, kr, kb, full):
+    """ITU-T H.273 (8.3.3-4): YCbCr to RGB from the luma weights."""
+    luma, cb, cr = (y / 255, (u - 128) / 255, (v - 128) / 255) if full else ((y - 16) / 219, (u - 128) / 224, (v - 128) / 224)
+    red, blue = luma + 2 * (1 - kr) * cr, luma + 2 * (1 - kb) * cb
+    green = (luma - kr * red - kb * blue) / (1 - kr - kb)
+    return np.clip(255 * np.array([red, green, blue]), 0, 255)
+
+
+BT709, BT601, BT2020 = (0.2126, 0.0722), (0.299, 0.114), (0.2627, 0.0593)
+
+
+@pytest.mark.parametrize(
+    ("height", "tags", "weights", "full"),
+    [
+        (720, {}, BT709, False),
+        (718, {}, BT601, False),
+        (718, {"colorspace": 1, "color_range": 1}, BT709, False),
+        (720, {"colorspace": 5, "color_range": 1}, BT601, False),
+        (720, {"colorspace": 6}, BT601, False),
+        (720, {"colorspace": 1, "color_range": 2}, BT709, True),
+        (720, {"colorspace": 9}, BT2020, False),
+    ],
+)
+def test_colours_follow_tags_or_the_number_of_lines(tmp_path, height, tags, weights, full):
+    patches = [(128, 90, 170), (200, 128, 128), (100, 160, 100), (60, 140, 120)]
+    # flat frames, nearly lossless: what is left is the rounding of the codec and of swscale, a count or two
+    frames = [planes(np.full((height, 64), y, np.uint8), u, v) for y, u, v in patches]
+    video = VideoFile(write_clip(tmp_path / "a.mp4", frames, tags=tags, crf=1, g=1))
+    for patch, picture in zip(patches, video.read(range(4)), strict=True):
+        np.testing.assert_allclose(picture[height // 2, 32], equation(*patch, *weights, full), atol=3)
+
+
+def test_hdr_is_refused(tmp_path):
+    frames = [planes(np.full((64, 64), 90, np.uint8))]
+    with pytest.raises(SourceError, match="HDR"):
+        VideoFile(write_clip(tmp_path / "a.mp4", frames, tags={"colorspace": 9, "color_trc": 16, "color_primaries": 9}))
+
+
+@pytest.mark.parametrize("rotation", [90, 180, 270])
+def test_rotation_of_the_display_matrix_is_applied(tmp_path, rotation):
+    luma = np.full((32, 64), 30, np.uint8)
+    luma[:16, :16] = 220
+    flat = next(VideoFile(write_clip(tmp_path / "flat.mp4", [planes(luma)])).read([0]))
+    video = VideoFile(write_clip(tmp_path / "turned.mp4", [planes(luma)], rotation=rotation))
+    turned = next(video.read([0]))
+    # PyAV, as FFmpeg, counts the display rotation counter-clockwise, and so does numpy.rot90
+    np.testing.assert_array_equal(turned, np.rot90(flat, rotation // 90))
+    assert video.size == (turned.shape[1], turned.shape[0])
+
+
+def test_other_display_matrices_are_refused(tmp_path):
+    path = write_clip(tmp_path / "a.mp4", [planes(np.full((32, 64), 30, np.uint8))], rotation=45)
+    with pytest.raises(SourceError, match="display matrix"):
+        VideoFile(path)
+
+
+def test_unreadable_videos_get_a_sentence(tmp_path):
+    with pytest.raises(SourceError, match="No such file"):
+        VideoFile(tmp_path / "none.mp4")
+    (tmp_path / "text.mp4").write_text("this is no video")
+    with pytest.raises(SourceError, match=r"text\.mp4: Invalid data"):
+        VideoFile(tmp_path / "text.mp4")
+    whole = counting_clip(tmp_path / "a.mp4", 40, movflags="+faststart", g=5).read_bytes()
+    (tmp_path / "headless.mp4").write_bytes(whole[-200:])
+    with pytest.raises(SourceError, match="cannot read video"):
+        VideoFile(tmp_path / "headless.mp4")
+
+
+@pytest.mark.parametrize("share", [0.4, 0.7, 0.97])
+def test_a_video_that_is_cut_off_is_refused(tmp_path, share):
+    from storage.exporters.video import write_video
+
+    rng = np.random.default_rng(0)
+    write_video(tmp_path / "a.mp4", rng.integers(0, 255, (20, 32, 32, 3), np.uint8), 30)
+    whole = (tmp_path / "a.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(SourceError, match="cut off"):
+        VideoFile(tmp_path / "cut.mp4")
+
+
+def test_damaged_data_is_no_frame(tmp_path):
+    path = counting_clip(tmp_path / "a.mp4", 40, size=(64, 64), g=40)
+    data = bytearray(path.read_bytes())
+    start = data.index(b"mdat") + 900
+    data[start : start + 400] = b"\xff" * 400
+    (tmp_path / "bad.mp4").write_bytes(data)
+    with pytest.raises(SourceError, match=r"bad\.mp4"):
+        list(VideoFile(tmp_path / "bad.mp4").read(range(40)))
