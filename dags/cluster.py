@@ -39,11 +39,12 @@ def start_local(workers: int | None, cpus: int) -> Any:
     from distributed import Nanny, Scheduler, SpecCluster
 
     dask.config.set({"distributed.scheduler.worker-ttl": "30 minutes", "distributed.worker.daemon": True, "logging.distributed": "error"})
+    quiet = {"DASK_LOGGING__DISTRIBUTED": "critical"}  # a failed task is reported by the run, with its sentence
     count = workers or max(1, (os.cpu_count() or 1) // cpus)
     common = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": 40}
-    spec: dict[str, Any] = {f"cpu-{i}": {"cls": Nanny, "options": {**common, "name": f"cpu-{i}", "env": {**threads.environment(cpus), "POSEGAUSSIAN_WORKER": f"cpu-{i}", "CUDA_VISIBLE_DEVICES": ""}}} for i in range(count)}
+    spec: dict[str, Any] = {f"cpu-{i}": {"cls": Nanny, "options": {**common, "name": f"cpu-{i}", "env": {**threads.environment(cpus), **quiet, "POSEGAUSSIAN_WORKER": f"cpu-{i}", "CUDA_VISIBLE_DEVICES": ""}}} for i in range(count)}
     for device in visible_gpus():
-        environment = {**threads.environment(cpus), "POSEGAUSSIAN_WORKER": f"gpu-{device}", "CUDA_VISIBLE_DEVICES": device}
+        environment = {**threads.environment(cpus), **quiet, "POSEGAUSSIAN_WORKER": f"gpu-{device}", "CUDA_VISIBLE_DEVICES": device}
         spec[f"gpu-{device}"] = {"cls": Nanny, "options": {**common, "name": f"gpu-{device}", "resources": {GPU: 1}, "env": environment}}
     return SpecCluster(workers=spec, scheduler={"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}, silence_logs=40)
 
@@ -72,7 +73,7 @@ class DaskBackend:
         self._capacity = {True: gpu * window, False: max(cpu, 1 if not gpu else 0) * window}
         self._flying: dict[bool, int] = {True: 0, False: 0}
         self._tasks: dict[Any, tuple[Task, bool]] = {}
-        self._done = as_completed(raise_errors=False)
+        self._done = as_completed(loop=self._client.loop, raise_errors=False)
         self._attempts = 0
         where = "this machine" if address is None else address
         placed = f"rendering is pinned to {gpu} GPU worker(s)" if gpu else "no worker has a GPU: rendering runs on the CPU workers"

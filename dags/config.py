@@ -10,7 +10,7 @@ import fnmatch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model
@@ -120,8 +120,7 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
     values = _merged(layers)
     overrides = values.pop("sequences", None) or {}
     settings = _try(values, (), layers, faults)
-    known_effects = {e.name for s in STAGES for e in s.effects}
-    faults += [f"{_where(layers, ('effects', name))} effects.{name}: unknown effect; known are {', '.join(sorted(known_effects)) or 'none yet'}" for name in values.get("effects") or {} if name not in known_effects]
+    faults += _unknown_effects(values, (), layers)
     if not isinstance(overrides, Mapping):
         faults.append(f"{_where(layers, ('sequences',))} sequences: a mapping of names to settings is expected, got {overrides!r}")
         overrides = {}
@@ -132,9 +131,19 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
         faults += [f"{_where(layers, ('sequences', glob, key))} sequences.{glob}.{key}: cannot differ between sequences; set it at the top level" for key in GLOBAL & partial.keys()]
         known = {k: v for k, v in partial.items() if k not in GLOBAL}
         _try(merge(values, known), ("sequences", glob), layers, faults, only=known)
+        faults += _unknown_effects(known, ("sequences", glob), layers)
     if faults:
         raise ConfigError("\n".join(dict.fromkeys(faults)))
     return Configuration(layers, settings, {str(k): dict(v) for k, v in overrides.items()})
+
+
+def _unknown_effects(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document]) -> list[str]:
+    """Sentences about effects that no stage declares."""
+    effects = values.get("effects")
+    known = sorted({e.name for s in STAGES for e in s.effects})
+    unknown = [name for name in effects if name not in known] if isinstance(effects, Mapping) else []
+    places = [(*prefix, "effects", name) for name in unknown]
+    return [f"{_where(layers, place)} {'.'.join(map(str, place))}: unknown effect; known are {', '.join(known) or 'none yet'}" for place in places]
 
 
 def _merged(layers: Sequence[Document]) -> dict[str, Any]:
@@ -159,7 +168,7 @@ def _from_assignments(assignments: Sequence[str]) -> Document:
                 raise ConfigError(f"--set {text}: {parent} was already given a value and cannot hold {last}")
         try:
             target[last] = yaml.safe_load(value)
-        except yaml.YAMLError as e:
+        except (yaml.YAMLError, ValueError) as e:
             raise ConfigError(f"--set {text}: {value!r} is not a YAML value: {e}") from e
     return document
 
@@ -210,9 +219,13 @@ def _sentence(error: Any, location: Location) -> str:
 def _fields_at(location: Location) -> list[str]:
     """Known keys of a section."""
     model: type[BaseModel] = Settings
+    of_each: Any = None
     for part in location:
         info = model.model_fields.get(str(part))
-        annotation = info.annotation if info else None
+        annotation = of_each or (info.annotation if info else None)
+        of_each = get_args(annotation)[1] if get_origin(annotation) is dict else None
+        if of_each is not None:
+            continue
         if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
             break
         model = annotation

@@ -104,7 +104,7 @@ class Context:
 
         def every(kind: str) -> bool:
             streams = capture.streams(kind)
-            return bool(streams) and all(streams[v] is not None for v in sources)
+            return bool(streams) and all(streams[v] is not None for v in self.active_views)
 
         streams = capture.joints
         facts = {
@@ -125,9 +125,10 @@ class Context:
 
     @cached_property
     def joint_set(self) -> str | None:
-        """Joint set of the capture, or None."""
-        streams = [s for s in (*self.capture.joints, self.capture.joints3d) if s is not None]
-        return streams[0].options["joint_set"] if streams else None
+        """Joint set of `pose/*`: of the source views' 2D joints, else of the 3D joints; None without either."""
+        kind = "joints2d" if "joints2d" in self.facts else "joints3d"
+        streams = [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
+        return next((s.options["joint_set"] for s in streams if s is not None), None)
 
     def shape(self, path: str | None = None) -> dict[str, int]:
         """Length of every dimension; of the cameras of one path where it is given."""

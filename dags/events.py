@@ -56,11 +56,18 @@ class TaskFailed:
 
 @dataclass(frozen=True)
 class TaskBlocked:
-    """A task cannot run because one before it failed, or because --only leaves it out."""
+    """A task cannot run because one before it failed or was left out by --only."""
 
     task: Task
     by: Task
     """The task it waits for."""
+
+
+@dataclass(frozen=True)
+class TaskLeftOut:
+    """A stale task of a stage that --only leaves out."""
+
+    task: Task
 
 
 @dataclass(frozen=True)
@@ -71,10 +78,11 @@ class RunEnded:
     fresh: int
     failed: int
     blocked: int
+    left_out: int
     seconds: float
     interrupted: bool
     """Whether the user stopped it."""
 
 
-Event = RunStarted | TaskStarted | TaskFresh | TaskDone | TaskFailed | TaskBlocked | RunEnded
+Event = RunStarted | TaskStarted | TaskFresh | TaskDone | TaskFailed | TaskBlocked | TaskLeftOut | RunEnded
 Listener = Callable[[Event], None]

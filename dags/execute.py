@@ -47,7 +47,7 @@ class Reading:
     files: dict[int | None, tuple[ShardFile, ...]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Order:
     """Everything a worker needs to know about one task, about ten kilobytes."""
 

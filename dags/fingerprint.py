@@ -7,7 +7,7 @@ from typing import Any
 
 from dags.code import code_digest
 from dags.context import Context
-from dags.tasks import Product, Task, inputs, selected_views
+from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
 from stages.registry import stage as stage_named
 from storage.spec import digest
@@ -46,9 +46,9 @@ def _cameras(context: Context, task: Task) -> str:
     if task.view is None:
         names = context.views.names
         parts += [[names[i] for i in context.views.sources], [names[i] for i in context.views.held_out]]
-    if task.path is not None and task.partition is not None:
-        own = context.grid.bounds(task.partition)
-        path = context.paths[task.path].slice(slice(own.start, own.stop))
+    if task.path is not None:
+        span = path_frames(context, task)
+        path = context.paths[task.path].slice(slice(span.start, span.stop))
         parts += [list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served]
     if context.joint_set is not None:
         parts.append(context.joint_set)
@@ -57,7 +57,7 @@ def _cameras(context: Context, task: Task) -> str:
 
 def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
     """Digest of the source files a task may open, by kind and camera."""
-    found = {}
+    found: dict[str, str] = {}
     own = context.grid.bounds(task.partition) if task.partition is not None else None
     numbers = context.source_frames[own.start : own.stop] if own is not None else context.capture.numbers
     for read in stage.reads_for(context.params(stage), context.facts):

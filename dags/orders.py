@@ -7,10 +7,11 @@ from typing import Any
 from dags.context import Context
 from dags.execute import Order, Reading
 from dags.plan import Book, Plan, State
-from dags.tasks import Task, inputs
+from dags.tasks import Task, inputs, path_frames
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ShardFile
+from storage.rig import CameraPath
 from storage.spec import ArraySpec
 
 
@@ -42,7 +43,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         views=context.views,
         rig=context.rig,
         captured_to_calibrated=context.captured_to_calibrated,
-        path=context.paths[task.path].slice(own) if task.path is not None else None,
+        path=_path(context, task),
         facts=context.facts,
         joint_set=context.joint_set,
         readings=readings,
@@ -51,6 +52,14 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         threads=threads,
         gpu=stage.needs(partition_shape(context, task.path), context.params(stage)).gpu > 0,
     )
+
+
+def _path(context: Context, task: Task) -> CameraPath | None:
+    """The camera path over the frames the task sees."""
+    if task.path is None:
+        return None
+    span = path_frames(context, task)
+    return context.paths[task.path].slice(slice(span.start, span.stop))
 
 
 def partition_shape(context: Context, path: str | None = None) -> dict[str, int]:
@@ -75,8 +84,8 @@ def prepare(plan: Plan) -> None:
     sequence.put("frames/time", context.time, ("frame",), "s", "Source frame number over frame rate.")
     sequence.put("frames/valid", context.valid, ("frame", "view"), "1", "Whether the view has a picture of the frame.")
     sequence.put("frames/number", context.source_frames, ("frame",), "1", "Source frame number.")
-    for name, path in context.paths.items():
+    for name, cameras in context.paths.items():
         prefix = f"rendering/{name}"
-        sequence.put(f"{prefix}/intrinsics", path.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
-        sequence.put(f"{prefix}/world_to_camera", path.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
-        sequence.put(f"{prefix}/served", path.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")
+        sequence.put(f"{prefix}/intrinsics", cameras.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
+        sequence.put(f"{prefix}/world_to_camera", cameras.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        sequence.put(f"{prefix}/served", cameras.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")

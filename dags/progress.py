@@ -9,7 +9,7 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dags.events import Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh
+from dags.events import Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0
@@ -33,7 +33,7 @@ class TerminalProgress:
             total = Counter(t.stage for t in event.tasks)
             self.ids = {s.name: self.bars.add_task(s.name, total=total[s.name], start=False) for s in STAGES if total[s.name]}
             self.bars.start()
-        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked):
+        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
             bar = self.ids[event.task.stage]
             self.bars.start_task(bar)
             self.bars.advance(bar)
@@ -61,10 +61,10 @@ class PlainProgress:
             for sentence in event.sentences:
                 self.write(sentence)
             self.total = Counter(t.stage for t in event.tasks)
-        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked):
+        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
             self._settle(event)
 
-    def _settle(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked) -> None:
+    def _settle(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut) -> None:
         stage, now = event.task.stage, time.monotonic()
         self.settled[stage] += 1
         if isinstance(event, TaskDone):

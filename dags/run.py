@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from dags.events import Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskStarted
+from dags.events import Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
 from dags.execute import Order
 from dags.orders import make_order, prepare
 from dags.plan import Book, Plan, Selection, State, judge
@@ -64,7 +64,7 @@ class Run:
         self.queued: dict[bool, list[tuple[int, int, Task, Order, tuple[str, ...]]]] = {False: [], True: []}
         self.reasons: dict[Task, tuple[str, ...]] = {}
         self.ended: set[Task] = set()
-        self.counts: dict[str, int] = dict.fromkeys(("done", "fresh", "failed", "blocked"), 0)
+        self.counts: dict[str, int] = dict.fromkeys(("done", "fresh", "failed", "blocked", "left_out"), 0)
 
     def tell(self, event: Event) -> None:
         """Give an event to every listener."""
@@ -165,13 +165,14 @@ class Run:
                 self._push(dependent)
 
     def _block(self, task: Task, by: Task) -> None:
-        """Mark a task and everything behind it as blocked, each once."""
+        """Settle a task that cannot run and everything behind it: left out where --only says so, else blocked."""
         todo = [task]
         while todo:
             t = todo.pop()
             if t in self.ended:
                 continue
             self.ended.add(t)
-            self.counts["blocked"] += 1
-            self.tell(TaskBlocked(t, by))
+            allowed = self.selection.allows(t.stage)
+            self.counts["blocked" if allowed else "left_out"] += 1
+            self.tell(TaskBlocked(t, by) if allowed else TaskLeftOut(t))
             todo += self.dependents[t]

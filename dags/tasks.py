@@ -100,6 +100,13 @@ def inputs(context: Context, task: Task) -> tuple[Input, ...]:
     return tuple(found)
 
 
+def path_frames(context: Context, task: Task) -> range:
+    """Frames over which a task sees its camera path: its partition and the halo of its reads."""
+    assert task.partition is not None, f"{task.stage} runs over paths but not over time"
+    spans = [context.grid.bounds(task.partition), *(i.span for i in inputs(context, task) if len(i.span))]
+    return range(min(s.start for s in spans), max(s.stop for s in spans))
+
+
 def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
     """Views that a read means for one task."""
     if read.views == "own":

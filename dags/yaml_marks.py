@@ -12,6 +12,9 @@ from storage.errors import ConfigError
 
 Location = tuple[str | int, ...]
 
+DEEPEST = 32
+"""Nesting beyond which a document is taken to contain itself through an alias."""
+
 
 @dataclass
 class Document:
@@ -51,7 +54,8 @@ def load(path: Path) -> Document:
     if node is None:
         return document
     if not isinstance(node, yaml.MappingNode):
-        raise ConfigError(f"{path}:1:1: a configuration is a mapping of stages to settings, this is a {node.id}")
+        kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+        raise ConfigError(f"{path}:1:1: a configuration is a mapping of stages to settings, this is a {kind}")
     errors: list[str] = []
     document.values = _plain(node, (), document, errors)
     if errors:
@@ -59,17 +63,26 @@ def load(path: Path) -> Document:
     return document
 
 
+def _at(document: Document, node: yaml.Node) -> str:
+    return f"{document.source}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
+
+
 def _plain(node: yaml.Node, location: Location, document: Document, errors: list[str]) -> Any:
-    """Value of a node; notes the mark of every key on the way."""
+    """Value of a node; notes the mark of every key on the way, and what YAML itself cannot read as a value."""
+    if len(location) > DEEPEST:
+        errors.append(f"{_at(document, node)} nested more than {DEEPEST} deep; does an alias (*) hold itself?")
+        return None
     if isinstance(node, yaml.MappingNode):
         out: dict[Any, Any] = {}
         for key_node, value_node in node.value:
-            key = yaml.SafeLoader("").construct_object(key_node)
-            key = key if isinstance(key, str) else key_node.value
+            if not isinstance(key_node, yaml.ScalarNode):
+                errors.append(f"{_at(document, key_node)} a key must be a word, this is a {key_node.id}")
+                continue
+            key = key_node.value
             here = (*location, key)
             if key in out:
                 first = document.where(here)
-                errors.append(f"{document.source}:{key_node.start_mark.line + 1}:{key_node.start_mark.column + 1} {'.'.join(map(str, here))}: given twice, first at {first}")
+                errors.append(f"{_at(document, key_node)} {'.'.join(map(str, here))}: given twice, first at {first}")
                 continue
             document.marks[here] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             out[key] = _plain(value_node, here, document, errors)
@@ -80,4 +93,9 @@ def _plain(node: yaml.Node, location: Location, document: Document, errors: list
             document.marks[(*location, i)] = (item.start_mark.line + 1, item.start_mark.column + 1)
             items.append(_plain(item, (*location, i), document, errors))
         return items
-    return yaml.SafeLoader("").construct_object(node)
+    try:
+        return yaml.SafeLoader("").construct_object(node)
+    except (yaml.YAMLError, ValueError) as e:
+        why = e.problem if isinstance(e, yaml.MarkedYAMLError) else e
+        errors.append(f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {node.value!r} as a value ({why}); quote it if it is a text")
+        return None

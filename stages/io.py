@@ -110,9 +110,11 @@ class Inputs(Protocol):
     captured_to_calibrated: np.ndarray
     """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy) (`frames.crop`)."""
     path: CameraPath | None
-    """Target cameras over the frames of the partition, for a task over a path."""
+    """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]
     """What the capture has: joints2d, joints3d, masks, truth_depth, held_out, several_frames."""
+    joint_set: str | None
+    """Joint set of `pose/joints2d` and `pose/joints3d` (`storage.joints`); None where the capture has no joints."""
 
     def span(self, array: str) -> range:
         """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence."""

@@ -6,12 +6,14 @@ This module creates and opens groups and arrays; it writes no data (`shards.py`)
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+from urllib.parse import unquote
 
 import numpy as np
 import zarr
@@ -34,20 +36,26 @@ MAX_CHUNK_BYTES = 16 * 2**20
 
 def codecs(dtype: np.dtype) -> list[Any]:
     """Compressors by element type: bitshuffle helps floats and hurts bytes; Blosc alone does not notice a flipped bit, the checksum does."""
-    shuffle = "bitshuffle" if dtype.kind == "f" else "shuffle"
+    shuffle: Literal["bitshuffle", "shuffle"] = "bitshuffle" if dtype.kind == "f" else "shuffle"
     return [BloscCodec(cname="zstd", clevel=3 if dtype.kind == "f" else 1, shuffle=shuffle, typesize=dtype.itemsize), Crc32cCodec()]
 
 
 def layout(spec: ArraySpec, shape: Shape, partition_frames: int) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """(lengths, chunk, shard) of an array: a chunk is one frame of one view, a shard one partition of one view or camera."""
+    """(lengths, chunk, shard) of an array: a chunk is one frame of one view, a shard one partition of one view or camera.
+
+    Larger pictures are cut into tiles of equal height; the shard then spans whole tiles, a few rows beyond the picture.
+    """
     lengths = spec.lengths(shape)
     chunk = [1 if d in BATCH_DIMS else n for d, n in zip(spec.dims, lengths, strict=True)]
     shard = [{"frame": partition_frames, "view": 1, "camera": 1}.get(d, n) for d, n in zip(spec.dims, lengths, strict=True)]
     for axis, dim in enumerate(spec.dims):
         if dim.split("/")[0] not in ("y", "camera_y", "source_y"):
             continue
-        while np.prod(chunk) * np.dtype(spec.dtype).itemsize > MAX_CHUNK_BYTES and chunk[axis] % 2 == 0:
-            chunk[axis] //= 2
+        row_bytes = math.prod(chunk[:axis] + chunk[axis + 1 :]) * np.dtype(spec.dtype).itemsize
+        tiles = -(-lengths[axis] // max(1, MAX_CHUNK_BYTES // max(1, row_bytes)))
+        if tiles > 1:
+            chunk[axis] = -(-lengths[axis] // tiles)
+            shard[axis] = chunk[axis] * tiles
     return tuple(max(1, n) for n in lengths), tuple(max(1, n) for n in chunk), tuple(max(1, n) for n in shard)
 
 
@@ -57,7 +65,7 @@ def local_path(url: str) -> Path:
     if not separator:
         return Path(url).expanduser().resolve()
     if scheme == "file":
-        return Path(rest).expanduser().resolve()
+        return Path(unquote(rest)).resolve()
     raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")
 
 
@@ -109,6 +117,7 @@ class Archive:
         if not (sequence.root / "zarr.json").is_file():
             known = ", ".join(self.names()) or "none yet"
             raise ArchiveError(f"archive {self.root} has no sequence {name!r}; it has: {known}")
+        _ = sequence.record  # refuses a newer format
         return sequence
 
     def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
@@ -119,8 +128,9 @@ class Archive:
         if not name or name.startswith((".", "_")) or any(c in name for c in "/\\:"):
             raise ArchiveError(f"sequence name {name!r} cannot be a folder's name; use letters, digits, - and _")
         root = self.root / name
-        group = zarr.open_group(root, mode="a", zarr_format=3)
-        record = {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()}
+        record: Any = {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()}
+        # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken sequence.
+        group = zarr.open_group(root, mode="a", zarr_format=3, attributes={ATTRIBUTES: record})
         group.update_attributes({ATTRIBUTES: record})
         sequence = Sequence(root)
         rig = capture.rig
@@ -212,7 +222,7 @@ class Sequence:
         """
         name = spec.name.format(path=path)
         lengths, chunk, shard = layout(spec, shape, self.partition_frames)
-        attributes = {"unit": spec.unit, "meaning": spec.meaning, "keep": spec.keep}
+        attributes: Any = {"unit": spec.unit, "meaning": spec.meaning, "keep": spec.keep}
         folder = self.root / name
         if (folder / "zarr.json").is_file():
             old = zarr.open_array(folder, mode="r+")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from storage.archive import Archive, write_atomically
+from storage.archive import Archive, Sequence, write_atomically
 from storage.receipts import Receipt, scan_receipts
 
 LEDGER = "ledger.parquet"
@@ -44,7 +44,7 @@ def rebuild(archive: Archive) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [row(name, r) for name in archive.names() for r in scan_receipts(archive.sequence(name))]
+    rows = [row(name, r) for name in archive.names() for r in scan_receipts(Sequence(archive.root / name))]
     types = {"partition": pa.int64(), "view": pa.int64(), "seconds": pa.float64(), "bytes": pa.int64(), "warnings": pa.int64(), "peak_rss": pa.int64()}
     schema = pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
     sink = pa.BufferOutputStream()

@@ -72,6 +72,8 @@ class Receipt:
     def from_json(cls, text: bytes) -> Receipt:
         """Parse; ValueError, KeyError or TypeError for what is not a receipt."""
         d = json.loads(text)
+        if not isinstance(d, dict):
+            raise TypeError(f"a receipt is a JSON object, this is a {type(d).__name__}")
         outputs = tuple(Output(o["array"], o["view"], o["digest"], tuple(ShardFile(**f) for f in o["files"])) for o in d.pop("outputs"))
         return cls(**{**d, "outputs": outputs, "warnings": tuple(d["warnings"])})
 
@@ -96,11 +98,11 @@ def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: 
 
 
 def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:
-    """All readable receipts. One that cannot be parsed proves nothing and is treated as absent."""
+    """All readable receipts. One that cannot be parsed proves nothing, one that a running task just removed is gone: both are absent."""
     for file in sorted(sequence.receipts.rglob("*.json")):
         try:
             yield Receipt.from_json(file.read_bytes())
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, FileNotFoundError):
             continue
 
 

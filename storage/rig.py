@@ -104,8 +104,10 @@ class Rig:
             error = np.abs(r @ r.T - np.eye(3)).max()
             if error > 1e-3 or np.linalg.det(r) < 0:
                 raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3), determinant {np.linalg.det(r):.3f}")
+            if not np.array_equal(self.world_to_camera[v, 3], [0, 0, 0, 1]):
+                raise CalibrationError(f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid motion's is [0, 0, 0, 1]")
             if (self.size[v] <= 0).any():
-                raise CalibrationError(f"camera {name}: picture size {tuple(self.size[v])} px must be positive")
+                raise CalibrationError(f"camera {name}: picture size {tuple(self.size[v].tolist())} px must be positive")
 
 
 def rigid(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -136,8 +138,13 @@ class CameraPath:
 
     @property
     def name(self) -> str:
-        """`<kind>-<8 hex of its cameras>`, the folder of its pictures in the archive."""
-        body = [list(self.names), self.intrinsics, self.world_to_camera, self.size, self.served]
+        """`<kind>-<8 hex of its cameras>`, the folder of its pictures in the archive.
+
+        Cameras that stand still are hashed once, so that a sequence that grows keeps the pictures it has.
+        """
+        moving = (self.intrinsics, self.world_to_camera, self.served)
+        still = len(self.served) > 0 and all(bool((a == a[:1]).all()) for a in moving)
+        body = [list(self.names), self.size, *(a[:1] if still else a for a in moving)]
         return f"{self.kind}-{digest(body)[:8]}"
 
     def slice(self, frames: slice) -> CameraPath:

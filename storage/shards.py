@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Iterable, Mapping
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import zarr
@@ -28,8 +29,10 @@ def _record(sequence: Sequence, key: str) -> ShardFile:
     return ShardFile(key, len(data), zlib.crc32(data))
 
 
-def _open(path: Path, mode: str) -> zarr.Array:
-    return zarr.open_array(path, mode=mode)  # type: ignore[arg-type]
+def _open(path: Path, mode: Literal["r", "r+"]) -> Any:
+    # Without this a shard of zeros would not be written, and an absent shard must never mean zeros.
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        return zarr.open_array(path, mode=mode)
 
 
 def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray) -> Output:
@@ -45,19 +48,22 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         data: the block, without the view axis.
 
     Raises:
-        ValueError: when shape or dtype are not the declared ones.
+        ValueError: when shape or dtype are not the declared ones, or the view is not one of the array's.
     """
     name = spec.name.format(path=path)
     array = _open(sequence.root / name, "r+")
+    views = dict(zip(spec.dims, array.shape, strict=True)).get("view")
+    fits = views is view if views is None or view is None else 0 <= view < views
+    if not fits:
+        raise ValueError(f"{name}: got a block of view {view}; " + ("the array has no views" if views is None else f"its views are 0..{views - 1}"))
     index = tuple(slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims)
     expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
     if data.shape != expected or data.dtype != array.dtype:
         raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
-    assert array.shards is not None
-    axes = []
+    axes: list[list[int | None]] = []
     for d, n, s in zip(spec.dims, array.shape, array.shards, strict=True):
         axes.append([partition] if d == "frame" else [view] if d == "view" else list(range(-(-n // s))))
-    keys = ["/".join([name, "c", *map(str, where)]) for where in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes)).tolist()]
+    keys = ["/".join([name, "c", *map(str, where)]) for where in product(*axes)]
     for key in keys:
         (sequence.root / key).unlink(missing_ok=True)
     array[index] = data

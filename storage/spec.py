@@ -111,7 +111,9 @@ def digest(value: Any) -> str:
 
 
 def array_digest(array: np.ndarray) -> str:
-    """BLAKE2b-128 over dtype, shape and C-order bytes, 32 hex digits."""
+    """BLAKE2b-128 over dtype, shape and C-order bytes, 32 hex digits. Raises TypeError for arrays of Python objects."""
+    if array.dtype.hasobject:
+        raise TypeError(f"an array of {array.dtype} has no canonical form: its bytes are addresses")
     h = hashlib.blake2b(f"{array.dtype.str}{array.shape}".encode(), digest_size=16)
     h.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
     return h.hexdigest()

@@ -95,7 +95,7 @@ class VideoFile:
                 if self._key_between(at, n):
                     frames = self._from(container, stream, n)
                 at, frame = next((f for f in frames if f[0] >= n), (-1, None))
-                if at != n or frame.is_corrupt:
+                if frame is None or at != n or frame.is_corrupt:
                     raise SourceError(f"frame {n} of video {self.path} cannot be decoded; the file is damaged there")
                 yield _to_rgb(frame, self._index.quarter_turns, self.path)
 

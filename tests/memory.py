@@ -28,6 +28,7 @@ class MemoryInputs:
     path: CameraPath | None = None
     sources: dict[str, Any] = field(default_factory=dict)
     facts: frozenset[str] = frozenset({"several_frames"})
+    joint_set: str | None = "coco17"
     source_rig: Rig = None  # type: ignore[assignment]
     valid_all: np.ndarray | None = None
     captured_to_calibrated: np.ndarray = None  # type: ignore[assignment]

@@ -114,7 +114,9 @@ def content(pipeline: Pipeline, but: tuple[str, ...] = ()) -> dict[str, bytes | 
     import pyarrow.parquet as pq
 
     for file in sorted(root.rglob("metrics/**/*.parquet")):
-        table = "metrics " + file.parent.name
+        table = "metrics/" + file.parent.name
+        if table.startswith(but or ("\0",)):
+            continue
         found[table] = [*found.get(table, []), *pq.read_table(file).to_pylist()]  # type: ignore[misc]
     return found
 

@@ -8,8 +8,10 @@ import numpy as np
 DARKEST_SHADOW = 0.6
 """A shadow keeps at least this share of the plate's sRGB value: a third of the linear light."""
 SPREAD_GAIN = 2.0
+UNSEEN = 250
+"""Spread from which on the plate shows no background; a pixel averaged with seen neighbours is seen."""
 SMALLEST_PART = 0.02
-"""Parts below this share of the main one are no limbs."""
+"""Share of the foreground below which a part is no limb and a hole is no gap between limbs."""
 
 
 def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float) -> np.ndarray:
@@ -17,15 +19,17 @@ def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, thre
 
     picture, plate [h, w, 3] uint8 sRGB; spread [h, w] uint8, the plate's median absolute deviation; threshold in 1/255.
     A pixel is foreground when its `plate_distance` exceeds the threshold, raised by twice the spread (at most doubled),
-    or half of it in contact with such pixels (Canny's hysteresis). What cannot be told: clothes that match the plate, or
-    a smooth darker shade of it, are background.
+    or half of it in contact with such pixels (Canny's hysteresis). A pixel whose background was never seen (spread 255)
+    counts as half the threshold: a person nearly always stands there. What cannot be told: clothes that match the plate,
+    or a smooth darker shade of it, are background.
     """
     limit = threshold + np.minimum(SPREAD_GAIN * spread.astype(np.float32), threshold)
     distance = plate_distance(picture, plate, threshold)
     relative = distance / limit
+    unseen = spread >= UNSEEN
     strong = cv2.morphologyEx((relative > 1.0).astype(np.uint8), cv2.MORPH_OPEN, _disc(1))
-    mask = _connected(strong, (relative > 0.5).astype(np.uint8))
-    return _soft_edge(_clean(mask), distance)
+    mask = _connected(strong, ((relative > 0.5) | unseen).astype(np.uint8))
+    return _soft_edge(_clean(mask), np.where(unseen, limit, distance))
 
 
 def plate_distance(picture: np.ndarray, plate: np.ndarray, threshold: float) -> np.ndarray:
@@ -86,7 +90,7 @@ def _clean(mask: np.ndarray) -> np.ndarray:
     longest = max(mask.shape)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(max(1, round(longest / 100))))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(max(1, round(longest / 400))))
-    mask = _fill_holes(mask, 0.0005 * mask.size)
+    mask = _fill_holes(mask, max(0.0005 * mask.size, SMALLEST_PART * float(mask.sum())))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA].astype(np.float64)
     areas[0] = 0.0

@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import field_validator
 
 from stages.contract import Facts, Params, setting
+from storage.crop import Crop
 from storage.timegrid import parse_range
-
-
-class Crop(BaseModel):
-    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
-    offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
 
 
 class FramesParams(Params):
     """Which frames, at which size, with which matte."""
 
-    range: str = setting("::", "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one.")
+    range: str = setting("::", "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one. It enters a fingerprint through the partition's frames alone.", volatile=True)
     size: int | None = setting(None, "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.", unit="px", ge=16, le=16384)
     crop: dict[str, Crop] = setting({}, "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset.")
     matte: Literal["auto", "given", "plate", "none"] = setting("auto", "Where the foreground mask comes from: masks that came with the capture, a background plate of a static camera, or none (everything is foreground).")

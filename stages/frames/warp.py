@@ -12,6 +12,9 @@ from stages.geometry.projection import pixel_centres
 from storage.errors import SourceError
 from storage.rig import Rig, points_to_integer_centres
 
+STRIP = 128
+"""Rows whose map is made at once: in double precision a whole one would take ten times the picture's memory."""
+
 
 class Warp:
     """Captured picture -> frames picture of one view: undistorted and cropped if called for, then averaged down.
@@ -38,18 +41,26 @@ class Warp:
         self._cameras = (rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crop)
         # A captured picture larger than the calibrated one is averaged down first: bilinear sampling would alias.
         self._reduced = tuple(max(1, round(n * min(1.0, float(crop[0])))) for n in self.captured)
-        self._map: np.ndarray | None = None
+        self._map: tuple[np.ndarray, np.ndarray] | None = None
         coverage = np.full(self.calibrated[::-1], 255, dtype=np.uint8)
         if moved or np.any(source_rig.distortion[view]):
-            pixels = pixel_centres(self.calibrated)
-            positions = captured_positions(pixels, source_rig.intrinsics[view], *self._cameras[1:])
-            inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
-            coverage = np.where(inside, 255, 0).astype(np.uint8)
-            scaled = points_to_integer_centres(positions * (np.array(self._reduced) / self.captured))
-            self._map = np.where(inside[..., None], scaled, -1e4).astype(np.float32)
+            x, y = np.empty(coverage.shape, dtype=np.float32), np.empty(coverage.shape, dtype=np.float32)
+            self._map = (x, y)
+            for top in range(0, self.calibrated[1], STRIP):
+                rows = slice(top, min(top + STRIP, self.calibrated[1]))
+                x[rows], y[rows], coverage[rows] = self._sampled(rows)
         self._inside = coverage
         self.coverage = self._reduce(coverage)
         """[h, w] uint8 frames pixels: 255 where the captured picture reaches, 0 outside."""
+
+    def _sampled(self, rows: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Maps x, y for cv2.remap and coverage, each [n, w], of some rows of the calibrated picture."""
+        pixels = pixel_centres((self.calibrated[0], rows.stop - rows.start)) + np.array([0.0, rows.start])
+        positions = captured_positions(pixels, self._cameras[1], *self._cameras[1:])
+        inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
+        scaled = points_to_integer_centres(positions * (np.array(self._reduced) / self.captured))
+        scaled = np.where(inside[..., None], scaled, -1e4)
+        return scaled[..., 0], scaled[..., 1], np.where(inside, 255, 0)
 
     def __call__(self, picture: np.ndarray) -> np.ndarray:
         """Captured [h, w] or [h, w, 3] uint8 -> frames pixels; black (0) where the captured picture does not reach.
@@ -61,7 +72,7 @@ class Warp:
         if self._map is not None:
             if self._reduced != self.captured:
                 picture = cv2.resize(picture, self._reduced, interpolation=cv2.INTER_AREA)
-            picture = cv2.remap(picture, self._map, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            picture = cv2.remap(picture, *self._map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             picture[self._inside == 0] = 0
         return self._reduce(picture)
 

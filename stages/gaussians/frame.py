@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeAlias
 
-Values = TypeVar("Values")
+Values: TypeAlias = Any
 """numpy arrays or torch tensors alike: only + - * / are used."""
 
 
@@ -15,6 +15,6 @@ def tangents(nx: Values, ny: Values, nz: Values) -> tuple[tuple[Values, Values, 
     -y axis to the second, so (first, second, normal) is right-handed. It is singular only for n = (0, 0, 1), which
     looks away from the camera.
     """
-    k = 1 / (1 - nz)  # type: ignore[operator]
+    k = 1 / (1 - nz)
     xy = k * nx * ny
-    return (1 - k * nx * nx, -xy, nx), (xy, k * ny * ny - 1, -ny)  # type: ignore[operator]
+    return (1 - k * nx * nx, -xy, nx), (xy, k * ny * ny - 1, -ny)

@@ -8,7 +8,7 @@ from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: GaussiansParams) -> Resources:
-    """One view's partition: depth and confidence in, nine channels out, in float32 while they are computed."""
+    """One view's partition: depth, confidence and mask in, nine channels out, in float32 while they are computed."""
     return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 30 + shape["y"] * shape["x"] * 120)
 
 
@@ -18,7 +18,7 @@ STAGE = Stage(
     version=1,
     run="stages.gaussians.run:run",
     check="stages.gaussians.run:check",
-    reads=(Read("depth/depth"), Read("depth/confidence")),
+    reads=(Read("depth/depth"), Read("depth/confidence"), Read("frames/mask")),
     writes=(
         ArraySpec("gaussians/scale", ("frame", "view", "axis", "y", "x"), "float16", "m", "Standard deviations along (tangent, tangent, normal).", keep="until_done"),
         ArraySpec("gaussians/rotation", ("frame", "view", "axis", "y", "x"), "float16", "1", "Unit normal in camera axes, facing the camera; it is the Gaussian's third axis.", keep="until_done"),

@@ -94,8 +94,10 @@ def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.n
         return image[..., :2] / image[..., 2:], image[..., 2]
 
 
-def rectify(rig: Rig, first: int, second: int, subject: np.ndarray) -> RectifiedPair:
+def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:
     """The rectified pair of two views, with the subject [3] (world metres) in the middle of both pictures.
+
+    The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the sources.
 
     Raises ValueError where no rectification exists: equal centres, a baseline along the optical axes, or a subject behind
     the pair. Whether the pair is any good for matching is the question of `stages.geometry.pairs.classify`.
@@ -118,8 +120,8 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray) -> Rectified
     seen = (subject - centres) @ rotation.T
     if (seen[:, 2] <= 0).any():
         raise ValueError(f"the subject {np.round(subject, 3).tolist()} lies behind the rectified cameras of {rig.names[first]} and {rig.names[second]}")
-    size = tuple(int(np.ceil(FRAME_GROWTH * s)) for s in rig.size[pair].max(axis=0))
-    focal = float(rig.intrinsics[pair][:, [0, 1], [0, 1]].mean())
+    size = tuple(int(np.ceil(FRAME_GROWTH * scale * s)) for s in rig.size[pair].max(axis=0))
+    focal = scale * float(rig.intrinsics[pair][:, [0, 1], [0, 1]].mean())
     intrinsics = np.zeros((2, 3, 3))
     intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = focal
     intrinsics[:, 2, 2] = 1.0

@@ -8,6 +8,7 @@ alpha can exceed its opacity whatever the rounding.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 
@@ -48,13 +49,40 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
     """Project, cull and bound Gaussians; differentiable in every attribute of those that are kept.
 
     Culled: z <= near, opacity < alpha_min, a projection thinner than `variance_min`, a box that holds no pixel centre.
-    Masked and counted: anything not finite. Selection comes before arithmetic, so no NaN enters a gradient.
+    Masked and counted: anything not finite, in the input or in its projection. What is left out is found without
+    gradients and taken away before the arithmetic that has them, so that no NaN enters one.
     """
-    finite = finite_rows(gaussians)
-    masked = int((~finite).sum())
-    g = _rows(gaussians, finite)
-    z = _camera_axis(g.mean, camera, 2)
-    g = _rows(g, (z.detach() > cutoffs.near) & (g.opacity.detach() >= cutoffs.alpha_min))
+    with torch.no_grad():
+        finite = torch.nonzero(finite_rows(gaussians))[:, 0]
+        g = _rows(gaussians, finite)
+        front = (_camera_axis(g.mean, camera, 2) > cutoffs.near) & (g.opacity >= cutoffs.alpha_min)
+        index, g = finite[front], _rows(g, front)
+        s = _on_screen(g, camera, cutoffs)
+        reach = 2 * torch.log((g.opacity / cutoffs.alpha_min).clamp(min=1.0))
+        extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01  # float32 rounding at 8k px
+        sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(extent).all(dim=1)
+        keep = sane & (s.det > cutoffs.variance_min * (s.a + s.c))
+        keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
+        keep &= (s.v + extent[:, 1] >= PIXEL_CENTRE) & (s.v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
+        masked = len(gaussians) - len(finite) + int((~sane).sum())
+    g = _rows(gaussians, index[keep])
+    s = _on_screen(g, camera, cutoffs)
+    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, g.opacity, g.color, masked)
+
+
+class _Screen(NamedTuple):
+    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2 and its determinant, each [N]."""
+
+    u: torch.Tensor
+    v: torch.Tensor
+    z: torch.Tensor
+    a: torch.Tensor
+    b: torch.Tensor
+    c: torch.Tensor
+    det: torch.Tensor
+
+
+def _on_screen(g: Gaussians, camera: Camera, cutoffs: Cutoffs) -> _Screen:
     x, y, z = (_camera_axis(g.mean, camera, i) for i in range(3))
     k = camera.intrinsics
     u = float(k[0, 0]) * (x / z) + float(k[0, 1]) * (y / z) + float(k[0, 2])
@@ -63,18 +91,7 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
     a, b, c = _dot(m0, m0), _dot(m0, m1), _dot(m1, m1)
     n = torch.linalg.cross(m0, m1)
     det = _dot(n, n) + cutoffs.low_pass * (a + c) + cutoffs.low_pass**2
-    a, c = a + cutoffs.low_pass, c + cutoffs.low_pass
-    with torch.no_grad():
-        reach = 2 * torch.log((g.opacity / cutoffs.alpha_min).clamp(min=1.0))
-        extent = torch.stack([torch.sqrt(reach * a), torch.sqrt(reach * c)], dim=1) + 0.01  # float32 rounding at 8k px
-        sane = torch.isfinite(det) & torch.isfinite(u) & torch.isfinite(v) & torch.isfinite(extent).all(dim=1)
-        keep = sane & (det > cutoffs.variance_min * (a + c))
-        keep &= (u + extent[:, 0] >= PIXEL_CENTRE) & (u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
-        keep &= (v + extent[:, 1] >= PIXEL_CENTRE) & (v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
-        masked += int((~sane).sum())
-    return Projected(
-        torch.stack([u[keep], v[keep]], dim=1), _whitening(a[keep], b[keep], c[keep], det[keep]), extent[keep], z[keep], g.opacity[keep], g.color[keep], masked
-    )
+    return _Screen(u, v, z, a + cutoffs.low_pass, b, c + cutoffs.low_pass, det)
 
 
 def _camera_axis(mean: torch.Tensor, camera: Camera, i: int) -> torch.Tensor:

@@ -21,8 +21,8 @@ TILE = 4
 CHUNK = 8
 """Gaussians of a tile that are fetched at once; between chunks finished tiles are laid aside."""
 BATCH_PIXELS = {"cpu": 2**15, "cuda": 2**21}
-"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, and its vector and
-scalar code round differently at the seams; a GPU wants wide batches."""
+"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector code may
+hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
 BATCH_PAIRS = 2**22
 """(tile, Gaussian) pairs listed at once; a region with more is halved."""
 
@@ -71,7 +71,8 @@ def rasterize(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs | None = No
     features, boxes = _sorted_by_depth(p, camera, tile)
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     picture = features.new_zeros((across * down, 5, tile * tile))
-    parts, places = [], []
+    # an empty part keeps the picture in autograd's graph when nothing is seen: gradients are zero then, not an error
+    parts, places = [features[:0, :5, None].expand(0, 5, tile * tile)], [torch.zeros(0, dtype=torch.int64, device=picture.device)]
     for region, lists, starts, counts in _tile_lists(boxes, _Region(0, 0, across, down), tile):
         columns = torch.arange(region.x0, region.x1, device=picture.device)
         rows = torch.arange(region.y0, region.y1, device=picture.device)
@@ -79,8 +80,7 @@ def rasterize(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs | None = No
         done, values = _composite(features, lists, starts, counts, _pixel_centres(tiles, across, tile, features), cutoffs)
         places.append(tiles[done])
         parts.append(values)
-    if parts:
-        picture = picture.index_put((torch.cat(places),), torch.cat(parts))
+    picture = picture.index_put((torch.cat(places),), torch.cat(parts))
     picture = picture.reshape(down, across, 5, tile, tile).permute(0, 3, 1, 4, 2).reshape(down * tile, across * tile, 5)
     picture = picture[: camera.height, : camera.width]
     return Rendering(picture[..., :3], picture[..., 3], picture[..., 4], p.masked)

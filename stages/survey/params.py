@@ -7,3 +7,4 @@ class SurveyParams(Params):
     """How the sequence is sampled."""
 
     sample: int = setting(25, "Frames sampled evenly from the whole source of each view, whatever frames.range says.", unit="frames", ge=3, le=501)
+    joints_margin: float = setting(0.06, "Where joints are given, how far around limbs no background is learnt, as a share of the person's extent; 0 takes a plain median.", ge=0, le=0.5)

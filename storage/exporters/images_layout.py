@@ -70,7 +70,7 @@ def _cameras(rig: Rig, frame_rate: float) -> dict[str, Any]:
 def _coco(frames: np.ndarray, people: np.ndarray) -> dict[str, Any]:
     """COCO keypoints of one view, [F, people, J, 3]; the scores beside the visibilities, so that nothing is rounded."""
     images = [{"id": i, "file_name": f"{int(n):06d}.png"} for i, n in enumerate(frames)]
-    annotations = []
+    annotations: list[dict[str, Any]] = []
     for i, found in enumerate(people):
         for person in found:
             visible = np.where(person[:, 2:] > 0, 2.0, 0.0)

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from storage.capture import Stream
+from storage.crop import Crop
 from storage.errors import CalibrationError
 from storage.rig import Rig, from_integer_centres, rigid
 
@@ -16,14 +16,6 @@ DISTORTION = 8
 """Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""
 _FAR = 100.0
 """Metres between cameras above which the translations are probably not in metres."""
-
-
-class Crop(BaseModel):
-    """Similarity from a captured pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
-    offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
 
 
 class RawCamera(NamedTuple):
@@ -104,12 +96,13 @@ def _check_model(c: RawCamera) -> None:
 
 
 def check_sizes(rig: Rig, streams: Sequence[Stream], crop: Mapping[str, Crop]) -> None:
-    """Raise CalibrationError for captured pictures whose size is not the calibrated one and that have no crop.
+    """Raise CalibrationError for pictures that have no crop and not the calibrated size, and for crops of no camera.
 
     The sentence gives both sizes and the setting that would centre the picture at the calibrated width.
     """
-    for name in crop:
-        rig.index(name)
+    unknown = [n for n in crop if n not in rig.names]
+    if unknown:
+        raise CalibrationError(f"frames.crop names {', '.join(unknown)}, but the cameras are {', '.join(rig.names)}; correct the name, or move it below sequences: NAME: frames: crop")
     faults = []
     for v, (name, stream) in enumerate(zip(rig.names, streams, strict=True)):
         (w, h), (cw, ch) = (int(rig.size[v, 0]), int(rig.size[v, 1])), stream.size

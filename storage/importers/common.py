@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from storage import media
 from storage.capture import SourceFile, Stream
+from storage.crop import Crop
 from storage.errors import SourceError
-from storage.importers.cameras import Crop
 from storage.joint_files import frame_number
 from storage.video import VIDEO_SUFFIXES, VideoFile
 
@@ -139,7 +139,7 @@ def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple
     return streams, rate, notes
 
 
-def gap_notes(names: Sequence[str], streams: Sequence[Stream | None], expected: Sequence[Sequence[int]] | np.ndarray, what: str) -> list[str]:
+def gap_notes(names: Sequence[str], streams: Sequence[Stream | None], expected: Sequence[Sequence[int] | np.ndarray], what: str) -> list[str]:
     """A sentence for every camera whose stream lacks some of the frames it is expected to have."""
     notes = []
     for name, stream, wanted in zip(names, streams, expected, strict=True):

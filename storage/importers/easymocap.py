@@ -76,7 +76,7 @@ class _Loader(yaml.BaseLoader):
 
 
 def _matrix(loader: yaml.BaseLoader, node: yaml.MappingNode) -> np.ndarray:
-    fields: dict[str, Any] = loader.construct_mapping(node, deep=True)
+    fields: dict[Any, Any] = loader.construct_mapping(node, deep=True)
     return np.array([_number(x) for x in fields["data"]]).reshape(int(fields["rows"]), int(fields["cols"]))
 
 

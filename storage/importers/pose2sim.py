@@ -38,19 +38,18 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
     path, tables = _calibration(base, options)
     notes = [f"calibration: {shown(base, [path])}"]
     videos = _videos(base, options, tables)
-    used, matched = set(), {}
+    matched: dict[str, str] = {}
     for name in videos:
         key = _table_of(name, tables)
         if key is None:
             raise CalibrationError(
                 f"video {videos[name]} has no calibration in {path.name}, which holds {', '.join(tables)}; rename it, take it out, or list the wanted ones in the option cameras"
             )
-        if key in used:
+        if key in matched.values():
             raise CalibrationError(f"calibration {key} of {path.name} fits two videos, {name} and {next(n for n in matched if matched[n] == key)}; rename one")
-        used.add(key)
         matched[name] = key
     names = tuple(videos)
-    notes += [f"calibration {key} has no video and is left out" for key in tables if key not in used and options.cameras is None]
+    notes += [f"calibration {key} has no video and is left out" for key in tables if key not in matched.values() and options.cameras is None]
     pictures, rate, more = video_streams(videos, options.frame_rate)
     notes += [*more, *picture_gaps(names, pictures)]
     rig = build_rig([_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
@@ -149,7 +148,7 @@ def _whole(size: Any, name: str) -> tuple[int, int]:
 
 def _joint_folders(parent: Path, names: Sequence[str]) -> dict[str, Path]:
     """{camera: folder with JSON}: `NAME`, or `NAME_...` such as `NAME_json`."""
-    out = {}
+    out: dict[str, Path] = {}
     for sub in subfolders(parent):
         fitting = [n for n in names if sub.name == n or sub.name.startswith(f"{n}_")]
         first = next(iter(sorted(sub.glob("*.json"))), None) if fitting else None

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from stages.capture.motion import pose
+from stages.capture.motion import joints_at, pose
 from stages.capture.person import render, ring
+from stages.geometry.projection import project
 
 
 @dataclass
@@ -41,22 +42,36 @@ def wall(size: int, seed: int) -> np.ndarray:
     return np.clip(out, 30, 240)
 
 
-def film(size: int, frames: int, view: int, walk: float, shadow: float = 0.35, seed: int = 3, noise: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures [F, size, size, 3] and true masks [F, size, size] uint8 of a kicking person who walks `walk` metres sideways.
+@dataclass
+class Joints:
+    """[F, J, 3] joints of one person in every view, numbered from 0."""
 
-    The shadow takes `shadow` of the wall's sRGB value, beside and below the person, blurred.
+    joints: np.ndarray
+    joint_set: str = "coco17"
+
+    def read(self, view: int, number: int) -> np.ndarray:
+        return self.joints[None, number]
+
+
+def film(size: int, view: int, offsets: np.ndarray, shadow: float = 0.35, seed: int = 3, noise: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A kicking person, `offsets` [F] metres to the side in each frame, before a wall on which a soft shadow falls.
+
+    Returns pictures [F, size, size, 3] and true masks [F, size, size] uint8, joints [F, 17, 3] px. The shadow takes
+    `shadow` of the wall's sRGB value, beside and below the person, blurred.
     """
     rig, ground, rng = ring(8, size, 0), wall(size, seed), np.random.default_rng(seed + 1)
-    pictures, truth = np.empty((frames, size, size, 3), np.uint8), np.empty((frames, size, size), np.uint8)
-    for f in range(frames):
+    n = len(offsets)
+    pictures, truth, joints = np.empty((n, size, size, 3), np.uint8), np.empty((n, size, size), np.uint8), np.ones((n, 17, 3))
+    for f, offset in enumerate(offsets):
         bones = pose("kick", f / 30)
-        bones[:, :3, 3] += walk * (f / max(frames - 1, 1) - 0.5) * rig.rotations[view, 0]
+        bones[:, :3, 3] += offset * rig.rotations[view, 0]
+        joints[f, :, :2] = project(joints_at(bones), rig.intrinsics[view], rig.world_to_camera[view])[0]
         color, mask, _ = render(bones, rig.intrinsics[view], rig.world_to_camera[view], (size, size), 2)
         cast = np.roll(mask, (size // 20, size // 12), axis=(0, 1)).astype(np.float32) / 255
         shade = 1.0 - shadow * cv2.GaussianBlur(cast, (0, 0), size / 60)[..., None]
         scene = color + (1.0 - mask[..., None] / 255.0) * ground * shade + rng.normal(0, noise, color.shape)
         pictures[f], truth[f] = np.clip(np.rint(scene), 0, 255).astype(np.uint8), mask
-    return pictures, truth
+    return pictures, truth, joints
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

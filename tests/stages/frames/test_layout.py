@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stages.frames.layout import captured_positions, captured_to_calibrated, distort, frames_positions, frames_rig, frames_size, reach, undistort
-from stages.frames.params import Crop, FramesParams
+from stages.frames.params import FramesParams
+from storage.crop import Crop
 from storage.errors import ConfigError
 from storage.rig import Rig, points_from_integer_centres, rigid, to_integer_centres
 

@@ -12,23 +12,24 @@ from stages.io import Block, Views
 from stages.survey.params import SurveyParams
 from stages.survey.stage import STAGE as SURVEY
 from tests.memory import run_stage
-from tests.stages.frames.fakes import Pictures, film, overlap, wall
+from tests.stages.frames.fakes import Joints, Pictures, film, overlap, wall
 
 
-def _masks(pictures: np.ndarray, matte: str = "auto") -> tuple[np.ndarray, list[str]]:
-    """Masks [F, h, w] and warnings by survey and frames together."""
+def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
+    """Masks [F, h, w] and warnings by survey and frames together; with joints [F, 17, 3] the plate leaves people out."""
     size = pictures.shape[1]
     rig = ring(1, size, 0)
-    views, sources = Views(rig.names, (0,), ()), {"pictures": Pictures([list(pictures)])}
-    survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources)
-    out = run_stage(FRAMES, FramesParams(matte=matte), survey, rig, views, len(pictures), view=0, sources=sources)
+    views, sources = Views(rig.names, (0,), ()), {"pictures": Pictures([list(pictures)]), "joints": None if joints is None else Joints(joints)}
+    facts = frozenset({"several_frames"} if joints is None else {"several_frames", "joints2d"})
+    survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts)
+    out = run_stage(FRAMES, FramesParams(), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts)
     mask = out["frames/mask"][:, 0]
-    return mask, check(Block("frames/mask", mask, 0), FramesParams(matte=matte))
+    return mask, check(Block("frames/mask", mask, 0), FramesParams())
 
 
 @pytest.mark.parametrize("view", [0, 2])
 def test_a_walking_person_is_found_and_the_shadow_is_not(view: int) -> None:
-    pictures, truth = film(256, 24, view, walk=2.2)
+    pictures, truth, _ = film(256, view, np.linspace(-1.1, 1.1, 24))
     mask, warnings = _masks(pictures)
     scores = [overlap(m, t) for m, t in zip(mask, truth, strict=True)]
     # Grey cloth before a grey wall, a shadow of a third: 0.9 is typical at 256 px, where one pixel of outline is 0.07.
@@ -47,12 +48,32 @@ def test_an_empty_scene_has_no_foreground() -> None:
 
 
 def test_a_subject_that_stays_in_its_place_is_warned_about() -> None:
-    pictures, truth = film(128, 6, 0, walk=0.0)
-    still = np.repeat(pictures[:1], 6, axis=0)
-    mask, warnings = _masks(still)
+    pictures, truth, _ = film(128, 0, np.zeros(1))
+    mask, warnings = _masks(np.repeat(pictures, 6, axis=0))
+    assert truth.any()
     assert not mask.any()
     assert "part of the background plate" in warnings[0]
-    assert truth[0].any()
+
+
+def test_joints_keep_a_subject_that_lingers_out_of_the_plate() -> None:
+    # For two thirds of the film the person stands in the middle, so a plain median shows the person.
+    offsets = np.concatenate([np.linspace(-1.0, 0.0, 4), np.zeros(16), np.linspace(0.0, 1.0, 4)])
+    pictures, truth, joints = film(192, 0, offsets)
+    plain, helped = (np.median([overlap(m, t) for m, t in zip(_masks(pictures, j)[0][4:20], truth[4:20], strict=True)]) for j in (None, joints))
+    assert plain < 0.6
+    assert helped > 0.75
+
+
+def test_what_was_never_seen_uncovered_is_foreground_where_it_touches_some() -> None:
+    plate = np.full((100, 100, 3), 150, np.uint8)
+    picture = plate.copy()
+    picture[20:50, 40:60] = (220, 40, 40)
+    spread = np.zeros((100, 100), np.uint8)
+    spread[48:80, 40:60] = 255
+    spread[85:95, 5:15] = 255
+    mask = plate_matte(picture, plate, spread, 30.0)
+    assert (mask[24:76, 44:56] == 255).all()
+    assert not mask[84:96, 4:16].any()
 
 
 def test_a_plate_that_does_not_fit_is_warned_about() -> None:

@@ -46,7 +46,7 @@ def test_missing_and_wrong_joints_are_replaced_by_reprojection_with_the_3d_score
     given[0, 3, 9] = 0  # missing
     given[0, 2, 7, :2] += 30  # wrong
     given[1, 5] = 0  # nobody found in that view
-    given[1, 0, 4] = np.nan  # a broken file
+    given[1, 0, 4, 0] = np.nan  # a broken file
     given[1, 1, 2, 2] = 0.05  # not believed
     two, three, _ = pose(rig, 2, Joints2D.single(given))
     np.testing.assert_allclose(two[..., :2], exact[..., :2], atol=1e-3)
@@ -104,11 +104,14 @@ def test_of_several_people_the_one_in_the_middle_is_taken_in_every_frame() -> No
 
 def test_a_view_that_only_sees_somebody_else_is_filled() -> None:
     rig, points = ring(5, size=256), walk(1)
-    people = [[[p] for p in pixels(rig, points)[0]]]
+    exact = pixels(rig, points)
+    exact[:, :, 9] = 0  # a joint of the subject that nobody sees
+    people = [[[p] for p in exact[0]]]
     people[0][2] = [np.column_stack([SKELETON[:, 1] * 60 + 40, 200 - SKELETON[:, 2] * 60, np.full(17, 0.9)])]
     two, three, _ = pose(rig, 1, Joints2D(people))
-    np.testing.assert_allclose(three[..., :3], points, atol=1e-6)
-    np.testing.assert_allclose(two, pixels(rig, points), atol=1e-4)
+    known = np.arange(17) != 9
+    np.testing.assert_allclose(three[:, known, :3], points[:, known], atol=1e-6)
+    np.testing.assert_allclose(two, exact, atol=1e-4)  # and it is not lent the stranger's
 
 
 def test_frames_without_a_person_or_a_picture_are_unknown_or_filled() -> None:
@@ -128,9 +131,12 @@ def test_frames_without_a_person_or_a_picture_are_unknown_or_filled() -> None:
 def test_one_camera_passes_its_largest_person_through() -> None:
     rig, points = ring(1, size=128), walk(2)
     exact = pixels(rig, points)
+    exact[0, 0, 5] = 0
     small = exact.copy()
     small[..., :2] = small[..., :2] * 0.3 + 60
-    two, three, maps = pose(rig, 2, Joints2D([[[small[f, 0], exact[f, 0]]] for f in range(2)]))
+    given = exact.copy()
+    given[0, 0, 5] = [np.nan, 3.0, 0.9]  # not finite: not known
+    two, three, maps = pose(rig, 2, Joints2D([[[small[f, 0], given[f, 0]]] for f in range(2)]))
     np.testing.assert_allclose(two, exact, atol=1e-4)
     assert not three.any()
     assert maps.any()

@@ -25,25 +25,26 @@ def read_safetensors(path: Path) -> dict[str, np.ndarray]:
 
 def rotations(quats: np.ndarray) -> np.ndarray:
     w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
-    return np.stack(
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-        + [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        axis=1,
-    ).reshape(-1, 3, 3)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
 
 
 def harmonics(d: np.ndarray) -> np.ndarray:
     """[N, 16] real spherical harmonics to degree 3 in the order and with the signs of 3DGS."""
     x, y, z = d.T
     xx, yy, zz = x * x, y * y, z * z
-    return np.stack(
-        [np.full_like(x, 0.28209479177387814), -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
-        + [1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy), -1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy)]
-        + [-0.5900435899266435 * y * (3 * xx - yy), 2.890611442640554 * x * y * z, -0.4570457994644658 * y * (4 * zz - xx - yy)]
-        + [0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy), -0.4570457994644658 * x * (4 * zz - xx - yy), 1.445305721320277 * z * (xx - yy)]
-        + [-0.5900435899266435 * x * (xx - 3 * yy)],
-        axis=1,
+    bands = (
+        (np.full_like(x, 0.28209479177387814), -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x),
+        (1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy), -1.0925484305920792 * x * z),
+        (0.5462742152960396 * (xx - yy), -0.5900435899266435 * y * (3 * xx - yy), 2.890611442640554 * x * y * z),
+        (-0.4570457994644658 * y * (4 * zz - xx - yy), 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy), -0.4570457994644658 * x * (4 * zz - xx - yy)),
+        (1.445305721320277 * z * (xx - yy), -0.5900435899266435 * x * (xx - 3 * yy)),
     )
+    return np.concatenate([np.stack(band, axis=1) for band in bands], axis=1)
 
 
 @pytest.mark.parametrize("case", ["tiny_case", "basic_case"])

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from stages.capture.person import ring
+from stages.capture.person import capture_person, ring
 from stages.io import Block, Views
+from stages.survey.cover import people_cover
 from stages.survey.params import SurveyParams
-from stages.survey.run import check, median_and_spread, sample_numbers
+from stages.survey.run import UNKNOWN, check, median_and_spread, sample_numbers
 from stages.survey.stage import STAGE
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures
@@ -25,7 +26,7 @@ def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarr
 @pytest.mark.parametrize("n", [3, 7, 25])
 def test_median_and_spread_are_numpy_s(n: int) -> None:
     stack = np.random.default_rng(n).integers(0, 256, (n, 13, 17, 3), dtype=np.uint8)
-    plate, spread = median_and_spread(stack)
+    plate, spread = median_and_spread(stack, np.zeros(stack.shape[:3], np.uint8))
     median = np.median(stack, axis=0)
     np.testing.assert_array_equal(plate, median)
     np.testing.assert_array_equal(spread, np.median(np.abs(stack - median), axis=0).max(axis=-1))
@@ -33,9 +34,41 @@ def test_median_and_spread_are_numpy_s(n: int) -> None:
 
 def test_an_even_sample_takes_the_lower_middle_value() -> None:
     stack = np.array([10, 40, 20, 30], np.uint8)[:, None, None, None].repeat(3, -1)
-    plate, spread = median_and_spread(stack)
+    plate, spread = median_and_spread(stack, np.zeros(stack.shape[:3], np.uint8))
     assert plate.ravel().tolist() == [20, 20, 20]
     assert spread.item() == 10
+
+
+def test_covered_samples_do_not_count_and_what_was_never_seen_is_marked() -> None:
+    rng = np.random.default_rng(1)
+    stack = rng.integers(0, 256, (9, 10, 12, 3), dtype=np.uint8)
+    covered = (rng.random((9, 10, 12)) < 0.5).astype(np.uint8)
+    plate, spread = median_and_spread(stack, covered)
+    for y in range(10):
+        for x in range(12):
+            shown = stack[covered[:, y, x] == 0, y, x]
+            if len(shown) < 3:
+                assert spread[y, x] == UNKNOWN
+                shown = stack[:, y, x]
+            np.testing.assert_array_equal(plate[y, x], np.sort(shown, axis=0)[(len(shown) - 1) // 2])
+    assert (spread == UNKNOWN).any()
+
+
+def test_cover_is_around_limbs_and_scales_with_the_person() -> None:
+    person = capture_person(1, 96, 1, 0, "stand")
+    joints = person.joints2d[0]
+    cover = people_cover(joints, "coco17", (96, 96), 0.08)
+    inside = person.mask[0, 0] > 127
+    # Joints end at wrists, ankles and eyes; hands, shoes and crown stick out by little more than the margin.
+    assert cover[inside].mean() > 0.97
+    assert cover.sum() < 3 * inside.sum()
+    unknown = joints.copy()
+    unknown[..., 2] = 0
+    assert not people_cover(unknown, "coco17", (96, 96), 0.08).any()
+    assert not people_cover(np.zeros((0, 17, 3)), "coco17", (96, 96), 0.08).any()
+    doubled = people_cover(joints * [2, 2, 1], "coco17", (192, 192), 0.08)
+    assert doubled.sum() / cover.sum() == pytest.approx(4.0, rel=0.1)
+    assert not people_cover(joints + np.array([1e7, 0, 0]), "coco17", (96, 96), 0.08).any(), "far outside the picture"
 
 
 def test_sample_is_even_recorded_and_padded_and_views_of_other_sizes_too() -> None:

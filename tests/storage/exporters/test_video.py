@@ -25,9 +25,10 @@ def test_colours_come_back(tmp_path, height, width):
     video = VideoFile(tmp_path / "a.mp4")
     assert (video.count, video.rate, video.size) == (4, 30, (width + width % 2, height + height % 2))
     back = np.stack(list(video.read(range(4))))[:, :height, :width].astype(int)
-    # x264 at crf 16 and chroma at half resolution, on gradients: 2 counts on average, 8 at the worst pixel
+    # x264 at crf 16 and chroma at half resolution, on gradients: measured 1.1 counts on average, 11 at the worst pixel;
+    # the BT.601 matrix instead of BT.709 would be off by more than 20
     assert np.abs(back - frames).mean() < 2
-    assert np.abs(back - frames).max() <= 12
+    assert np.abs(back - frames).max() <= 14
 
 
 def test_the_file_is_what_browsers_play(tmp_path):

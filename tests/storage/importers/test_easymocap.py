@@ -64,7 +64,7 @@ def test_everything_is_half_a_pixel_further(base):
     for v in range(3):
         pixel = made.imported_pixels(capture.rig)[v]
         np.testing.assert_allclose(joints.read(v, 1)[0, 0], [*pixel, 0.75], atol=1e-11)
-        np.testing.assert_allclose(joints.boxes(v, 1), [[*(pixel + [-4, -5]), *(pixel + [6, 7]), 0.9]], atol=1e-11)
+        np.testing.assert_allclose(joints.boxes(v, 1), [[*(pixel - [4, 5]), *np.add(pixel, [6, 7]), 0.9]], atol=1e-11)
         assert joints.read(v, 0).shape == (0, 25, 3)
         assert joints.boxes(v, 0).shape == (0, 5)
 
@@ -168,5 +168,5 @@ def test_calibration_without_camera(base):
     for p in (base / "images/10").iterdir():
         p.unlink()
     assert "calibration 10 has no pictures and is left out" in find(base).notes
-    with pytest.raises(CalibrationError, match="no camera named '11'"):
+    with pytest.raises(CalibrationError, match=r"frames\.crop names 11, but the cameras are 01, 02"):
         find(base, crop={"11": {"scale": 2}})

@@ -114,7 +114,7 @@ def test_a_size_mismatch_says_both_sizes_and_the_setting(base):
     capture = find(base, crop={"cam2": {"scale": 2, "offset": [0, -8]}})
     assert capture.pictures[1].size == (32, 32)
     assert tuple(capture.rig.size[1]) == made.SIZE
-    with pytest.raises(CalibrationError, match="no camera named 'cam3'"):
+    with pytest.raises(CalibrationError, match=r"frames\.crop names cam3, but"):
         find(base, crop={"cam3": {"scale": 2}})
 
 
@@ -218,7 +218,7 @@ def test_wrong_sources_and_options(base, tmp_path_factory):
         find(tmp_path_factory.mktemp("empty"))
     with pytest.raises(SourceError, match="give the capture's folder"):
         find(base / "videos" / "cam1.mp4")
-    with pytest.raises(SourceError, match="colour.*known are"):
+    with pytest.raises(SourceError, match=r"colour.*known are"):
         find(base, colour="red")
     with pytest.raises(SourceError, match=r"option calibration: no such file"):
         find(base, calibration="nope.toml")
@@ -229,7 +229,6 @@ def test_wrong_sources_and_options(base, tmp_path_factory):
 
 
 def test_some_cameras_or_one(base):
-    write_calibration(base, (*made.NAMES,), )
     capture = find(base, cameras=["cam10"])
     assert capture.rig.names == ("cam10",)
     assert any("one camera only" in n for n in capture.notes)

@@ -1,0 +1,80 @@
+"""Depth and confidence of every source view, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from stages.depth.estimate import Frame, Geometry, estimate, hull_only
+from stages.depth.params import DepthParams
+from stages.io import Block, Inputs
+from storage.errors import UserError
+
+NEEDS_TRUTH = "depth.method: truth needs a simulated capture, and this one has no true depth; set depth.method to sgbm or hull"
+FEW_MATCHES = 0.3
+"""Share of the surface below which a view is reported as poorly matched."""
+
+
+def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
+    """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
+
+    Each frame follows from its own pictures, masks and valid views alone. Raises UserError for `method: truth` without
+    true depth.
+    """
+    if params.method == "truth":
+        if "truth_depth" not in inputs.facts:
+            raise UserError(NEEDS_TRUTH)
+        yield from _truth(inputs)
+        return
+    sources = inputs.views.sources
+    masks = {v: inputs.read("frames/mask", v) for v in sources}
+    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method == "sgbm" else {}
+    shape = _shape(inputs)
+    depth = {v: np.zeros(shape, np.float32) for v in sources}
+    confidence = {v: np.zeros(shape, np.float16) for v in sources}
+
+    @cache
+    def geometry(valid: tuple[int, ...]) -> Geometry:
+        return Geometry.of(inputs.rig, valid, params)
+
+    for f in range(shape[0]):
+        valid = tuple(v for v in sources if inputs.valid[f, v])
+        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid})
+        found = estimate(geometry(valid), frame, params) if params.method == "sgbm" else hull_only(geometry(valid), frame, params)
+        for v, (z, c) in found.items():
+            depth[v][f], confidence[v][f] = z, c
+    for v in range(len(inputs.rig)):
+        yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
+        yield Block("depth/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
+
+
+def _shape(inputs: Inputs) -> tuple[int, int, int]:
+    """(frames, height, width) of the arrays: pictures are padded to the largest."""
+    width, height = inputs.rig.size.max(axis=0)
+    return len(inputs.partition), int(height), int(width)
+
+
+def _truth(inputs: Inputs) -> Iterator[Block]:
+    for v in range(len(inputs.rig)):
+        depth = np.zeros(_shape(inputs), np.float32)
+        if v in inputs.views.sources:
+            depth[inputs.valid[:, v]] = inputs.read("truth/depth", v)[inputs.valid[:, v]]
+        yield Block("depth/depth", depth, v)
+        yield Block("depth/confidence", (depth > 0).astype(np.float16), v)
+
+
+def check(block: Block, params: DepthParams) -> list[str]:
+    """Warn of a view that matching could hardly serve; raise ValueError for values that no depth or confidence can have."""
+    bound = np.inf if block.array == "depth/depth" else 1.0
+    data = np.asarray(block.data)
+    wrong = ~(np.isfinite(data) & (data >= 0) & (data <= bound))
+    if wrong.any():
+        raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0, {bound:g}]")
+    if block.array != "depth/confidence" or params.method != "sgbm" or not data.any():
+        return []
+    matched = float((data >= 0.5).sum() / (data > 0).sum())
+    if matched >= FEW_MATCHES:
+        return []
+    return [f"view {block.view}: {matched:.0%} of the surface was matched with another view (at least {FEW_MATCHES:.0%} expected); the rest follows neighbours and the hull"]

@@ -1,0 +1,57 @@
+"""The kernel: every view, declared shapes, zeros where a view is no source, partitions that change nothing."""
+
+import numpy as np
+import pytest
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.contract import resolve
+from stages.gaussians.params import GaussiansParams
+from stages.gaussians.run import check
+from stages.io import Block
+from stages.registry import stage
+from tests.memory import run_stage
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=3, size=32, frames=3, held_out=1)
+
+
+def maps(c: PersonCapture, length: int | None = None) -> dict[str, np.ndarray]:
+    arrays = {"depth/depth": c.depth, "depth/confidence": (c.depth > 0).astype(np.float16), "frames/mask": c.mask}
+    return run_stage(stage("gaussians"), GaussiansParams(), arrays, c.rig, c.views, len(c.depth), length)
+
+
+def test_all_views_are_written_and_only_sources_hold_gaussians(person: PersonCapture) -> None:
+    out = maps(person)
+    for name, channels in (("scale", 3), ("rotation", 3), ("opacity", 2), ("confidence", 1)):
+        data = out[f"gaussians/{name}"]
+        assert data.shape == (3, 4, channels, 32, 32)
+        assert np.isfinite(data).all()
+        assert not data[:, 3].any()
+    assert not out["gaussians/confidence"].any()
+    seen = (person.depth[:, :3] > 0) & (person.mask[:, :3] > 0)
+    assert ((out["gaussians/opacity"][:, :3, 0] > 0) == seen).all()
+
+
+def test_partitions_change_nothing(person: PersonCapture) -> None:
+    whole = maps(person)
+    for length in (1, 2):
+        cut = maps(person, length)
+        assert all(np.array_equal(cut[name], whole[name]) for name in whole)
+
+
+def test_check_names_what_is_impossible(person: PersonCapture) -> None:
+    assert resolve(stage("gaussians").check or "") is check
+    params = GaussiansParams()
+    for name, data in maps(person).items():
+        assert check(Block(name, data[:, 0], 0), params) == []
+    zeros = np.zeros((1, 3, 2, 2), np.float16)
+    with pytest.raises(ValueError, match="not finite"):
+        check(Block("gaussians/scale", zeros + np.nan, 1), params)
+    with pytest.raises(ValueError, match="bound 0 m"):
+        check(Block("gaussians/scale", zeros - 1, 1), params)
+    with pytest.raises(ValueError, match="normal of length"):
+        check(Block("gaussians/rotation", zeros + 1, 1), params)
+    with pytest.raises(ValueError, match=r"bounds 0\.\.1"):
+        check(Block("gaussians/opacity", zeros + 2, 1), params)

@@ -1,0 +1,64 @@
+"""Lifting: positions at pixel centres, axes in the world, opacity by the angle it is seen at."""
+
+import numpy as np
+import pytest
+import torch
+
+from stages.rendering.lift import Maps, lift
+from stages.rendering.scene import Camera
+from storage.rig import rigid
+
+K = np.array([[60.0, 2.0, 21.0], [0, 55.0, 14.0], [0, 0, 1]])
+H, W = 12, 16
+CPU = torch.device("cpu")
+
+
+def maps(normal: tuple[float, float, float] = (0.0, 0.0, -1.0), face_on: float = 0.8, grazing: float = 0.2) -> Maps:
+    depth = np.linspace(1.5, 2.5, H * W, dtype=np.float32).reshape(H, W)
+    n = np.broadcast_to(np.array(normal, np.float16)[:, None, None], (3, H, W))
+    opacity = np.broadcast_to(np.array([face_on, grazing], np.float16)[:, None, None], (2, H, W)).copy()
+    return Maps(np.full((H, W, 3), 51, np.uint8), depth, np.full((3, H, W), 0.01, np.float16), n.copy(), opacity)
+
+
+def pose() -> np.ndarray:
+    a = 0.7
+    return rigid(np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]), np.array([0.3, -0.2, 2.0]))
+
+
+def test_means_project_back_to_pixel_centres_and_depth() -> None:
+    m = maps()
+    lifted = lift(m, K, pose(), torch.float64, CPU)
+    camera_points = lifted.mean.numpy() @ pose()[:3, :3].T + pose()[:3, 3]
+    pixels = camera_points @ K.T / camera_points[:, 2:]
+    v, u = np.mgrid[0:H, 0:W] + 0.5
+    np.testing.assert_allclose(pixels[:, :2], np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-9)
+    np.testing.assert_allclose(camera_points[:, 2], m.depth.ravel(), atol=1e-12)
+    np.testing.assert_allclose(lifted.color.numpy(), 0.2)
+
+
+def test_axes_are_rotations_whose_third_is_the_normal() -> None:
+    lifted = lift(maps((0.5, -0.3, -0.8)), K, pose(), torch.float64, CPU)
+    r = lifted.rotation.numpy()
+    np.testing.assert_allclose(r.transpose(0, 2, 1) @ r, np.broadcast_to(np.eye(3), r.shape), atol=1e-12)
+    n = np.array([0.5, -0.3, -0.8], np.float16).astype(float)
+    np.testing.assert_allclose(r[0, :, 2], pose()[:3, :3].T @ (n / np.linalg.norm(n)), atol=1e-12)
+
+
+def test_only_pixels_with_depth_and_opacity_become_gaussians() -> None:
+    m = maps()
+    m.depth[0, 0], m.depth[0, 1], m.opacity[:, 0, 2] = 0, np.nan, 0
+    assert len(lift(m, K, pose(), torch.float32, CPU).mean) == H * W - 3
+
+
+@pytest.mark.parametrize(("degrees", "expected"), [(0, 0.8), (60, 0.5), (89.9, 0.2), (100, 0.0), (180, 0.0)])
+def test_opacity_between_face_on_and_grazing(degrees: float, expected: float) -> None:
+    """Linear in the cosine; the inner side of a surface is not there."""
+    m = maps()
+    m.depth[:] = 0
+    m.depth[6, 8] = 2.0
+    lifted = lift(m, K, np.eye(4), torch.float64, CPU)
+    a = np.radians(degrees)
+    target = np.eye(4)
+    target[:3, 3] = -(lifted.mean[0].numpy() + 3 * np.array([np.sin(a), 0, -np.cos(a)]))
+    opacity = lifted.seen_from(Camera(K, target, W, H)).opacity
+    np.testing.assert_allclose(opacity.numpy(), expected, atol=2e-3)  # float16 maps
