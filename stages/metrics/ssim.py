@@ -16,8 +16,9 @@ SIGMA = 1.5
 def ssim_map(picture: np.ndarray, truth: np.ndarray, data_range: float) -> np.ndarray:
     """[h, w] float64 SSIM at every pixel, in [-1, 1], the mean over channels of [h, w] or [h, w, C] pictures.
 
-    The common base level is subtracted first and variances are not allowed below zero, so that nearly constant pictures
-    give no cancellation noise. Raises ValueError for unequal shapes and for values that are not finite.
+    Variances are differences of nearly equal numbers where a picture is nearly constant: float64 leaves 1e-11 of 255^2,
+    against the constant 58.5 beside them (float32 would move SSIM by 5e-5). Raises ValueError for unequal shapes, for no
+    pixels and for values that are not finite.
     """
     import cv2
 
@@ -31,12 +32,7 @@ def ssim_map(picture: np.ndarray, truth: np.ndarray, data_range: float) -> np.nd
         return cv2.GaussianBlur(p, (WINDOW, WINDOW), SIGMA, borderType=cv2.BORDER_REFLECT).reshape(p.shape)
 
     c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
-    base = (x.mean() + y.mean()) / 2
-    x, y = x - base, y - base
     mean_x, mean_y = blur(x), blur(y)
-    var_x = np.maximum(blur(x * x) - mean_x**2, 0)
-    var_y = np.maximum(blur(y * y) - mean_y**2, 0)
-    covariance = np.clip(blur(x * y) - mean_x * mean_y, -np.sqrt(var_x * var_y), np.sqrt(var_x * var_y))
-    mean_x, mean_y = mean_x + base, mean_y + base
+    var_x, var_y, covariance = blur(x * x) - mean_x**2, blur(y * y) - mean_y**2, blur(x * y) - mean_x * mean_y
     similarity = (2 * mean_x * mean_y + c1) * (2 * covariance + c2) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
     return similarity.mean(axis=2)

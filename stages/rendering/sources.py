@@ -22,6 +22,6 @@ def choose(angles: np.ndarray, usable: np.ndarray, count: int) -> list[tuple[int
     """
     order = [int(v) for v in np.argsort(angles, kind="stable") if usable[v]]
     limit = float(angles[order[count]]) if len(order) > count else np.pi
-    weights = [np.sqrt(max(0.0, 1 - float(angles[v]) / 4.0)) if limit > 0 else 0.0 for v in order[:count]]
+    weights = [np.sqrt(max(0.0, 1 - float(angles[v]) / limit)) if limit > 0 else 0.0 for v in order[:count]]
     largest = max(weights, default=0.0)
     return [(v, float(w / largest) if largest > 0 else 1.0) for v, w in zip(order, weights, strict=False) if w > 0 or largest == 0]

@@ -67,7 +67,8 @@ def test_every_path_is_rigid_and_its_name_is_stable(text: str, frames: int) -> N
     assert path.served.all()
     assert path.name == make(text, frames).name
     assert path.name.startswith(text.split()[0] + "-")
-    assert path.name != make(text, frames + 1).name
+    moves = text.split()[0] in ("orbit", "arc")  # standing cameras keep their folder when a sequence grows
+    assert (path.name != make(text, frames + 1).name) == moves
 
 
 def test_standing_cameras_are_those_of_the_rig() -> None:

@@ -1,0 +1,1 @@
+"""Measurements, each printed as a table and kept in benchmarks/results/NAME.json. Never part of the tests."""
