@@ -23,7 +23,7 @@ Facts = frozenset[str]
 class Params(BaseModel):
     """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of fingerprints."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
     def hashed(self) -> dict[str, Any]:
         """The fields that can change a result."""
