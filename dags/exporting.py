@@ -75,6 +75,7 @@ def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = 3
     sheet = Sheet(context.joint_set)
     for frame in chosen:
         one = range(frame, frame + 1)
+        sheet.begin()
         for view in picked:
             width, height = context.rig.size[view]
             crop = (slice(height), slice(width))
@@ -86,6 +87,7 @@ def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = 3
                 joints,
                 results.read("depth/depth", one, view)[0][crop],
             )
+        sheet.begin()
         color = results.read(f"rendering/{path.name}/color", one)[0]
         cameras = [c for c in range(len(path.names)) if path.served[frame, c]]
         for c in [cameras[i] for i in np.unique(np.linspace(0, len(cameras) - 1, min(views, len(cameras))).round().astype(int))] if cameras else []:

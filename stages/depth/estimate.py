@@ -20,8 +20,13 @@ from storage.rig import Rig
 SEARCHED = 0.6
 """Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its hull but for phantoms."""
 RESIDUAL = 0.012
-"""Half width of the second round's search over the picture's longer side: 6 px at 512."""
-RANGE = (0.5, 2.0)
+"""Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
+IN_FRONT = 0.006
+"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about what a
+mask or a calibration that is a pixel off costs."""
+FINE, FINEST = 768, 1.5
+"""Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer residuals, narrower windows."""
+RANGE = (0.6, 2.0)
 """Depths searched without masks, over the distance of the point the cameras look at."""
 Maps = dict[int, tuple[np.ndarray, np.ndarray]]
 """Two maps [h, w] float32 by view."""
@@ -35,6 +40,11 @@ class Frame:
     """[h, w, 3] uint8; empty where the method does not look at them."""
     masks: dict[int, np.ndarray]
     """[h, w] uint8, 0..255."""
+
+    @property
+    def inside(self) -> dict[int, np.ndarray]:
+        """[h, w] bool by view: foreground."""
+        return {v: foreground(m) for v, m in self.masks.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +63,18 @@ class Geometry:
     """Usable pairs in both orders."""
 
     @classmethod
-    def of(cls, rig: Rig, views: tuple[int, ...], params: DepthParams) -> Geometry:
-        """The geometry of the given views: each with its best usable neighbours, every pair in both orders."""
+    def of(cls, rig: Rig, views: tuple[int, ...], params: DepthParams, enlarge: bool = True) -> Geometry:
+        """The geometry of the given views: each with its best usable neighbours, every pair in both orders.
+
+        `enlarge` allows rectified pictures finer than their sources.
+        """
         if not views:
             return cls(rig, views, np.zeros(3), 0.0, {})
         centre = look_at_point(rig.subset(views))
         partners = choose_pairs(rig, views, params.pairs, params.max_angle) if params.method == "sgbm" else {}
         ordered = sorted({order for a, found in partners.items() for b in found for order in ((a, b), (b, a))})
-        return cls(rig, views, centre, searched_radius(rig, list(views), centre), {(a, b): rectify(rig, a, b, centre, _scale(rig, a, b)) for a, b in ordered})
+        scale = float(np.clip(FINE / rig.size[list(views)].max(), 1.0, FINEST if enlarge else 1.0))
+        return cls(rig, views, centre, searched_radius(rig, list(views), centre), {(a, b): rectify(rig, a, b, centre, scale) for a, b in ordered})
 
     def distance(self, view: int) -> float:
         """Depth of the centre along a view's optical axis, metres."""
@@ -70,55 +84,52 @@ class Geometry:
         """The views this one is matched with."""
         return [b for a, b in self.pairs if a == view]
 
-
-import os
-
-
-def _scale(rig,a,b):
-    return float(np.clip(float(os.environ.get("MS",0)) / rig.size[[a, b]].max(), 1.0, float(os.environ.get("MX",4))))
+    def inverse_depth(self, view: int, share: float) -> float:
+        """1/metres that make a disparity of `share` of the longer side in the view's least sensitive pair; 0 without a pair."""
+        pixels = share * float(self.rig.size[view].max())
+        return pixels / min((self.pairs[view, b].sensitivity for b in self.partners(view)), default=np.inf)
 
 
-def hull_only(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:
+def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
+    """Whether any view's mask [h, w] leaves out a pixel of its picture; without one there is no hull."""
+    return any(not foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items())
+
+
+def hull_only(geometry: Geometry, frame: Frame) -> Maps:
     """Depth and confidence of the hull's surface by view."""
-    return {v: (near, np.where(near > 0, HULL, 0).astype(np.float32)) for v, (near, _) in _hulls(geometry, frame.masks).items()}
+    return {v: (near, np.where(near > 0, HULL, 0).astype(np.float32)) for v, (near, _) in _hulls(geometry, frame).items()}
 
 
 def estimate(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:
-    """Depth and confidence by view.
+    """Depth and confidence by view: matched between the hull's bounds twice, the gaps completed.
 
-    With masks: matched between the hull's bounds twice, gaps completed. When every mask is full there is no silhouette
-    and no hull: depth is searched in `params.depth_range`, or in half to twice the distance of the point the cameras look
-    at, and only mutually consistent pixels keep a depth.
+    The second round follows the first one's result and searches a few px around it.
     """
-    inside = {v: foreground(m) for v, m in frame.masks.items()}
-    if geometry.views and all(_full(geometry.rig, v, inside[v]) for v in geometry.views):
-        return _round(geometry, frame.colors, inside, _ranges(geometry, inside, params), params)
-    hulls = _hulls(geometry, frame.masks)
+    inside, hulls = frame.inside, _hulls(geometry, frame)
     colors = {v: _beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
-    NS=float(os.environ.get('NS',0))
-    loose = {v: _in_front(geometry, v, near, NS) for v, (near, far) in hulls.items()}
-    bounds = {v: Bounds(near, loose[v], _between(near, far, SEARCHED)) for v, (near, far) in hulls.items()}
+    limits = {v: (_shifted(near, geometry.inverse_depth(v, IN_FRONT)), far) for v, (near, far) in hulls.items()}
+    bounds = {v: Bounds(near, limits[v][0], _between(near, far, SEARCHED)) for v, (near, far) in hulls.items()}
     first = _completed(_round(geometry, colors, inside, bounds, params), hulls)
-    again = {v: _around(geometry, v, first[v][0], loose[v],hulls[v][1]) for v in hulls}
+    again = {v: _around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in hulls}
     return _completed(_round(geometry, colors, inside, again, params), hulls)
 
 
-def _hulls(geometry: Geometry, masks: dict[int, np.ndarray]) -> Maps:
-    return {v: visual_hull(geometry.rig, v, masks, geometry.centre, geometry.radius, (float(os.environ.get('TOL',0)),1.5)) for v in geometry.views}
+def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:
+    """Depth and confidence by view of pictures without silhouettes, where there is no hull.
 
-
-def _full(rig: Rig, view: int, inside: np.ndarray) -> bool:
-    width, height = rig.size[view]
-    return bool(inside[:height, :width].all())
-
-
-def _ranges(geometry: Geometry, inside: dict[int, np.ndarray], params: DepthParams) -> dict[int, Bounds]:
-    """Constant bounds by view, with the windows upright at the geometric middle of the range."""
-    out = {}
+    Searched is `params.depth_range`, or 0.6 to 2 times the distance of the point the cameras look at; a pixel whose match
+    does not hold in both directions has depth 0.
+    """
+    inside, bounds = frame.inside, {}
     for v in geometry.views:
-        near, far = params.depth_range or tuple(r * geometry.distance(v) for r in RANGE)
-        out[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
-    return out
+        near, far = params.depth_range or (RANGE[0] * geometry.distance(v), RANGE[1] * geometry.distance(v))
+        # The windows stand upright at the middle of the range.
+        bounds[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
+    return _round(geometry, frame.colors, inside, bounds, params)
+
+
+def _hulls(geometry: Geometry, frame: Frame) -> Maps:
+    return {v: visual_hull(geometry.rig, v, frame.masks, geometry.centre, geometry.radius) for v in geometry.views}
 
 
 def _beyond_silhouette(color: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -136,21 +147,17 @@ def _between(near: np.ndarray, far: np.ndarray, share: float) -> np.ndarray:
     return np.where(known, 1 / inverse, 0).astype(np.float32)
 
 
-def _around(geometry: Geometry, view: int, guide: np.ndarray, near: np.ndarray, far: np.ndarray) -> Bounds:
-    """Bounds a few px of disparity to both sides of a guide, within the hull."""
-    known = guide > 0
-    scale = min((abs(geometry.pairs[view, b].baseline) * geometry.pairs[view, b].focal for b in geometry.partners(view)), default=1.0)
-    reach = RESIDUAL * max(guide.shape) / scale
-    inverse = 1 / np.where(known, guide, 1)
-    closer = np.where(known, np.maximum(1 / (inverse + reach), near), 0)
-    farther = np.where(known, np.minimum(1 / np.maximum(inverse - reach, 1e-3), far), 0)
-    return Bounds(guide, closer.astype(np.float32), np.maximum(closer, farther).astype(np.float32))
+def _shifted(depth: np.ndarray, inverse_depth: float) -> np.ndarray:
+    """Depth moved towards the camera by a step of inverse depth (away for a negative one), 0 where it is 0."""
+    known = depth > 0
+    return np.where(known, 1 / np.maximum(1 / np.where(known, depth, 1) + inverse_depth, 1e-3), 0).astype(np.float32)
 
 
-def _in_front(geometry,view,near,share):
-    known = near > 0
-    scale = min((abs(geometry.pairs[view, b].baseline) * geometry.pairs[view, b].focal for b in geometry.partners(view)), default=1.0)
-    return np.where(known,1/(1/np.where(known,near,1)+share*max(near.shape)/scale),0).astype(np.float32)
+def _around(guide: np.ndarray, reach: float, near: np.ndarray, far: np.ndarray) -> Bounds:
+    """Bounds a step of inverse depth to both sides of a guide, between near and far."""
+    closer = np.maximum(_shifted(guide, reach), near)
+    return Bounds(guide, closer, np.maximum(closer, np.minimum(_shifted(guide, -reach), far)))
+
 
 def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, np.ndarray], bounds: dict[int, Bounds], params: DepthParams) -> Maps:
     """One round of matching all pairs in both directions: what holds in both, fused by view."""
@@ -161,7 +168,7 @@ def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, 
         if not partners:
             out[v] = (np.zeros_like(bounds[v].guide), np.zeros_like(bounds[v].guide))
             continue
-        scales = np.array([geometry.pairs[v, b].focal * abs(geometry.pairs[v, b].baseline) for b in partners])
+        scales = np.array([geometry.pairs[v, b].sensitivity for b in partners])
         errors = [disagreement(found[v, b], found[b, v], transfer(geometry.rig, v, b), s) for b, s in zip(partners, scales, strict=True)]
         out[v] = fuse(np.stack([found[v, b] for b in partners]), np.stack(errors), scales, params.consistency)
     return out

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 
 import numpy as np
 
-from stages.depth.estimate import Frame, Geometry, estimate, hull_only
+from stages.depth.estimate import Frame, Geometry, Maps, estimate, estimate_open, has_silhouettes, hull_only
 from stages.depth.params import DepthParams
 from stages.io import Block, Inputs
 from storage.errors import UserError
+from storage.rig import Rig
 
 NEEDS_TRUTH = "depth.method: truth needs a simulated capture, and this one has no true depth; set depth.method to sgbm or hull"
 FEW_MATCHES = 0.3
@@ -36,18 +37,25 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
 
     @cache
-    def geometry(valid: tuple[int, ...]) -> Geometry:
-        return Geometry.of(inputs.rig, valid, params)
+    def geometry(valid: tuple[int, ...], enlarge: bool) -> Geometry:
+        return Geometry.of(inputs.rig, valid, params, enlarge)
 
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
         frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid})
-        found = estimate(geometry(valid), frame, params) if params.method == "sgbm" else hull_only(geometry(valid), frame, params)
-        for v, (z, c) in found.items():
+        for v, (z, c) in _depth(geometry, frame, params, inputs.rig).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("depth/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
+
+
+def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig) -> Maps:
+    """Depth and confidence of one frame, by what there is to go by."""
+    views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
+    if params.method == "hull":
+        return hull_only(geometry(views, False), frame)
+    return (estimate if silhouettes else estimate_open)(geometry(views, silhouettes), frame, params)
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

@@ -111,12 +111,12 @@ def _residual(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, window
     left, right = max(smallest + count, 0), max(-smallest, 0)
     wide = (x0 - left, y0, w + left + right, h)
     guide = np.pad(guide, ((0, 0), (left, right)), mode="edge")
-    reference = cv2.remap(first, *pair.maps(0, wide), INTER)
+    reference = cv2.remap(first, *pair.maps(0, wide), cv2.INTER_CUBIC)
     pixels = pixel_centres(wide[2:]) + wide[:2]
     pixels[..., 0] -= guide
     source, _ = pair.source_pixels(1, pixels)
     xs, ys = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
-    warped = cv2.remap(second, np.ascontiguousarray(xs), np.ascontiguousarray(ys), INTER)
+    warped = cv2.remap(second, np.ascontiguousarray(xs), np.ascontiguousarray(ys), cv2.INTER_CUBIC)
     elements = BLOCK * BLOCK * 3
     matcher = cv2.StereoSGBM.create(
         minDisparity=smallest,

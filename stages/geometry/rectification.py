@@ -37,6 +37,8 @@ class RectifiedPair:
     """[2, 3, 3] homographies from homogeneous rectified pixels to source pixels; the third row gives source depth per rectified depth."""
     size: tuple[int, int]
     """(width, height) of the rectified frame, px."""
+    scale: float = 1.0
+    """Focal length over the mean focal length of the source views."""
 
     @property
     def focal(self) -> float:
@@ -52,6 +54,11 @@ class RectifiedPair:
     def offset(self) -> float:
         """Disparity of a point at infinity, px: the difference of the principal points' columns."""
         return float(self.intrinsics[0, 0, 2] - self.intrinsics[1, 0, 2])
+
+    @property
+    def sensitivity(self) -> float:
+        """Px of disparity per 1/metre of inverse depth at the sources' own scale: focal * abs(baseline) / scale."""
+        return self.focal * abs(self.baseline) / self.scale
 
     def world_to_camera(self, which: int) -> np.ndarray:
         """[4, 4] of one rectified camera."""
@@ -83,7 +90,7 @@ class RectifiedPair:
     def maps(self, which: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Maps x, y [h, w] float32 for `cv2.remap`, which give a window of the rectified picture from the source picture."""
         x0, y0, w, h = window
-        source, _ = self.source_pixels(which, pixel_centres((w, h)) + (x0, y0))
+        source, _ = self.source_pixels(which, pixel_centres((w, h)) + np.array([x0, y0]))
         x, y = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
         return np.ascontiguousarray(x), np.ascontiguousarray(y)
 
@@ -129,4 +136,4 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
     # Rows of both are equal but for rounding; one value keeps them aligned exactly.
     intrinsics[:, 1, 2] = size[1] / 2 - focal * seen[0, 1] / seen[0, 2]
     to_source = rig.intrinsics[pair] @ rotations @ rotation.T @ np.linalg.inv(intrinsics)
-    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size[0], size[1]))
+    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size[0], size[1]), scale)

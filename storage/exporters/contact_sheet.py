@@ -16,31 +16,44 @@ CELL = 256
 LABEL = 18
 """Height of a caption, px."""
 
+WIDTH = 2200
+"""Width at which a line is broken, px."""
+
+BACKGROUND = 24
+"""Grey level between the pictures."""
+
+
+Strip = list[tuple[str, np.ndarray]]
+"""Captioned pictures, [h, w, 3] uint8, that stay side by side."""
+
 
 @dataclass
 class Sheet:
-    """Pictures collected row by row."""
+    """Strips of pictures, in sections that each start on a new line."""
 
     joint_set: str | None
     """Joint set of the joints that are added."""
-    rows: list[list[tuple[str, np.ndarray]]] = field(default_factory=list)
-    """Captioned pictures, [h, w, 3] uint8."""
+    sections: list[list[Strip]] = field(default_factory=list)
+    """Each: source views of one frame, or novel views of one frame."""
+
+    def begin(self) -> None:
+        """Start a section."""
+        self.sections.append([])
 
     def add_source(self, caption: str, color: np.ndarray, mask: np.ndarray, joints: np.ndarray | None, depth: np.ndarray) -> None:
         """One source view of one frame: [h, w, 3] uint8, [h, w] uint8, [J, 3] (u, v, score) px or None, [h, w] metres."""
-        cells = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
+        strip = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
         if joints is not None and self.joint_set is not None:
-            cells.append(("joints", draw_joints(color, joints, self.joint_set)))
-        cells.append((_depth_caption(depth), color_depth(depth)))
-        self.rows.append(cells)
+            strip.append(("joints", draw_joints(color, joints, self.joint_set)))
+        self.sections[-1].append([*strip, (_depth_caption(depth), color_depth(depth))])
 
     def add_novel(self, caption: str, color: np.ndarray, truth: np.ndarray | None) -> None:
         """One rendered picture; beside it, where there is one, the held-out picture and four times the difference."""
-        cells = [(f"novel: {caption}", color)]
+        strip = [(f"novel: {caption}", color)]
         if truth is not None:
             difference = np.abs(color.astype(np.int16) - truth).astype(np.uint16) * 4
-            cells += [("held out", truth), ("difference x4", difference.clip(0, 255).astype(np.uint8))]
-        self.rows.append(cells)
+            strip += [("held out", truth), ("difference x4", difference.clip(0, 255).astype(np.uint8))]
+        self.sections[-1].append(strip)
 
 
 def _depth_caption(depth: np.ndarray) -> str:
@@ -96,21 +109,28 @@ def _cell(caption: str, picture: np.ndarray) -> np.ndarray:
     width = max(1, round(picture.shape[1] * CELL / picture.shape[0]))
     shrink = picture.shape[0] > CELL
     scaled = cv2.resize(np.ascontiguousarray(picture), (width, CELL), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST)
-    out = np.full((CELL + LABEL, max(width, 8 * len(caption)), 3), 24, np.uint8)
+    out = np.full((CELL + LABEL, max(width, 8 * len(caption)), 3), BACKGROUND, np.uint8)
     out[LABEL:, :width] = scaled
     cv2.putText(out, caption, (3, LABEL - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1, cv2.LINE_AA)
     return out
 
 
 def write_sheet(path: Path, sheet: Sheet) -> None:
-    """Write the sheet as PNG; two source rows stand side by side where they fit."""
+    """Write the sheet as PNG: strips fill lines of WIDTH px, every section starts on a new line."""
     from storage.media import write_png
 
-    strips = [np.concatenate([c for caption, p in row for c in (_cell(caption, p), np.full((CELL + LABEL, 6, 3), 24, np.uint8))], axis=1) for row in sheet.rows]
-    columns = 2 if len(strips) > 3 else 1
-    width = max(s.shape[1] for s in strips)
-    padded = [np.pad(s, ((0, 8), (0, width - s.shape[1]), (0, 0)), constant_values=24) for s in strips]
-    while len(padded) % columns:
-        padded.append(np.full_like(padded[0], 24))
-    lines = [np.concatenate(padded[i : i + columns], axis=1) for i in range(0, len(padded), columns)]
-    write_png(path, np.concatenate(lines, axis=0))
+    lines: list[list[np.ndarray]] = []
+    for section in sheet.sections:
+        lines.append([])
+        for strip in section:
+            drawn = np.concatenate([c for caption, p in strip for c in (_cell(caption, p), _gap(6))], axis=1)
+            if lines[-1] and sum(s.shape[1] for s in lines[-1]) + drawn.shape[1] > WIDTH:
+                lines.append([])
+            lines[-1] += [drawn, _gap(14)]
+    drawn_lines = [np.concatenate(line, axis=1) for line in lines if line]
+    width = max(line.shape[1] for line in drawn_lines)
+    write_png(path, np.concatenate([np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND) for line in drawn_lines]))
+
+
+def _gap(width: int) -> np.ndarray:
+    return np.full((CELL + LABEL, width, 3), BACKGROUND, np.uint8)

@@ -156,6 +156,16 @@ def test_a_path_is_renamed_when_any_camera_changes(field: str, index: tuple[int,
     assert replace(path, kind="arc").name != path.name
 
 
+def test_standing_cameras_keep_their_name_over_any_frames_and_moving_ones_do_not() -> None:
+    """So that appended frames add to the pictures of a path instead of beginning a new one."""
+    path = make_path()
+    assert path.slice(slice(0, 1)).name == path.slice(slice(1, 3)).name == path.name
+    moving = path.world_to_camera.copy()
+    moving[2, 0, 0, 3] += 0.1
+    moved = replace(path, world_to_camera=moving)
+    assert len({moved.name, moved.slice(slice(0, 2)).name, moved.slice(slice(1, 3)).name, moved.slice(slice(2, 3)).name}) == 4
+
+
 def test_a_slice_of_a_path_holds_its_frames() -> None:
     part = make_path().slice(slice(1, 3))
     assert part.intrinsics.shape[0] == part.world_to_camera.shape[0] == part.served.shape[0] == 2
