@@ -90,11 +90,11 @@ class Configuration:
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay one mapping over another, key by key; lists and scalars are replaced."""
+    """Lay one mapping over another, key by key; lists and scalars are replaced. A section whose keys are all commented out changes nothing."""
     out = dict(below)
     for key, value in above.items():
         old = out.get(key)
-        out[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        out[key] = merge(old, {} if value is None else value) if isinstance(old, Mapping) and (value is None or isinstance(value, Mapping)) else value
     return out
 
 

@@ -14,7 +14,7 @@ from stages.frames.layout import frames_rig
 from stages.registry import STAGES
 from storage.archive import Archive, Sequence
 from storage.capture import Capture, SourceFile, Stream
-from storage.errors import ConfigError, SourceError
+from storage.errors import BrokenRecord, ConfigError, SourceError
 from storage.importers import registry
 from storage.joints import JOINT_SETS
 from storage.spec import ArraySpec
@@ -59,15 +59,26 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
     capture.rig.check()
     said = []
     length = partition_length(capture, settings)
-    if name in archive.names():
-        old = archive.sequence(name).partition_frames
-        if old != length:
-            said.append(f"sequence {name} keeps its partitions of {old} frames")
+    old = _registered_length(archive, name)
+    if old is not None:
+        said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
         length = old
-        said.append(f"sequence {name} was registered before; its results are kept where they still hold")
     if copy:
         capture = _copied(capture, archive.root / name / "_sources")
     return archive.create_sequence(name, capture, length), said
+
+
+def _registered_length(archive: Archive, name: str) -> int | None:
+    """Partition length of a sequence that exists; None for a new one, and for one whose record is broken and is replaced now.
+
+    Raises ArchiveError for a sequence of a newer format.
+    """
+    if name not in archive.names():
+        return None
+    try:
+        return archive.sequence(name).partition_frames
+    except BrokenRecord:
+        return None
 
 
 def _copied(capture: Capture, folder: Path) -> Capture:

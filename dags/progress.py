@@ -29,7 +29,7 @@ class TerminalProgress:
         """Take one event of the run."""
         if isinstance(event, RunStarted):
             for sentence in event.sentences:
-                self.console.print(sentence)
+                self.console.print(sentence, markup=False, soft_wrap=True)
             total = Counter(t.stage for t in event.tasks)
             self.ids = {s.name: self.bars.add_task(s.name, total=total[s.name], start=False) for s in STAGES if total[s.name]}
             self.bars.start()
@@ -76,7 +76,9 @@ class PlainProgress:
             self.write(f"{stage}: {self.total[stage]} of {self.total[stage]} done, {now - self.first[stage]:.1f} s")
             self.last = now
         elif now - self.last > QUIET_SECONDS:
-            self.write("; ".join(self._line(s, now) for s in self.total if 0 < self.settled[s] < self.total[s]))
+            lines = [self._line(s, now) for s in self.total if 0 < self.settled[s] < self.total[s]]
+            if lines:
+                self.write("; ".join(lines))
             self.last = now
 
     def _line(self, stage: str, now: float) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
 from storage.spec import ArraySpec, Shape, TableSpec
@@ -24,6 +24,15 @@ class Params(BaseModel):
     """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of fingerprints."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value_is_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """YAML's `yes` and `on` are truth values, and Python would take them for 1."""
+        annotation = cls.model_fields[info.field_name].annotation if info.field_name else None
+        if isinstance(value, bool) and annotation is not bool:
+            raise ValueError(f"a {getattr(annotation, '__name__', annotation)} is expected, got the truth value {value}")
+        return value
 
     def hashed(self) -> dict[str, Any]:
         """The fields that can change a result."""

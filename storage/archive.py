@@ -20,7 +20,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from storage.capture import Capture
-from storage.errors import ArchiveError
+from storage.errors import ArchiveError, BrokenRecord
 from storage.rig import Rig
 from storage.spec import BATCH_DIMS, ArraySpec, Shape
 
@@ -143,13 +143,16 @@ class Archive:
         return sequence
 
     def write_catalog(self) -> None:
-        """Write `catalog.parquet`, one row a sequence, from the sequences' own records."""
+        """Write `catalog.parquet`, one row a sequence, from the sequences' own records; one that cannot be read has no row."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         rows = []
         for name in self.names():
-            s = self.sequence(name)
+            try:
+                s = self.sequence(name)
+            except ArchiveError:
+                continue  # every command that touches the sequence says what is wrong with it
             c = s.capture
             rows.append({"sequence": name, "layout": c.layout, "views": len(c.rig), "frames": len(c.numbers), "frame_rate": c.frame_rate, "partition_frames": s.partition_frames})
         sink = pa.BufferOutputStream()
@@ -177,7 +180,7 @@ class Sequence:
             record = attributes[ATTRIBUTES]
             number = int(record["format"])
         except (OSError, ValueError, KeyError, TypeError) as e:
-            raise ArchiveError(f"{self.root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again") from e
+            raise BrokenRecord(f"{self.root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again") from e
         if number > FORMAT:
             raise ArchiveError(f"sequence {self.name} is of archive format {number}, this version reads up to {FORMAT}; update posegaussian")
         return record

@@ -58,7 +58,7 @@ class SourceFile:
             raise SourceError(f"source file {p} cannot be read any more ({e.strerror}); put it back or import the capture again") from e
         if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
             return
-        if stat.st_size != self.size or _sha256(str(p), stat.st_size, stat.st_mtime_ns) != self.sha256:
+        if stat.st_size != self.size or SourceFile.of(p).sha256 != self.sha256:
             raise SourceError(f"source file {p} changed since it was imported ({self.size} -> {stat.st_size} bytes); import the capture again")
 
 

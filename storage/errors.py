@@ -24,6 +24,10 @@ class ArchiveError(UserError):
     """An archive that does not exist, is of a newer format, or lies where runs are not possible."""
 
 
+class BrokenRecord(ArchiveError):
+    """A sequence whose own record cannot be read; importing it again writes a new one."""
+
+
 class ShardMissing(ArchiveError):
     """A shard that a receipt promises is not there."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from stages.depth.fuse import HULL, complete, fuse, transfer
+from stages.depth.fuse import MATCHED, complete, fuse, transfer
 from stages.depth.params import DepthParams
 from stages.depth.sampling import disagreement, extend
 from stages.depth.sgbm import Bounds, match
@@ -96,8 +96,8 @@ def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:
-    """Depth and confidence of the hull's surface by view."""
-    return {v: (near, np.where(near > 0, HULL, 0).astype(np.float32)) for v, (near, _) in _hulls(geometry, frame).items()}
+    """Depth of the hull's surface by view; its confidence is 1/2 everywhere, since nothing tells good pixels from bad ones."""
+    return {v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in _hulls(geometry, frame).items()}
 
 
 def estimate(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:

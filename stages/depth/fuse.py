@@ -10,9 +10,9 @@ from storage.rig import Rig, to_integer_centres
 
 MATCHED = 0.5
 """Least confidence of a pixel whose match holds in both directions."""
-FILLED = 0.25
+FILLED = 0.4
 """Confidence of a pixel filled from matched neighbours."""
-HULL = 0.125
+HULL = 0.3
 """Confidence of a pixel that has the hull's surface alone."""
 TRUST = 0.9
 """Belief in a single match without any disagreement."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import field_validator
+
 from stages.contract import Params, setting
 
 
@@ -14,4 +16,11 @@ class DepthParams(Params):
     pairs: int = setting(2, "Neighbouring views each view is matched with.", quality_levels=[1, 2], ge=1, le=4)
     max_angle: float = setting(65.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180)
     consistency: float = setting(1.5, "Left-right disagreement above which a match is dropped.", unit="px", gt=0)
-    depth_range: tuple[float, float] | None = setting(None, "Nearest and farthest depth searched where there are no masks; null takes it from the cameras.", unit="m")
+    depth_range: tuple[float, float] | None = setting(None, "Nearest and farthest depth searched where there are no masks; null: 0.6 to 2 times the distance of the point the cameras look at.", unit="m")
+
+    @field_validator("depth_range")
+    @classmethod
+    def _ascending(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not 0 < value[0] < value[1]:
+            raise ValueError(f"depth_range {list(value)} m must be [nearest, farthest] with 0 < nearest < farthest")
+        return value

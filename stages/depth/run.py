@@ -9,11 +9,11 @@ import numpy as np
 
 from stages.depth.estimate import Frame, Geometry, Maps, estimate, estimate_open, has_silhouettes, hull_only
 from stages.depth.params import DepthParams
+from stages.depth.stage import refusal
 from stages.io import Block, Inputs
 from storage.errors import UserError
 from storage.rig import Rig
 
-NEEDS_TRUTH = "depth.method: truth needs a simulated capture, and this one has no true depth; set depth.method to sgbm or hull"
 FEW_MATCHES = 0.3
 """Share of the surface below which a view is reported as poorly matched."""
 
@@ -24,9 +24,10 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     Each frame follows from its own pictures, masks and valid views alone. Raises UserError for `method: truth` without
     true depth.
     """
+    reason = refusal(params, inputs.facts)
+    if reason:
+        raise UserError(reason)
     if params.method == "truth":
-        if "truth_depth" not in inputs.facts:
-            raise UserError(NEEDS_TRUTH)
         yield from _truth(inputs)
         return
     sources = inputs.views.sources

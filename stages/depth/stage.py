@@ -8,9 +8,9 @@ from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: DepthParams) -> Resources:
-    """Pictures and masks of all views, one view's depth, and one pair's cost volume (256 disparities of 2 bytes)."""
+    """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and one pair being matched (600; measured: half)."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=shape["frame"] * pixels * (shape["view"] * 4 + 12) + pixels * 256 * 6)
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 10 + shape["view"] * 64 + 600))
 
 
 def refusal(params: DepthParams, facts: Facts) -> str | None:

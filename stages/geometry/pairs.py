@@ -99,8 +99,8 @@ def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, su
     rolled = _rolled(rig, (first, second), baseline, up)
     if rolled > MAX_ROLL:
         return report(Verdict.ROLLED, rolled, MAX_ROLL, f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})")
-    tilt = max(abs(_tilt(rig.rotations[v], baseline)) for v in (first, second))
-    tilt = min(tilt, 180 - tilt)
+    tilts = [abs(_tilt(rig.rotations[v], baseline)) for v in (first, second)]
+    tilt = max(min(t, 180 - t) for t in tilts)
     if tilt > MAX_TILT:
         return report(Verdict.VERTICAL, tilt, MAX_TILT, f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most {MAX_TILT:g})")
     share = _body_share(rig, first, second, subject, up)

@@ -1,0 +1,93 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stages.capture.person import capture_person
+from stages.geometry.hull import searched_radius, visual_hull
+from stages.geometry.subject import look_at_point
+from storage.rig import Rig
+from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
+
+CENTRE, RADIUS = np.array([0.1, -0.05, 0.1]), 0.5
+
+
+def sphere_hull(rig: Rig, view: int = 0, **more: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """True depth, near and far of a sphere's hull."""
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(len(rig))}
+    return sphere_depth(rig, view, CENTRE, RADIUS), *visual_hull(rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), **more)  # type: ignore[arg-type]
+
+
+def test_the_hull_holds_the_surface_and_shrinks_with_more_views():
+    errors = []
+    for views in (3, 6, 12, 24):
+        truth, near, far = sphere_hull(ring(views))
+        both = (truth > 0) & (near > 0)
+        assert both.sum() > 0.97 * (truth > 0).sum()
+        # A quarter of a pixel of a 64 px picture (2 m / 60 px / 4), what an edge of 4 x 4 samples can be off, at grazing rays.
+        assert (near[both] <= truth[both] + 0.025).all()
+        assert (far[both] >= truth[both]).all()
+        errors.append((truth - near)[both].mean())
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 0.25 * errors[0]
+
+
+def test_a_person_is_held_and_the_order_of_views_is_indifferent():
+    c = capture_person(views=8, size=96, frames=1, held_out=0)
+    centre = look_at_point(c.rig)
+    radius = searched_radius(c.rig, list(range(8)), centre)
+    masks = {v: c.mask[0, v] for v in range(8)}
+    near, far = visual_hull(c.rig, 2, masks, centre, radius)
+    truth = c.depth[0, 2]
+    surface = (truth > 0) & (c.mask[0, 2] > 127)
+    assert (near[surface] > 0).all()
+    # A pixel is 2.4 cm at this size; what a hull of half-pixel edges eats stays below it.
+    assert (near[surface] <= truth[surface] + 0.024).mean() > 0.99
+    assert (far[surface] >= truth[surface] - 0.024).mean() > 0.99
+    assert (near[c.mask[0, 2] <= 127] == 0).all()
+    order = [5, 3, 2, 7, 0, 6, 1, 4]
+    shuffled, _ = visual_hull(c.rig.subset(order), 2, {i: c.mask[0, v] for i, v in enumerate(order)}, centre, radius)
+    np.testing.assert_array_equal(shuffled, near)
+
+
+def test_a_view_that_sees_nothing_of_a_point_does_not_carve_it():
+    rig = ring(8)
+    truth, near, _ = sphere_hull(rig)
+    # One more camera looks past the sphere: its whole picture is background.
+    aside = rig_of([*rig.world_to_camera, camera(on_ring(20), np.array([0.0, 5.0, 0.0]))], (64, 64), 60.0)
+    masks = {v: sphere_mask(aside, v, CENTRE, RADIUS) for v in range(9)}
+    masks[8][0, 0] = 255
+    again, _ = visual_hull(aside, 0, masks, np.zeros(3), 1.8)
+    np.testing.assert_allclose(again, near, atol=1e-3)
+    # An empty mask says nothing at all, even where the camera sees the sphere.
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(8)}
+    masks[1][:] = 0
+    without, _ = visual_hull(rig, 0, masks, np.zeros(3), 1.8)
+    assert (without[truth > 0] > 0).mean() > 0.97
+
+
+def test_masks_behind_the_padding_are_not_read():
+    rig = ring(8, (64, 48))
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(8)}
+    near, _ = visual_hull(rig, 0, masks, np.zeros(3), 1.8)
+    padded = {v: np.pad(m, ((0, 16), (0, 32))) for v, m in masks.items()}
+    wide, _ = visual_hull(rig, 0, padded, np.zeros(3), 1.8)
+    np.testing.assert_array_equal(wide[:48, :64], near)
+    assert not wide[48:].any()
+
+
+def test_no_other_view_no_hull():
+    rig = ring(8)
+    near, far = visual_hull(rig, 0, {0: sphere_mask(rig, 0, CENTRE, RADIUS)}, np.zeros(3), 1.8)
+    assert not near.any()
+    assert not far.any()
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0])
+def test_thin_limbs_survive_a_calibration_that_is_off(shift: float) -> None:
+    c = capture_person(views=8, size=96, frames=1, held_out=0)
+    k = c.rig.intrinsics.copy()
+    k[1::2, 0, 2] += shift
+    rig = replace(c.rig, intrinsics=k)
+    near, _ = visual_hull(rig, 0, {v: c.mask[0, v] for v in range(8)}, look_at_point(rig), 2.0)
+    assert (near[c.mask[0, 0] > 127] > 0).mean() > 0.97

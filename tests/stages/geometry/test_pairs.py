@@ -1,0 +1,111 @@
+"""The rows of the catalogue of pairs: ring radius 2 m, elevation 8 degrees, focal length 819.2, 1024 x 1024, person of 1.8 m."""
+
+import numpy as np
+import pytest
+
+from stages.geometry.pairs import Verdict, choose_pairs, classify, pair_report
+from stages.geometry.rectification import rectify
+from stages.geometry.subject import body_points, look_at_point
+from storage.rig import Rig
+from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
+
+ORIGIN = np.zeros(3)
+REFERENCE = camera(on_ring(0), ORIGIN)
+
+
+def beside(azimuth: float, roll: float = 0.0) -> np.ndarray:
+    return camera(on_ring(azimuth), ORIGIN, roll)
+
+
+ROWS: dict[str, tuple[Rig, Verdict]] = {
+    "22.5": (rig_of([REFERENCE, beside(22.5)]), Verdict.USABLE),
+    "45": (rig_of([REFERENCE, beside(45)]), Verdict.USABLE),
+    "60": (rig_of([REFERENCE, beside(60)]), Verdict.USABLE),
+    "67.5": (rig_of([REFERENCE, beside(67.5)]), Verdict.TOO_WIDE),
+    "72": (rig_of([REFERENCE, beside(72)]), Verdict.TOO_WIDE),
+    "90": (rig_of([REFERENCE, beside(90)]), Verdict.TOO_WIDE),
+    "120": (rig_of([REFERENCE, beside(120)]), Verdict.TOO_WIDE),
+    "180": (rig_of([REFERENCE, beside(180)]), Verdict.TOO_WIDE),
+    "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), Verdict.VERTICAL),
+    "diagonal 20/20.5": (rig_of([REFERENCE, camera(on_ring(20, 28.5), ORIGIN)]), Verdict.VERTICAL),
+    # Two cameras alone cannot tell a vertical pair from one whose pictures both lie on their side.
+    "both rolled 90": (rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90)]), Verdict.VERTICAL),
+    "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), Verdict.ROLLED),
+    "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), Verdict.ROLLED),
+    "camera behind camera": (rig_of([REFERENCE, camera(on_ring(0, radius=3.0), ORIGIN)]), Verdict.BEHIND),
+    "coincident": (rig_of([REFERENCE, REFERENCE]), Verdict.COINCIDENT),
+    "same place, turned": (rig_of([REFERENCE, camera(on_ring(0), np.array([0.0, 0.2, 0.0]))]), Verdict.COINCIDENT),
+    "baseline 0.1 mm": (rig_of([REFERENCE, camera(on_ring(0) + np.array([0, 1e-4, 0]), ORIGIN)]), Verdict.COINCIDENT),
+    "focal lengths 1 : 1.5": (rig_of([REFERENCE, beside(22.5)], focal=[819.2, 1228.8]), Verdict.USABLE),
+}
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_every_row_gets_its_verdict_in_either_order(row: str) -> None:
+    rig, verdict = ROWS[row]
+    report = classify(rig, 0, 1)
+    swapped = classify(rig, 1, 0)
+    assert report.verdict is verdict, report.sentence
+    assert swapped.verdict is verdict
+    assert swapped.measured == pytest.approx(report.measured, abs=1e-9)
+    assert verdict.value in report.sentence
+    assert "cam0 and cam1" in report.sentence
+    assert np.isfinite([report.angle, report.measured, report.bound]).all()
+
+
+def test_both_rolled_are_called_rolled_where_the_rig_knows_up():
+    upright = [beside(a) for a in (90, 135, 180, 225, 270)]
+    rig = rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90), *upright])
+    assert classify(rig, 0, 1).verdict is Verdict.ROLLED
+
+
+def test_a_wide_pair_loses_the_body_when_the_angle_is_allowed():
+    report = classify(ROWS["120"][0], 0, 1, max_angle=170)
+    assert report.verdict is Verdict.TOO_WIDE
+    assert report.measured < report.bound
+    assert "of the body" in report.sentence
+
+
+@pytest.mark.parametrize("row", [r for r, (_, verdict) in ROWS.items() if verdict is Verdict.USABLE])
+def test_the_body_lies_inside_both_rectified_pictures_of_a_usable_pair(row: str) -> None:
+    from stages.geometry.projection import project
+
+    rig = ROWS[row][0]
+    pair = rectify(rig, 0, 1, ORIGIN)
+    for which in (0, 1):
+        pixels, depth = project(body_points(ORIGIN, np.array([0.0, 0, 1])), pair.intrinsics[which], pair.world_to_camera(which))
+        assert (depth > 0).all()
+        assert (pixels >= 0).all()
+        assert (pixels <= pair.size).all()
+
+
+def test_look_at_point_is_where_the_axes_meet_and_ahead_where_they_are_parallel():
+    target = np.array([0.3, -0.2, 0.9])
+    rig = rig_of([camera(target + on_ring(a), target) for a in (0, 45, 90)])
+    # The pull towards the expected distance weighs 1e-4.
+    np.testing.assert_allclose(look_at_point(rig), target, atol=1e-3)
+    parallel = rig_of([camera(np.array([x, -3.0, 0]), np.array([x, 0.0, 0])) for x in (0.0, 0.3)])
+    ahead = look_at_point(parallel) + np.array([0, 3, 0])
+    # 819.2 * 1.8 / (0.75 * 1024) = 1.92 m fills three quarters of the picture.
+    np.testing.assert_allclose(ahead, [0.15, 1.92, 0], atol=1e-6)
+
+
+def test_cameras_that_look_apart_still_have_a_point_ahead():
+    rig = rig_of([camera(np.array([x, 0.0, 0]), np.array([3 * x, 5.0, 0])) for x in (-1.0, 1.0)])
+    point = look_at_point(rig)
+    assert (np.einsum("vi,vi->v", rig.rotations[:, 2], point - rig.centres) > 0).all()
+
+
+def test_pairs_are_chosen_by_angle_and_only_among_sources():
+    rig = ring(8)
+    assert choose_pairs(rig, range(8), 2) == {v: sorted(((v - 1) % 8, (v + 1) % 8)) for v in range(8)}
+    assert choose_pairs(rig, [0, 1, 4], 2) == {0: [1], 1: [0], 4: []}
+    assert choose_pairs(ring(16), range(16), 4)[3] == [2, 4, 1, 5]
+    assert choose_pairs(rig, [0], 2) == {0: []}
+
+
+def test_no_pair_of_the_report_is_left_out():
+    reports = pair_report(ring(8))
+    assert len(reports) == 28
+    assert sum(r.usable for r in reports) == 8
+    assert {r.verdict for r in reports} == {Verdict.USABLE, Verdict.TOO_WIDE}
