@@ -115,6 +115,16 @@ def _grow(box: np.ndarray, centre: np.ndarray, ex: float, ey: float, ez: float) 
 
 
 @njit(cache=True, nogil=True)
+def _carried(rotation: np.ndarray, point: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """R x + t by hand: numba's own matrix product wants SciPy."""
+    out = shift.copy()
+    for k in range(3):
+        for j in range(3):
+            out[k] += rotation[k, j] * point[j]
+    return out
+
+
+@njit(cache=True, nogil=True)
 def bounds(kind: int, g: np.ndarray, to_camera: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """[4] (x0, y0, x1, y1) in normalised picture coordinates that hold the whole primitive; infinite when it is not in front.
 
@@ -126,10 +136,10 @@ def bounds(kind: int, g: np.ndarray, to_camera: np.ndarray, shift: np.ndarray) -
         for k in range(3):
             for j in range(3):
                 e[k] += (to_camera[k, j] * g[3 + j]) ** 2
-        _grow(box, to_camera @ g[0:3] + shift, math.sqrt(e[0]), math.sqrt(e[1]), math.sqrt(e[2]))
+        _grow(box, _carried(to_camera, g[0:3], shift), math.sqrt(e[0]), math.sqrt(e[1]), math.sqrt(e[2]))
     else:
-        _grow(box, to_camera @ g[0:3] + shift, g[6], g[6], g[6])
-        _grow(box, to_camera @ g[3:6] + shift, g[7], g[7], g[7])
+        _grow(box, _carried(to_camera, g[0:3], shift), g[6], g[6], g[6])
+        _grow(box, _carried(to_camera, g[3:6], shift), g[7], g[7], g[7])
     return box
 
 

@@ -50,7 +50,7 @@ def visual_hull(rig: Rig, view: int, masks: Mapping[int, np.ndarray], centre: np
     """
     own = foreground(masks[view])
     near, far = np.zeros(own.shape, np.float32), np.zeros(own.shape, np.float32)
-    others = [v for v in sorted(masks) if v != view and foreground(masks[v]).any()]
+    others = [v for v in sorted(masks) if v != view and foreground(masks[v][: rig.size[v, 1], : rig.size[v, 0]]).any()]
     rows, columns = np.nonzero(own)
     if not others or not rows.size:
         return near, far
@@ -81,13 +81,13 @@ def _distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def _box(mask: np.ndarray, size: np.ndarray, tolerance: float) -> np.ndarray:
-    """[4] x0, y0, x1, y1 in integer-centre px outside which a view carves; infinite where the box touches the picture's edge."""
-    rows, columns = np.nonzero(foreground(mask).any(axis=1))[0], np.nonzero(foreground(mask).any(axis=0))[0]
+    """[4] x0, y0, x1, y1 in integer-centre px: the part of a picture outside which it carves everything it sees."""
+    inside = foreground(mask[: size[1], : size[0]])
+    rows, columns = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
     margin = tolerance + 1.0
-    x0, x1, y0, y1 = columns[0] - margin, columns[-1] + margin, rows[0] - margin, rows[-1] + margin
-    return np.array(
-        [x0 if x0 > 0 else -np.inf, y0 if y0 > 0 else -np.inf, x1 if x1 < size[0] - 1 else np.inf, y1 if y1 < size[1] - 1 else np.inf],
-    )
+    low = np.maximum(np.array([columns[0], rows[0]]) - margin, 0)
+    high = np.minimum(np.array([columns[-1], rows[-1]]) + margin, size - 1)
+    return np.concatenate([low, high]).astype(np.float64)
 
 
 @njit(cache=True, nogil=True)
@@ -120,25 +120,47 @@ def _allowed(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarra
 
 
 @njit(cache=True, nogil=True)
-def _clip(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
-    """The part of [z0, z1] that no view's box carves; a view is used only where its camera has the whole part in front."""
-    for v in range(start.shape[0]):
-        if start[v, 2] + z0 * along[v, 2] <= 1e-6 or start[v, 2] + z1 * along[v, 2] <= 1e-6:
-            continue
-        for side in range(4):
-            bound = boxes[v, side]
-            if not math.isfinite(bound):
-                continue
-            axis, sign = side % 2, 1.0 if side < 2 else -1.0
-            # sign * (coordinate - bound * w) >= 0 is linear in z.
-            constant = sign * (start[v, axis] - bound * start[v, 2])
-            slope = sign * (along[v, axis] - bound * along[v, 2])
-            if constant + slope * z0 < 0 and constant + slope * z1 < 0:
-                return 1.0, 0.0
-            if constant + slope * z0 < 0:
-                z0 = -constant / slope
-            elif constant + slope * z1 < 0:
-                z1 = -constant / slope
+def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float) -> tuple[float, float]:
+    """The part of [z0, z1] that one view sees inside a box of its picture; a box is convex, so there is one part. Empty: (inf, -inf)."""
+    for side in range(5):
+        # Side 4 is the camera's plane; the others say sign * (coordinate - bound * w) >= 0. All are linear in z.
+        bound = (x0, y0, x1, y1, 0.0)[side]
+        sign = -1.0 if side in (2, 3) else 1.0
+        axis = 2 if side == 4 else side % 2
+        slope = sign * (along[axis] - bound * along[2])
+        constant = sign * (start[axis] - bound * start[2])
+        low, high = constant + slope * z0, constant + slope * z1
+        if low < 0 and high < 0:
+            return np.inf, -np.inf
+        if low < 0:
+            z0 = -constant / slope
+        elif high < 0:
+            z1 = -constant / slope
+    return z0, z1
+
+
+@njit(cache=True, nogil=True)
+def _clip(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
+    """The part of [z0, z1] that can hold the hull: seen by one view at least, and in the box of all that see its ends."""
+    views = start.shape[0]
+    seen, kept = np.empty((views, 2)), np.empty((views, 2))
+    for v in range(views):
+        seen[v, 0], seen[v, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
+        kept[v, 0], kept[v, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
+    z0, z1 = max(z0, seen[:, 0].min()), min(z1, seen[:, 1].max())
+    moved = True
+    while moved and z0 < z1:
+        moved = False
+        for v in range(views):
+            if kept[v, 0] > kept[v, 1]:
+                # Nothing of the ray is in this box: what the view sees of it is carved.
+                low, high = seen[v, 1] + 1e-9, seen[v, 0] - 1e-9
+            else:
+                low, high = kept[v, 0], kept[v, 1]
+            if seen[v, 0] <= z0 <= seen[v, 1] and z0 < low:
+                z0, moved = low, True
+            if seen[v, 0] <= z1 <= seen[v, 1] and z1 > high:
+                z1, moved = high, True
     return z0, z1
 
 
@@ -194,7 +216,7 @@ def _march(
                 p = projections[v, i]
                 start[v, i] = p[0] * origin[0] + p[1] * origin[1] + p[2] * origin[2] + p[3]
                 along[v, i] = p[0] * d[0] + p[1] * d[1] + p[2] * d[2]
-        z0, z1 = _clip(start, along, boxes, z0, z1)
+        z0, z1 = _clip(start, along, boxes, sizes, z0, z1)
         if z1 <= z0:
             continue
         step = pixel / math.sqrt(a)
