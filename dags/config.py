@@ -32,7 +32,7 @@ class PartitionSettings(Params):
 
     frames: int | None = setting(None, "Frames of a partition; null: as many as fit the budget.", unit="frames", ge=1, le=4096)
     megabytes: float = setting(256.0, "Budget of the largest shard.", unit="MB", gt=0)
-    most_frames: int = setting(16, "Upper bound of the partition length that the budget leads to.", unit="frames", ge=1, le=4096)
+    most_frames: int = setting(8, "Upper bound of the partition length that the budget leads to.", unit="frames", ge=1, le=4096)
 
 
 class ViewSettings(Params):

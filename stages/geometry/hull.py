@@ -5,7 +5,8 @@ masks, then walked in steps of about one pixel of motion in the other views; bot
 (Matusik et al., "Image-based visual hulls", 2000, find the same intervals on the epipolar lines).
 
 A view carves only what it can see: a point beside its picture or behind its camera stays, and a view whose mask is empty
-says nothing. A point that no other view sees is not part of the hull, because nothing speaks for it.
+says nothing. A point that fewer than two other views see (or the only other one) is not part of the hull, because too
+little speaks for it: the opposite camera of a ring sees a ray from end to end and carves none of it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ FOREGROUND = 127
 """A mask value above this is foreground."""
 REACH = 0.9
 """Radius of the searched sphere over the distance of the nearest camera: the sphere holds no camera."""
+WITNESSES = 2
+"""Other views that must see a point of the hull, where there are as many."""
 TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 BISECTIONS = 6
@@ -98,15 +101,15 @@ def _sees(x: float, y: float, w: float, size: np.ndarray) -> bool:
 
 @njit(cache=True, nogil=True)
 def _allowed(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray, tolerance: float) -> bool:
-    """Whether the ray's point at depth z lies in the hull: no view that sees it carves it, and one sees it."""
-    seen = False
+    """Whether the ray's point at depth z lies in the hull: no view that sees it carves it, and enough see it."""
+    seen = 0
     for v in range(start.shape[0]):
         w = start[v, 2] + z * along[v, 2]
         x = start[v, 0] + z * along[v, 0]
         y = start[v, 1] + z * along[v, 1]
         if not _sees(x, y, w, sizes[v]):
             continue
-        seen = True
+        seen += 1
         x /= w
         y /= w
         column = min(int(x), int(sizes[v, 0]) - 2)
@@ -116,7 +119,7 @@ def _allowed(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarra
         bottom = (1 - a) * distance[v, row + 1, column] + a * distance[v, row + 1, column + 1]
         if (1 - b) * top + b * bottom > tolerance:
             return False
-    return seen
+    return seen >= min(WITNESSES, start.shape[0])
 
 
 @njit(cache=True, nogil=True)
@@ -141,13 +144,14 @@ def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float,
 
 @njit(cache=True, nogil=True)
 def _clip(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
-    """The part of [z0, z1] that can hold the hull: seen by one view at least, and in the box of all that see its ends."""
+    """The part of [z0, z1] that can hold the hull: seen by enough views, and in the box of all that see its ends."""
     views = start.shape[0]
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
     for v in range(views):
         seen[v, 0], seen[v, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
         kept[v, 0], kept[v, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
-    z0, z1 = max(z0, seen[:, 0].min()), min(z1, seen[:, 1].max())
+    witnesses = min(WITNESSES, views)
+    z0, z1 = max(z0, np.sort(seen[:, 0])[witnesses - 1]), min(z1, np.sort(seen[:, 1])[views - witnesses])
     moved = True
     while moved and z0 < z1:
         moved = False

@@ -1,0 +1,183 @@
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.depth.params import DepthParams
+from stages.depth.run import check
+from stages.depth.stage import STAGE
+from stages.io import Block
+from stages.metrics.depth_error import depth_error
+from storage.errors import UserError
+from tests.memory import run_stage
+
+DEPTH, CONFIDENCE = "depth/depth", "depth/confidence"
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=8, size=96, frames=2, held_out=1)
+
+
+def arrays(c: PersonCapture) -> dict[str, np.ndarray]:
+    return {"frames/color": c.color, "frames/mask": c.mask, "truth/depth": c.depth}
+
+
+def depth_of(c: PersonCapture, length: int | None = None, more: dict[str, Any] | None = None, **params: Any) -> dict[str, np.ndarray]:
+    return run_stage(STAGE, DepthParams(**params), arrays(c), c.rig, c.views, len(c.color), length, **(more or {}))
+
+
+@pytest.fixture(scope="module")
+def estimate(person: PersonCapture) -> dict[str, np.ndarray]:
+    return depth_of(person)
+
+
+def mean_epe(c: PersonCapture, depth: np.ndarray) -> float:
+    errors = [depth_error(depth[f, v], c.depth[f, v], c.mask[f, v], c.rig, v, c.views.sources) for f in range(len(depth)) for v in c.views.sources]
+    return float(np.mean([e.epe for e in errors if e]))
+
+
+def test_every_view_gets_arrays_and_views_that_are_no_sources_get_zeros(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    assert estimate[DEPTH].shape == estimate[CONFIDENCE].shape == (2, 9, 96, 96)
+    assert not estimate[DEPTH][:, 8].any()
+    assert not estimate[CONFIDENCE][:, 8].any()
+
+
+def test_depth_lies_exactly_on_the_mask_with_confidence(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    inside = person.mask[:, :8] > 127
+    np.testing.assert_array_equal(estimate[DEPTH][:, :8] > 0, inside)
+    np.testing.assert_array_equal(estimate[CONFIDENCE][:, :8] > 0, inside)
+    assert estimate[CONFIDENCE].max() <= 1
+
+
+def test_matching_beats_the_hull_where_the_hull_is_coarse():
+    # At 60 degrees between cameras the hull is several pixels off, also in small pictures.
+    c = capture_person(views=6, size=96, frames=1, held_out=0)
+    assert mean_epe(c, depth_of(c)[DEPTH]) < 0.8 * mean_epe(c, depth_of(c, method="hull")[DEPTH])
+
+
+def test_confidence_ranks_pixels_by_error(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    surface = (person.mask[:, :8] > 127) & (person.depth[:, :8] > 0)
+    error = np.abs(estimate[DEPTH][:, :8] - person.depth[:, :8])[surface]
+    trust = estimate[CONFIDENCE][:, :8][surface].astype(float)
+    assert error[trust > 0.9].mean() < 0.7 * error[trust < 0.7].mean()
+
+
+def test_partitions_of_one_frame_give_the_bytes_of_the_whole(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    parts = depth_of(person, length=1)
+    for name in (DEPTH, CONFIDENCE):
+        np.testing.assert_array_equal(parts[name], estimate[name])
+
+
+def test_threads_do_not_change_a_byte(person: PersonCapture) -> None:
+    before = cv2.getNumThreads()
+    try:
+        results = []
+        for threads in (1, 2):
+            cv2.setNumThreads(threads)
+            results.append(depth_of(person)[DEPTH])
+    finally:
+        cv2.setNumThreads(before)
+    np.testing.assert_array_equal(*results)
+
+
+def test_held_out_pictures_and_masks_are_never_looked_at(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    noise = np.random.default_rng(0)
+    color, mask = person.color.copy(), person.mask.copy()
+    color[:, 8], mask[:, 8] = noise.integers(0, 255, color[:, 8].shape), noise.integers(0, 255, mask[:, 8].shape)
+    np.testing.assert_array_equal(depth_of(replace(person, color=color, mask=mask))[DEPTH], estimate[DEPTH])
+
+
+def test_a_view_without_a_picture_gets_zeros_and_is_used_by_nobody(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    valid = np.ones((2, 9), bool)
+    valid[1, 2] = False
+    garbage, mask = person.color.copy(), person.mask.copy()
+    garbage[1, 2], mask[1, 2] = 77, 0
+    found = depth_of(person, more={"valid_all": valid})[DEPTH]
+    again = depth_of(replace(person, color=garbage, mask=mask), more={"valid_all": valid})[DEPTH]
+    np.testing.assert_array_equal(found, again)
+    np.testing.assert_array_equal(found[0], estimate[DEPTH][0])
+    assert not found[1, 2].any()
+    assert (found[1, 1] > 0).sum() == (person.mask[1, 1] > 127).sum()
+
+
+def test_hull_is_the_hull_and_stands_before_the_truth(person: PersonCapture) -> None:
+    hull = depth_of(person, method="hull")[DEPTH][:, :8]
+    surface = (person.mask[:, :8] > 127) & (person.depth[:, :8] > 0)
+    # A pixel at this size is 2.4 cm.
+    assert (hull[surface] <= person.depth[:, :8][surface] + 0.024).mean() > 0.99
+
+
+def test_views_that_no_pair_serves_get_the_hull_with_low_confidence():
+    c = capture_person(views=4, size=64, frames=1, held_out=0)
+    found, hull = depth_of(c), depth_of(c, method="hull")
+    np.testing.assert_array_equal(found[DEPTH], hull[DEPTH])
+    assert found[DEPTH].any()
+    assert found[CONFIDENCE].max() < 0.5
+
+
+def test_truth_is_passed_on_and_refused_where_there_is_none(person: PersonCapture) -> None:
+    found = depth_of(person, method="truth", more={"facts": frozenset({"truth_depth"})})
+    np.testing.assert_array_equal(found[DEPTH][:, :8], person.depth[:, :8])
+    assert not found[DEPTH][:, 8].any()
+    np.testing.assert_array_equal(found[CONFIDENCE] == 1, found[DEPTH] > 0)
+    with pytest.raises(UserError, match=r"depth\.method is truth"):
+        depth_of(person, method="truth")
+
+
+def test_without_masks_only_consistent_pixels_keep_a_depth():
+    c = capture_person(views=16, size=96, frames=1, held_out=0)
+    found = depth_of(replace(c, mask=np.full_like(c.mask, 255)), depth_range=(1.6, 3.2))
+    depth, trust = found[DEPTH], found[CONFIDENCE]
+    np.testing.assert_array_equal(depth > 0, trust > 0)
+    assert (trust[depth > 0] >= 0.5).all()
+    assert depth[depth > 0].min() > 1.5
+    assert depth.max() < 3.3
+    surface = (c.mask > 127) & (c.depth > 0) & (depth > 0)
+    assert surface.sum() > 0.6 * (c.mask > 127).sum()
+    assert np.median(np.abs(depth - c.depth)[surface]) < 0.05
+
+
+def test_pictures_that_are_not_square_and_padded_views(person: PersonCapture) -> None:
+    # The lower 16 rows are cut off every view, and view 3 loses 10 columns too: its arrays keep them as padding.
+    size = person.rig.size.copy()
+    size[:, 1] = 80
+    size[3, 0] = 86
+    color, mask, depth = (np.ascontiguousarray(a[:1, :, :80]) for a in (person.color, person.mask, person.depth))
+    mask[:, 3, :, 86:] = 0
+    c = replace(person, rig=replace(person.rig, size=size), color=color, mask=mask, depth=depth)
+    found = depth_of(c)[DEPTH]
+    assert found.shape == (1, 9, 80, 96)
+    surface = (mask[:, :8] > 127) & (depth[:, :8] > 0)
+    assert np.median(np.abs(found[:, :8] - depth[:, :8])[surface]) < 0.03
+
+
+def test_a_single_source_view_and_an_empty_frame_have_no_depth(person: PersonCapture) -> None:
+    lonely = replace(person, views=replace(person.views, sources=(0,)))
+    assert not depth_of(lonely)[DEPTH].any()
+    empty = replace(person, mask=np.zeros_like(person.mask))
+    assert not depth_of(empty)[DEPTH].any()
+    nobody = depth_of(person, more={"valid_all": np.zeros((2, 9), bool)})
+    assert not nobody[DEPTH].any()
+
+
+def test_check_warns_of_poor_matching_and_refuses_impossible_values(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+    params = DepthParams()
+    assert check(Block(DEPTH, estimate[DEPTH][:, 0], 0), params) == []
+    assert check(Block(CONFIDENCE, estimate[CONFIDENCE][:, 0], 0), params) == []
+    poor = np.full((1, 4, 4), 0.3, np.float16)
+    assert "view 5: 0% of the surface" in check(Block(CONFIDENCE, poor, 5), params)[0]
+    for bad in (np.nan, -1.0, np.inf):
+        with pytest.raises(ValueError, match=r"depth/depth of view 1"):
+            check(Block(DEPTH, np.full((1, 2, 2), bad, np.float32), 1), params)
+    with pytest.raises(ValueError, match=r"not in \[0, 1\]"):
+        check(Block(CONFIDENCE, np.full((1, 2, 2), 1.5, np.float16), 1), params)
+
+
+def test_a_depth_range_must_ascend():
+    for wrong in ((3.0, 1.0), (0.0, 2.0), (2.0, 2.0)):
+        with pytest.raises(ValueError, match="0 < nearest < farthest"):
+            DepthParams(depth_range=wrong)
