@@ -69,7 +69,7 @@ def _depth(results: Results, frames: int) -> dict[str, float]:
         depth, truth, mask = (results.read(a, every, view) for a in ("depth/depth", "truth/depth", "frames/mask"))
         errors = [depth_error(d, t, m, context.rig, view, context.views.sources) for d, t, m in zip(depth, truth, mask, strict=True)]
         found += [e for e in errors if e is not None]
-    return {"EPE": float(np.mean([e.epe for e in found])), "1 px": float(np.mean([e.within_1px for e in found]))}
+    return {"EPE": float(np.mean([e.epe for e in found])), "1 px": float(np.mean([e.one_pixel for e in found]))}
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ class DepthParams(Params):
 
     method: Literal["sgbm", "hull", "truth"] = setting("sgbm", "sgbm: semi-global matching bounded by the visual hull; hull: the hull's surface alone; truth: the simulator's depth, a diagnostic.")
     pairs: int = setting(2, "Neighbouring views each view is matched with.", quality_levels=[1, 2], ge=1, le=4)
-    max_angle: float = setting(65.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180)
+    max_angle: float = setting(66.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180)
     consistency: float = setting(1.5, "Left-right disagreement above which a match is dropped.", unit="px", gt=0)
     depth_range: tuple[float, float] | None = setting(None, "Nearest and farthest depth searched where there are no masks; null: 0.6 to 2 times the distance of the point the cameras look at.", unit="m")
 

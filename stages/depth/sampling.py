@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-JUMP = 0.02
-"""Neighbouring values that differ by more than this share belong to different surfaces and are not blended."""
-
 
 @njit(cache=True, nogil=True)
-def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
+def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray, jump: float) -> np.ndarray:
     """Bilinear look-up of values [h, w] float32 at integer-centre positions [n, m], float32; 0 means unknown, in and out.
 
-    Unknown neighbours drop out of the weights; across a jump the nearest known neighbour is taken as it is.
+    Unknown neighbours drop out of the weights; neighbours that differ by more than the share `jump` belong to
+    different surfaces, and the nearest is taken as it is.
     """
     height, width = values.shape
     out = np.zeros(xs.shape, np.float32)
@@ -37,7 +35,7 @@ def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
                 if weight > heaviest:
                     heaviest, nearest = weight, value
             if weights > 0:
-                out[i, j] = total / weights if high - low <= JUMP * abs(nearest) else nearest
+                out[i, j] = total / weights if high - low <= jump * abs(nearest) else nearest
     return out
 
 

@@ -8,7 +8,6 @@ B'(x) = B(x - D(x)). A residual r matches A(x) with B'(x - r) = B(x - r - D(x - 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 import cv2
@@ -19,10 +18,9 @@ from stages.geometry.projection import pixel_centres
 from stages.geometry.rectification import RectifiedPair, Window
 from storage.rig import points_to_integer_centres
 
-INTER=int(os.environ.get('IP',1))
-BLOCK=int(os.environ.get('BL',5))
+BLOCK = 5
 """Side of the matching window, px; 3 is a little sharper on clean pictures and worse on noisy ones."""
-SMOOTH, JUMP = 2, 16
+SMOOTH, LEAP = 2, 16
 """Penalties, per window element, of a residual that changes by one and by more (P1 and P2 of OpenCV)."""
 GRADIENT_CAP = 15
 """Cap of the horizontal gradient that is compared: what exceeds it is an edge, however strong."""
@@ -30,6 +28,8 @@ MAX_SEARCH = 512
 """Widest residual searched, px."""
 SLACK = 1.0
 """Px by which a match may exceed the bounds before it is dropped instead of clamped."""
+SLOPE = 10.0
+"""Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different surfaces."""
 SUBPIXEL = 16
 """OpenCV's fixed-point steps of a pixel."""
 
@@ -70,7 +70,7 @@ def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.n
     inverse = np.where(found & (depth > 0), 1 / depth, 0).astype(np.float32)
     rectified, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1]))
     xs, ys = np.moveaxis(points_to_integer_centres(rectified) - window[:2], -1, 0)
-    back = sample(inverse, np.ascontiguousarray(xs), np.ascontiguousarray(ys))
+    back = sample(inverse, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
     known = mask & (back > 0) & (ratio > 0)
     out[known] = 1 / (back[known] * ratio[known])
     return out
@@ -92,9 +92,14 @@ def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
 def _disparity(pair: RectifiedPair, depth: np.ndarray, source: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given; NaN = unknown."""
     xs, ys = np.moveaxis(points_to_integer_centres(source), -1, 0)
-    sampled = sample(depth, np.ascontiguousarray(xs), np.ascontiguousarray(ys))
+    sampled = sample(depth, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
     known = (sampled > 0) & (ratio > 0)
     return np.where(known, pair.disparity(np.where(known, sampled / np.where(known, ratio, 1), 1)), np.nan)
+
+
+def _jump(pair: RectifiedPair) -> float:
+    """Share of the depth by which neighbouring pixels of one surface may differ."""
+    return SLOPE * pair.scale / pair.focal
 
 
 def _search(low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> tuple[int, int]:
@@ -123,7 +128,7 @@ def _residual(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, window
         numDisparities=count,
         blockSize=BLOCK,
         P1=SMOOTH * elements,
-        P2=JUMP * elements,
+        P2=LEAP * elements,
         disp12MaxDiff=-1,
         preFilterCap=GRADIENT_CAP,
         uniquenessRatio=0,

@@ -14,7 +14,7 @@ from stages.geometry.rectification import rectify
 from stages.geometry.subject import body_points, look_at_point, up_direction
 from storage.rig import Rig
 
-MAX_ANGLE = 65.0
+MAX_ANGLE = 66.0
 """Degrees at the subject; wider pairs see too little of the same surface."""
 MIN_BASELINE = 0.02
 """Baseline per distance of the subject (1.1 degrees): below it one pixel of disparity is a tenth of the distance and more."""

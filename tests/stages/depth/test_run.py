@@ -59,11 +59,14 @@ def test_matching_beats_the_hull_where_the_hull_is_coarse():
     assert mean_epe(c, depth_of(c)[DEPTH]) < 0.8 * mean_epe(c, depth_of(c, method="hull")[DEPTH])
 
 
-def test_confidence_ranks_pixels_by_error(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
-    surface = (person.mask[:, :8] > 127) & (person.depth[:, :8] > 0)
-    error = np.abs(estimate[DEPTH][:, :8] - person.depth[:, :8])[surface]
-    trust = estimate[CONFIDENCE][:, :8][surface].astype(float)
-    assert error[trust > 0.9].mean() < 0.7 * error[trust < 0.7].mean()
+def test_confidence_ranks_pixels_by_error():
+    # Small pictures of a narrow ring have too few bad pixels to tell.
+    c = capture_person(views=6, size=128, frames=1, held_out=0)
+    found = depth_of(c)
+    surface = (c.mask > 127) & (c.depth > 0)
+    error = np.abs(1 / np.where(surface, found[DEPTH], 1) - 1 / np.where(surface, c.depth, 1))[surface]
+    trust = found[CONFIDENCE][surface].astype(float)
+    assert error[trust > 0.97].mean() < 0.7 * error[(trust > 0.5) & (trust < 0.9)].mean()
 
 
 def test_partitions_of_one_frame_give_the_bytes_of_the_whole(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:

@@ -7,24 +7,24 @@ from tests.stages.geometry.scenes import ring, sphere_depth
 
 
 def test_sampling_is_exact_on_a_ramp_and_leaves_unknown_pixels_out():
-    ramp = 100 + np.arange(12, dtype=np.float32).reshape(3, 4)
+    ramp = 1000 + np.arange(12, dtype=np.float32).reshape(3, 4)
     xs, ys = np.array([[0.25, 1.5, 3.0]]), np.array([[0.5, 1.25, 2.0]])
-    np.testing.assert_allclose(sample(ramp, xs, ys), 100 + xs + 4 * ys, rtol=1e-6)
+    np.testing.assert_allclose(sample(ramp, xs, ys, 0.02), 1000 + xs + 4 * ys, rtol=1e-6)
     holed = ramp.copy()
     holed[0, 0] = 0
-    assert sample(holed, np.array([[0.0]]), np.array([[0.0]]))[0, 0] == 0
-    assert 100 < sample(holed, np.array([[0.5]]), np.array([[0.5]]))[0, 0] < 106
+    assert sample(holed, np.array([[0.0]]), np.array([[0.0]]), 0.02)[0, 0] == 0
+    assert 1001 < sample(holed, np.array([[0.5]]), np.array([[0.5]]), 0.02)[0, 0] < 1005
 
 
 def test_sampling_does_not_blend_two_surfaces():
     step = np.array([[1.0, 1.0, 2.0, 2.0]], np.float32)
-    found = sample(step, np.array([[1.2, 1.4, 1.6, 1.9]]), np.zeros((1, 4)))
+    found = sample(step, np.array([[1.2, 1.4, 1.6, 1.9]]), np.zeros((1, 4)), 0.02)
     assert found[0].tolist() == [1, 1, 2, 2]
 
 
 def test_sampling_outside_is_unknown_even_for_positions_that_are_no_numbers():
     values = np.ones((3, 3), np.float32)
-    assert not sample(values, np.array([[-1.5, 3.2, np.nan, np.inf]]), np.ones((1, 4))).any()
+    assert not sample(values, np.array([[-1.5, 3.2, np.nan, np.inf]]), np.ones((1, 4)), 0.02).any()
 
 
 def test_extend_takes_the_nearest_known_pixel():

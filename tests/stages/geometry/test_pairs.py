@@ -59,6 +59,16 @@ def test_both_rolled_are_called_rolled_where_the_rig_knows_up():
     assert classify(rig, 0, 1).verdict is Verdict.ROLLED
 
 
+def test_the_worse_of_the_two_tilts_decides():
+    # Seen from below the second camera's rows are steeper: one picture alone would pass.
+    rig = rig_of([REFERENCE, camera(on_ring(20, 24), ORIGIN)])
+    report = classify(rig, 0, 1)
+    assert report.verdict is Verdict.VERTICAL
+    single = [abs(np.degrees(np.arctan2(r[1] @ (b := rig.centres[1] - rig.centres[0]), r[0] @ b))) for r in rig.rotations]
+    assert report.measured == pytest.approx(max(single))
+    assert min(single) < report.bound
+
+
 def test_a_wide_pair_loses_the_body_when_the_angle_is_allowed():
     report = classify(ROWS["120"][0], 0, 1, max_angle=170)
     assert report.verdict is Verdict.TOO_WIDE
