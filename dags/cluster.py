@@ -39,6 +39,7 @@ def start_local(workers: int | None, cpus: int) -> Any:
     from distributed import Nanny, Scheduler, SpecCluster
 
     dask.config.set({"distributed.scheduler.worker-ttl": "30 minutes", "distributed.worker.daemon": True, "logging.distributed": "error"})
+    dask.config.set({"distributed.nanny.pre-spawn-environ": {**threads.environment(cpus), **threads.allocator()}})
     quiet = {"DASK_LOGGING__DISTRIBUTED": "critical"}  # a failed task is reported by the run, with its sentence
     count = workers or max(1, (os.cpu_count() or 1) // cpus)
     common = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": 40}
