@@ -160,7 +160,7 @@ def why(
 
     session = _session(config, assignments, archive)
     _selection([stage], None, None)
-    p = session.plan(session.names([sequence])[0], Selection())
+    p = session.plan(session.one_name(sequence), Selection())
     if stage in p.unneeded:
         console.print(f"{stage} is not needed: {p.unneeded[stage]}", markup=False)
         return
@@ -194,7 +194,7 @@ def export(
     if not (video or frames or sheet):
         raise ConfigError("export: say what to write with --video FILE, --frames FOLDER or --sheet FILE")
     session = _session(config, assignments, archive, scheduler)
-    p = session.plan(session.names([sequence])[0], Selection(), (path,) if path else ())
+    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None else ())
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
@@ -226,6 +226,11 @@ def main() -> None:
     except UserError as e:
         for line in str(e).splitlines():
             errors.print(f"[red]error:[/red] {escape(line)}", soft_wrap=True)
+        sys.exit(2)
+    except OSError as e:
+        if e.filename is None:
+            raise
+        errors.print(f"error: {e.filename}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted; what is done is kept, the next run goes on from here")

@@ -6,6 +6,7 @@ because a resource tag switches off the scheduler's back-pressure.
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import subprocess
@@ -38,16 +39,26 @@ def start_local(workers: int | None, cpus: int) -> Any:
     import dask
     from distributed import Nanny, Scheduler, SpecCluster
 
-    dask.config.set({"distributed.scheduler.worker-ttl": "30 minutes", "distributed.worker.daemon": True, "logging.distributed": "error"})
-    dask.config.set({"distributed.nanny.pre-spawn-environ": {**threads.environment(cpus), **threads.allocator()}})
-    quiet = {"DASK_LOGGING__DISTRIBUTED": "critical"}  # a failed task is reported by the run, with its sentence
-    count = workers or max(1, (os.cpu_count() or 1) // cpus)
-    common = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": 40}
-    spec: dict[str, Any] = {f"cpu-{i}": {"cls": Nanny, "options": {**common, "name": f"cpu-{i}", "env": {**threads.environment(cpus), **quiet, "POSEGAUSSIAN_WORKER": f"cpu-{i}", "CUDA_VISIBLE_DEVICES": ""}}} for i in range(count)}
-    for device in visible_gpus():
-        environment = {**threads.environment(cpus), **quiet, "POSEGAUSSIAN_WORKER": f"gpu-{device}", "CUDA_VISIBLE_DEVICES": device}
-        spec[f"gpu-{device}"] = {"cls": Nanny, "options": {**common, "name": f"gpu-{device}", "resources": {GPU: 1}, "env": environment}}
-    return SpecCluster(workers=spec, scheduler={"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}, silence_logs=40)
+    # A failed task is reported by the run, with its sentence; Dask's own report would say it again with a traceback.
+    environment = {**threads.environment(cpus), "DASK_LOGGING__DISTRIBUTED": "critical"}
+    dask.config.set({"distributed.scheduler.worker-ttl": "30 minutes", "distributed.nanny.pre-spawn-environ": {**environment, **threads.allocator()}})
+    names = {f"cpu-{i}": "" for i in range(workers or max(1, (os.cpu_count() or 1) // cpus))} | {f"gpu-{d}": d for d in visible_gpus()}
+    spec = {name: {"cls": Nanny, "options": _worker_options(name, device, environment)} for name, device in names.items()}
+    scheduler = {"cls": Scheduler, "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}}
+    return SpecCluster(workers=spec, scheduler=scheduler, silence_logs=logging.CRITICAL)
+
+
+def _worker_options(name: str, device: str, environment: dict[str, str]) -> dict[str, Any]:
+    """Options of one worker process of one thread; `device` is the only GPU it sees, or "" for none."""
+    return {
+        "name": name,
+        "nthreads": 1,
+        "memory_limit": 0,
+        "dashboard": False,
+        "silence_logs": logging.CRITICAL,
+        "resources": {GPU: 1} if device else {},
+        "env": {**environment, "POSEGAUSSIAN_WORKER": name, "CUDA_VISIBLE_DEVICES": device},
+    }
 
 
 class DaskBackend:

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_origin
 import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model
 
-from dags.yaml_marks import Document, Location, load
+from dags.yaml_marks import Document, Location, load, parse_value
 from stages.contract import Params, setting
 from stages.registry import STAGES
 from storage.errors import ConfigError
@@ -167,7 +167,7 @@ def _from_assignments(assignments: Sequence[str]) -> Document:
             if not isinstance(target, dict):
                 raise ConfigError(f"--set {text}: {parent} was already given a value and cannot hold {last}")
         try:
-            target[last] = yaml.safe_load(value)
+            target[last] = parse_value(value)
         except (yaml.YAMLError, ValueError) as e:
             raise ConfigError(f"--set {text}: {value!r} is not a YAML value: {e}") from e
     return document

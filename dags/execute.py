@@ -152,7 +152,7 @@ def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list
     for block in blocks:
         if check is not None:
             prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
-            warnings += [prefix + w for w in check(block, order.params)]
+            warnings += [prefix + w.removeprefix(f"view {block.view}: ") for w in check(block, order.params)]
         yield block
 
 

@@ -94,14 +94,24 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
     if old.get("effects") != new["effects"]:
         out.append(f"effects of {stage} changed")
-    if old.get("bounds") != new["bounds"]:
+    moved = old.get("bounds") != new["bounds"]
+    if moved:
         out.append(_bounds_changed(old.get("bounds"), new["bounds"]))
     if old.get("cameras") != new["cameras"]:
         out.append("cameras, their roles or the camera path changed")
-    out += [f"source {k} changed" for k in sorted({*old.get("sources", {}), *new["sources"]}) if old.get("sources", {}).get(k) != new["sources"].get(k)]
+    if not moved:  # other frames have other sources; that they differ is no news
+        out += _entries_changed("source", old.get("sources", {}), new["sources"])
     if "inputs" in new:
-        out += [f"input {k} changed" for k in sorted({*old.get("inputs", {}), *new["inputs"]}) if old.get("inputs", {}).get(k) != new["inputs"].get(k)]
+        out += _entries_changed("input", old.get("inputs", {}), new["inputs"], both=moved)
     return out
+
+
+def _entries_changed(kind: str, old: Mapping[str, str], new: Mapping[str, str], both: bool = False) -> list[str]:
+    """Entries whose digest changed, that are read now, or no longer; with `both` only those that were read before and after."""
+    shared = [f"{kind} {k} changed" for k in sorted(old.keys() & new.keys()) if old[k] != new[k]]
+    if both:
+        return shared
+    return [*shared, *(f"{kind} {k} is now read" for k in sorted(new.keys() - old.keys())), *(f"{kind} {k} is no longer read" for k in sorted(old.keys() - new.keys()))]
 
 
 def _params_changed(stage: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

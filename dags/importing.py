@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
 from storage.archive import Archive, Sequence
@@ -34,7 +34,7 @@ def find_capture(layout: str, source: Path, assignments: list[str], settings: An
         key, separator, value = text.partition("=")
         if not separator:
             raise ConfigError(f"--option {text}: write it as key=value, for example frame_rate=30")
-        options[key.strip()] = yaml.safe_load(value)
+        options[key.strip()] = parse_value(value)
     return registry.find_capture(layout, source, options)
 
 

@@ -50,6 +50,13 @@ class Session:
                 raise ArchiveError(f"no sequence matches {g!r}; archive {self.archive.root} has {', '.join(known)}")
         return [n for n in known if not globs or any(fnmatch.fnmatchcase(n, g) for g in globs)]
 
+    def one_name(self, glob: str) -> str:
+        """The one sequence that a glob matches. Raises ArchiveError for none and for several."""
+        matches = self.names([glob])
+        if len(matches) > 1:
+            raise ArchiveError(f"{glob!r} matches {len(matches)} sequences, {', '.join(matches)}; name one")
+        return matches[0]
+
     def context(self, name: str, paths: tuple[str, ...] = ()) -> Context:
         """One sequence under its settings."""
         return make_context(self.archive.sequence(name), self.configuration.for_sequence(name), paths)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,22 @@ import yaml
 from storage.errors import ConfigError
 
 Location = tuple[str | int, ...]
+
+class Loader(yaml.SafeLoader):
+    """PyYAML's safe loader with the plain values of YAML 1.2: `1:9` is text and not sixty-nine, `on` and `no` are text too."""
+
+
+_YAML_1_1 = {f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "bool", "timestamp")}
+Loader.yaml_implicit_resolvers = {first: [r for r in resolvers if r[0] not in _YAML_1_1] for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()}
+Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
+Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^(?:[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN))$"), list("-+0123456789."))
+
+
+def parse_value(text: str) -> Any:
+    """One value as a configuration file would have it. Raises yaml.YAMLError."""
+    return yaml.load(text, Loader=Loader)  # a SafeLoader: builds plain values only
+
 
 DEEPEST = 32
 """Nesting beyond which a document is taken to contain itself through an alias."""
@@ -43,7 +60,7 @@ def load(path: Path) -> Document:
     except (OSError, UnicodeDecodeError) as e:
         raise ConfigError(f"cannot read configuration {path}: {e}") from e
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = yaml.compose(text, Loader=Loader)
     except yaml.MarkedYAMLError as e:
         mark = e.problem_mark or e.context_mark
         at = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
@@ -94,7 +111,7 @@ def _plain(node: yaml.Node, location: Location, document: Document, errors: list
             items.append(_plain(item, (*location, i), document, errors))
         return items
     try:
-        return yaml.SafeLoader("").construct_object(node)
+        return Loader("").construct_object(node)
     except (yaml.YAMLError, ValueError) as e:
         why = e.problem if isinstance(e, yaml.MarkedYAMLError) else e
         errors.append(f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {node.value!r} as a value ({why}); quote it if it is a text")

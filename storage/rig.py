@@ -102,8 +102,10 @@ class Rig:
                 raise CalibrationError(f"camera {name}: focal lengths ({fx:g}, {fy:g}) px must be positive")
             r = self.rotations[v]
             error = np.abs(r @ r.T - np.eye(3)).max()
-            if error > 1e-3 or np.linalg.det(r) < 0:
-                raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3), determinant {np.linalg.det(r):.3f}")
+            if error <= 1e-3 and np.linalg.det(r) < 0:
+                raise CalibrationError(f"camera {name}: the rotation is a mirror image (determinant -1); one of its axes has the wrong sign")
+            if error > 1e-3:
+                raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3)")
             if not np.array_equal(self.world_to_camera[v, 3], [0, 0, 0, 1]):
                 raise CalibrationError(f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid motion's is [0, 0, 0, 1]")
             if (self.size[v] <= 0).any():

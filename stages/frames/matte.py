@@ -57,7 +57,7 @@ def _texture_change(image: np.ndarray, back: np.ndarray) -> np.ndarray:
 
     # What a ramp cannot explain of the ratio to the plate: a soft shadow's edge cancels, cloth does not.
     ratio = grey / np.maximum(ground, 16.0)
-    return ground * np.sqrt(mean(np.square(ratio - mean(ratio))))
+    return ground * np.sqrt(np.maximum(mean(np.square(ratio - mean(ratio))), 0))  # running sums can end just below 0
 
 
 def _soft_edge(mask: np.ndarray, distance: np.ndarray) -> np.ndarray:

@@ -27,6 +27,9 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
     off a rigid one by more than 1e-3, a camera twice in one frame, two sizes of one name, and when no frame is served.
     """
     document = _parse(file)
+    unknown = sorted(set(document) - {"pixel_center", "cameras"})
+    if unknown:
+        raise UserError(f"{file}: unknown key {unknown[0]!r}; the form is {FORM}")
     centre = document.get("pixel_center")
     if centre not in ("integer", "half"):
         said = "is missing" if centre is None else f"is {centre!r}"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from storage.errors import UserError
 from storage.media import write_png
 
 
@@ -24,12 +25,13 @@ def write_frames(
     `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame number,
     [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight colours, as PNG
     demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the sequence's own), `time`.
-    Raises ValueError for an unknown camera or frame.
+    Raises ValueError for an unknown camera or frame, and UserError for a folder with pictures of another export.
     """
     root = Path(folder)
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
+    _refuse_strangers(root, cameras, index)
     for camera in cameras:
         (root / camera).mkdir(parents=True, exist_ok=True)
     for camera, number, picture, alpha in pictures:
@@ -46,6 +48,13 @@ def write_frames(
         table.writerows([n, index[n], repr(float(time[index[n]]))] for n in sorted(written))
     os.replace(part, root / "frames.csv")
     return count
+
+
+def _refuse_strangers(root: Path, cameras: Sequence[str], index: Mapping[int, int]) -> None:
+    """Raise UserError when the folder holds pictures that this export would leave beside its own."""
+    others = [p for p in sorted(root.glob("*/*.png")) if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in index]
+    if others:
+        raise UserError(f"folder {root} holds {len(others)} picture(s) of something else, for example {others[0].relative_to(root)}; empty it or name another folder")
 
 
 def _straight(picture: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -137,3 +137,29 @@ def test_status_shows_sequence_by_stage(finished: Pipeline, tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr
     assert NAME in done.stdout
     assert "3/3" in done.stdout
+
+
+def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    archive = ["--archive", str(finished.root), "--set", "views.held_out=[mid00]", "--set", "partition.frames=2"]
+    says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
+    says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
+    says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
+
+
+def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> None:
+    two = finished.copy(tmp_path / "archive")
+    import shutil
+
+    shutil.copytree(two.root / NAME, two.root / "person2")
+    says(posegaussian("export", "*", "--video", "x.mp4", cwd=tmp_path), "matches 2 sequences", "person2")
+
+
+def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, tmp_path: Path) -> None:
+    archive = ["--archive", str(finished.root), "--set", "views.held_out=[mid00]", "--set", "partition.frames=2"]
+    done = posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["frames.csv", "mid00"]
+    (tmp_path / "out" / "cam09").mkdir()
+    (tmp_path / "out" / "mid00" / "000000.png").rename(tmp_path / "out" / "cam09" / "000000.png")
+    says(posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path), "cam09/000000.png", "empty it or name another folder")

@@ -146,7 +146,7 @@ def test_a_fault_of_set_is_named_as_such(tmp_path: Path) -> None:
     assert faults(tmp_path, "", "depth.metod=hull") == ['--set depth.metod: unknown key; did you mean "method"?']
 
 
-@pytest.mark.parametrize("assignment", ["depth.method", "=hull", "depth.method=[1", "depth.method=!x y", "archive=2001-99-99", "archive=\tx: 1: 2"])
+@pytest.mark.parametrize("assignment", ["depth.method", "=hull", "depth.method=[1", "depth.method=!x y", "archive=\tx: 1: 2"])
 def test_a_malformed_set_is_shown_as_written(tmp_path: Path, assignment: str) -> None:
     assert faults(tmp_path, "", assignment)[0].startswith(f"--set {assignment}: ")
 
@@ -155,7 +155,7 @@ def test_set_cannot_go_below_a_value(tmp_path: Path) -> None:
     assert faults(tmp_path, "", "depth=5", "depth.method=hull") == ["--set depth.method=hull: depth was already given a value and cannot hold method"]
 
 
-@pytest.mark.parametrize("text", ["depth: hull", "depth: [1]", "frames: {crop: [1]}", "views: {sources: cam01}", "views: {sources: [1, 2]}", "rendering: {paths: orbit}", "effects: 5", "effects: abc", "sequences: 5", "sequences: {a: 5}", "sequences: {a: null}", "frames: {size: 1e3}", "smoothing: {omega: .nan}"])
+@pytest.mark.parametrize("text", ["depth: hull", "depth: [1]", "frames: {crop: [1]}", "views: {sources: cam01}", "views: {sources: [1, 2]}", "rendering: {paths: orbit}", "effects: 5", "effects: abc", "sequences: 5", "sequences: {a: 5}", "sequences: {a: null}", "frames: {size: 1e-3}", "smoothing: {omega: .nan}"])
 def test_a_value_of_the_wrong_type_is_a_sentence_with_its_place(tmp_path: Path, text: str) -> None:
     found = faults(tmp_path, text)
     assert found

@@ -146,3 +146,15 @@ def test_plan_imports_no_numerical_library(archive: Pipeline) -> None:
 
 def test_a_task_is_labelled_by_camera() -> None:
     assert Task("s", "frames", 3, 1).label(("cam00", "cam01")) == "frames cam01 p0003"
+
+
+def test_a_grown_range_says_which_frames_came_and_blames_no_source(archive: Pipeline) -> None:
+    shorter = archive.with_settings("frames.range=0:5")
+    reasons = stale(shorter)
+    assert reasons["frames"] == {"frames of the partition 4..5 (2 frames) -> 4..4 (1 frames)"}
+
+
+def test_inputs_that_are_no_longer_read_are_called_so(archive: Pipeline) -> None:
+    fewer = archive.with_settings("views.sources=[cam00, cam01, cam02]")
+    assert any(r.endswith("of cam03 is no longer read") for r in stale(fewer)["depth"])
+    assert not any("cam03 changed" in r for r in stale(fewer)["depth"])
