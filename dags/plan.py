@@ -15,6 +15,7 @@ from dags.context import Context
 from dags.fingerprint import all_parts, own_parts, reasons
 from dags.tasks import Product, Task, dependencies, inputs, producer, tasks
 from stages.contract import Stage
+from stages.geometry.pairs import pair_notes
 from stages.registry import STAGES
 from storage.errors import ConfigError
 from storage.receipts import Output, Receipt, missing_files, scan_receipts
@@ -190,7 +191,7 @@ def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterab
 
 
 def _notes(context: Context, book: Book) -> tuple[str, ...]:
-    """Sequence-wide constants that were taken from other files than the capture has now."""
+    """Sequence-wide constants that were taken from other files than the capture has now, and views that are not matched."""
     found = []
     for s in STAGES:
         if not s.sequence_wide:
@@ -200,6 +201,8 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         changed = [context.views.names[v] for v, d in now.items() if v in old and old[v] is not None and old[v] != d]
         if changed:
             found.append(f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from {s.name}` takes it anew")
+    if "depth" not in context.unneeded() and context.settings.depth.method == "sgbm":
+        found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     return tuple(found)
 
 

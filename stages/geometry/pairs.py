@@ -162,3 +162,19 @@ def choose_pairs(rig: Rig, sources: Sequence[int], count: int, max_angle: float 
             partners[a].append((round(report.angle, 1), b))
             partners[b].append((round(report.angle, 1), a))
     return {v: [b for _, b in sorted(found)[:count]] for v, found in partners.items()}
+
+
+def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> list[str]:
+    """Sentences for the plan about pairs that are not matched: one a verdict with an example, one for views no pair serves."""
+    reports = pair_report(rig, sources, max_angle)
+    notes = []
+    for verdict in Verdict:
+        refused = [r for r in reports if r.verdict is verdict and not r.usable]
+        if refused:
+            nearest = min(refused, key=lambda r: r.angle)
+            notes.append(f"depth does not match {len(refused)} of {len(reports)} pairs of views, which are {verdict}; the nearest: {nearest.sentence}")
+    served = {v for r in reports if r.usable for v in r.views}
+    alone = [rig.names[v] for v in sources if v not in served]
+    if alone:
+        notes.append(f"no usable pair serves {', '.join(alone)}: hull depth with low confidence there")
+    return notes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.geometry.pairs import Verdict, choose_pairs, classify, pair_report
+from stages.geometry.pairs import Verdict, choose_pairs, classify, pair_notes, pair_report
 from stages.geometry.rectification import rectify
 from stages.geometry.subject import body_points, look_at_point
 from storage.rig import Rig
@@ -119,3 +119,19 @@ def test_no_pair_of_the_report_is_left_out():
     assert len(reports) == 28
     assert sum(r.usable for r in reports) == 8
     assert {r.verdict for r in reports} == {Verdict.USABLE, Verdict.TOO_WIDE}
+
+
+def test_every_pair_that_is_not_matched_is_spoken_of() -> None:
+    rig = rig_of([REFERENCE, beside(22.5), beside(90), camera(on_ring(0, 28), ORIGIN)])
+    reports, notes = pair_report(rig), pair_notes(rig, range(4))
+    refused = [r for r in reports if not r.usable]
+    assert refused
+    for verdict in {r.verdict for r in refused}:
+        count = sum(r.verdict is verdict for r in refused)
+        assert any(f"{count} of {len(reports)} pairs" in n and str(verdict) in n for n in notes)
+    served = {v for r in reports if r.usable for v in r.views}
+    assert [n for n in notes if n.startswith("no usable pair serves")] == [f"no usable pair serves {', '.join(rig.names[v] for v in range(4) if v not in served)}: hull depth with low confidence there"]
+
+
+def test_a_ring_whose_neighbours_all_match_leaves_no_view_alone() -> None:
+    assert not any(n.startswith("no usable pair") for n in pair_notes(ring(8), range(8)))
