@@ -29,6 +29,7 @@ def seconds(command: list[str], repeats: int) -> list[float]:
 
 
 def main() -> None:
+    """Run the demo small, then time its plan."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=7)
     repeats = parser.parse_args().repeats

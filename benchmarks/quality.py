@@ -73,6 +73,7 @@ def _depth(results: Results, frames: int) -> dict[str, float]:
 
 
 def main() -> None:
+    """Film the person, run every kind of depth, publish the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--frames", type=int, default=2)

@@ -18,7 +18,7 @@ def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from dags.cli import main; main()", *arguments], capture_output=True, text=True, check=False, cwd=cwd)
 
 
-def says(done: subprocess.CompletedProcess, *parts: str) -> None:
+def assert_says(done: subprocess.CompletedProcess, *parts: str) -> None:
     text = done.stdout + done.stderr
     assert done.returncode == 2, text
     assert "Traceback" not in text, text
@@ -34,30 +34,30 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
-    says(posegaussian("import", "images", "nowhere", cwd=tmp_path), "no such folder", "nowhere")
+    assert_says(posegaussian("import", "images", "nowhere", cwd=tmp_path), "no such folder", "nowhere")
 
 
 def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
-    says(posegaussian("import", "colmap", str(capture), cwd=tmp_path), "unknown layout 'colmap'", "pose2sim, easymocap, images")
+    assert_says(posegaussian("import", "colmap", str(capture), cwd=tmp_path), "unknown layout 'colmap'", "pose2sim, easymocap, images")
 
 
 def test_unreadable_video(tmp_path: Path) -> None:
     (tmp_path / "c").mkdir()
     (tmp_path / "c/cam01.mp4").write_bytes(b"this is no video")
     (tmp_path / "c/calib.toml").write_text("[cam01]\nname='cam01'\nsize=[64.0,48.0]\nmatrix=[[50.0,0,32],[0,50.0,24],[0,0,1.0]]\ndistortions=[0.0,0,0,0]\nrotation=[0.0,0,0]\ntranslation=[0.0,0,2]\n")
-    says(posegaussian("import", "pose2sim", "c", cwd=tmp_path), "cam01.mp4")
+    assert_says(posegaussian("import", "pose2sim", "c", cwd=tmp_path), "cam01.mp4")
 
 
 def test_cameras_without_calibration(capture: Path, tmp_path: Path) -> None:
     broken = _edited(capture, tmp_path, lambda cameras: cameras["cameras"].pop())
-    says(posegaussian("import", "images", str(broken), cwd=tmp_path), "cam02")
+    assert_says(posegaussian("import", "images", str(broken), cwd=tmp_path), "cam02")
 
 
 def test_nan_in_a_calibration(capture: Path, tmp_path: Path) -> None:
     def poison(cameras: dict) -> None:
         cameras["cameras"][1]["t"][0] = float("nan")
 
-    says(posegaussian("import", "images", str(_edited(capture, tmp_path, poison)), cwd=tmp_path), "cam01", "nan")
+    assert_says(posegaussian("import", "images", str(_edited(capture, tmp_path, poison)), cwd=tmp_path), "cam01", "nan")
 
 
 def test_a_mask_of_another_size(capture: Path, tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_mask_of_another_size(capture: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(capture, broken)
     media.write_png(next((broken / "masks/cam01").iterdir()), np.zeros((20, 30), np.uint8))
-    says(posegaussian("import", "images", str(broken), cwd=tmp_path), "30", "20", "48")
+    assert_says(posegaussian("import", "images", str(broken), cwd=tmp_path), "30", "20", "48")
 
 
 def _edited(capture: Path, tmp_path: Path, edit) -> Path:
@@ -85,14 +85,14 @@ def _edited(capture: Path, tmp_path: Path, edit) -> Path:
 
 
 def test_no_archive_and_no_sequence(tmp_path: Path) -> None:
-    says(posegaussian("plan", cwd=tmp_path), "there is no archive at", "posegaussian import")
+    assert_says(posegaussian("plan", cwd=tmp_path), "there is no archive at", "posegaussian import")
     (tmp_path / "archive").mkdir()
-    says(posegaussian("run", cwd=tmp_path), "has no sequence yet")
+    assert_says(posegaussian("run", cwd=tmp_path), "has no sequence yet")
 
 
 def test_unknown_keys_are_reported_all_at_once_with_their_place(tmp_path: Path) -> None:
     (tmp_path / "pipeline.yaml").write_text("depth:\n  methd: hull\nsmothing: {}\nrendering:\n  sources: many\n")
-    says(posegaussian("plan", cwd=tmp_path), "pipeline.yaml:2:3 depth.methd", 'did you mean "method"', "pipeline.yaml:3:1 smothing", 'did you mean "smoothing"', "pipeline.yaml:5:3 rendering.sources")
+    assert_says(posegaussian("plan", cwd=tmp_path), "pipeline.yaml:2:3 depth.methd", 'did you mean "method"', "pipeline.yaml:3:1 smothing", 'did you mean "smoothing"', "pipeline.yaml:5:3 rendering.sources")
 
 
 def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> None:
@@ -101,17 +101,17 @@ def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> Non
     data = json.loads(meta.read_text())
     data["attributes"]["posegaussian"]["format"] = 99
     meta.write_text(json.dumps(data))
-    says(posegaussian("plan", cwd=tmp_path), "format 99", "update posegaussian")
+    assert_says(posegaussian("plan", cwd=tmp_path), "format 99", "update posegaussian")
 
 
 def test_settings_that_the_capture_cannot_serve(finished: Pipeline, tmp_path: Path) -> None:
     archive = ["--archive", str(finished.root)]
-    says(posegaussian("plan", *archive, "--set", "views.held_out=[camX]", cwd=tmp_path), "no camera 'camX'", "cam00")
-    says(posegaussian("plan", *archive, "--set", "frames.range=100:200", cwd=tmp_path), "selects no frame", "0..5")
-    says(posegaussian("export", NAME, "--path", "arc cam00 cam77", "--video", "x.mp4", *archive, cwd=tmp_path), "cam77")
-    says(posegaussian("export", NAME, "--path", "spiral", "--video", "x.mp4", *archive, cwd=tmp_path), "spiral", "orbit")
-    says(posegaussian("export", NAME, *archive, cwd=tmp_path), "--video")
-    says(posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", "--set", "views.held_out=[mid00]", cwd=tmp_path), "no scheduler answers")
+    assert_says(posegaussian("plan", *archive, "--set", "views.held_out=[camX]", cwd=tmp_path), "no camera 'camX'", "cam00")
+    assert_says(posegaussian("plan", *archive, "--set", "frames.range=100:200", cwd=tmp_path), "selects no frame", "0..5")
+    assert_says(posegaussian("export", NAME, "--path", "arc cam00 cam77", "--video", "x.mp4", *archive, cwd=tmp_path), "cam77")
+    assert_says(posegaussian("export", NAME, "--path", "spiral", "--video", "x.mp4", *archive, cwd=tmp_path), "spiral", "orbit")
+    assert_says(posegaussian("export", NAME, *archive, cwd=tmp_path), "--video")
+    assert_says(posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", "--set", "views.held_out=[mid00]", cwd=tmp_path), "no scheduler answers")
 
 
 def test_a_source_that_changed_after_import_fails_in_a_sentence(tmp_path: Path) -> None:
@@ -142,9 +142,9 @@ def test_status_shows_sequence_by_stage(finished: Pipeline, tmp_path: Path) -> N
 def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     archive = ["--archive", str(finished.root), "--set", "views.held_out=[mid00]", "--set", "partition.frames=2"]
-    says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
-    says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
-    says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
+    assert_says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
+    assert_says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
+    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
 
 
 def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> No
     import shutil
 
     shutil.copytree(two.root / NAME, two.root / "person2")
-    says(posegaussian("export", "*", "--video", "x.mp4", cwd=tmp_path), "matches 2 sequences", "person2")
+    assert_says(posegaussian("export", "*", "--video", "x.mp4", cwd=tmp_path), "matches 2 sequences", "person2")
 
 
 def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, tmp_path: Path) -> None:
@@ -162,4 +162,4 @@ def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, t
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["frames.csv", "mid00"]
     (tmp_path / "out" / "cam09").mkdir()
     (tmp_path / "out" / "mid00" / "000000.png").rename(tmp_path / "out" / "cam09" / "000000.png")
-    says(posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path), "cam09/000000.png", "empty it or name another folder")
+    assert_says(posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path), "cam09/000000.png", "empty it or name another folder")
