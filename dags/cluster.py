@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import signal
 import subprocess
 from typing import Any
 
@@ -61,6 +62,11 @@ def _worker_options(name: str, device: str, environment: dict[str, str]) -> dict
     }
 
 
+def ignore_interrupts() -> None:
+    """Have a worker ignore Ctrl-C: a terminal sends it to the workers too, and the driver alone decides what it means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 class DaskBackend:
     """`dags.run.Backend` over a Dask scheduler: a local cluster of our own, or one given by address."""
 
@@ -75,6 +81,7 @@ class DaskBackend:
             raise ConfigError(f"run.scheduler: no scheduler answers at {address} ({e}); start one with `dask scheduler`, or use --scheduler local") from e
         if self._cluster is not None:
             self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
+            self._client.run(ignore_interrupts)
         found = self._client.scheduler_info(n_workers=-1)["workers"].values()
         gpu = sum(1 for w in found if w["resources"].get(GPU, 0) >= 1)
         cpu = sum(w["nthreads"] for w in found) - gpu

@@ -52,6 +52,7 @@ class PlainProgress:
         self.total: Counter[str] = Counter()
         self.settled: Counter[str] = Counter()
         self.ran: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter()
         self.first: dict[str, float] = {}
         self.last = time.monotonic()
 
@@ -72,8 +73,11 @@ class PlainProgress:
             self.first.setdefault(stage, now - event.receipt.facts.get("seconds", 0.0))
         if isinstance(event, TaskFailed):
             self.write(f"failed: {event.task.sequence} {event.task.label()}: {event.error}")
+        if not isinstance(event, TaskDone | TaskFresh):
+            self.lost[stage] += 1
         if self.settled[stage] == self.total[stage] and self.ran[stage]:
-            self.write(f"{stage}: {self.total[stage]} of {self.total[stage]} done, {now - self.first[stage]:.1f} s")
+            lost = f", {self.lost[stage]} failed, blocked or left out" if self.lost[stage] else ""
+            self.write(f"{stage}: {self.total[stage] - self.lost[stage]} of {self.total[stage]} done{lost}, {now - self.first[stage]:.1f} s")
             self.last = now
         elif now - self.last > QUIET_SECONDS:
             lines = [self._line(s, now) for s in self.total if 0 < self.settled[s] < self.total[s]]
@@ -95,6 +99,7 @@ class WarningCollector:
         """Empty."""
         self.warnings: list[str] = []
         self.failures: list[TaskFailed] = []
+        self.blocked: list[str] = []
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
@@ -102,3 +107,6 @@ class WarningCollector:
             self.warnings += [f"{event.task.sequence} {event.task.label()}: {w}" for w in event.receipt.warnings]
         elif isinstance(event, TaskFailed):
             self.failures.append(event)
+        elif isinstance(event, TaskBlocked):
+            by = "failed" if any(f.task == event.by for f in self.failures) else "is stale and left out by --only"
+            self.blocked.append(f"blocked: {event.task.sequence} {event.task.label()}: {event.by.label()} {by}")

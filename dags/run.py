@@ -15,7 +15,7 @@ from dags.orders import make_order, prepare
 from dags.plan import Book, Plan, Selection, State, judge
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.receipts import Receipt
+from storage.receipts import Receipt, damaged_files, remove_receipt
 
 DEPTH = {s.name: i for i, s in enumerate(STAGES)}
 """Position of a stage in the flow; deeper work goes first, so that finished pictures appear early."""
@@ -29,6 +29,8 @@ class Failure:
     """One sentence."""
     details: str
     """Traceback, or empty for errors the user can mend."""
+    corrupt: bool = False
+    """Whether it read a shard that is missing or damaged."""
 
 
 class Backend(Protocol):
@@ -147,6 +149,8 @@ class Run:
         if isinstance(result, Failure):
             self.counts["failed"] += 1
             self.ended.add(task)
+            if result.corrupt:
+                self._distrust(task)
             self.tell(TaskFailed(task, result.error, result.details))
             for dependent in self.dependents[task]:
                 self._block(dependent, task)
@@ -155,6 +159,14 @@ class Run:
         self.plans[task.sequence].book.add(task, result)
         self.tell(TaskDone(task, result, self.reasons.pop(task)))
         self._release(task)
+
+    def _distrust(self, task: Task) -> None:
+        """Take back the receipts of damaged shards that a task reads, so that the next run makes them anew."""
+        plan = self.plans[task.sequence]
+        for d in dependencies(plan.context, task):
+            receipt = plan.book.receipts.get(d)
+            if receipt is not None and damaged_files(plan.context.sequence, receipt):
+                remove_receipt(plan.context.sequence, *d[1:])
 
     def _release(self, task: Task) -> None:
         """Let the dependents of a settled task move on."""

@@ -7,14 +7,14 @@ import traceback
 from dags.execute import Order, execute
 from dags.run import Failure
 from dags.tasks import Task
-from storage.errors import UserError
+from storage.errors import ShardCorrupt, ShardMissing, UserError
 from storage.receipts import Receipt
 
 
 def failure(error: BaseException) -> Failure:
     """One sentence of an error; with the traceback unless the user can mend it."""
     if isinstance(error, UserError):
-        return Failure(str(error), "")
+        return Failure(str(error), "", corrupt=isinstance(error, ShardCorrupt | ShardMissing))
     sentence = f"{type(error).__name__}: {error}"
     return Failure(sentence, "".join(traceback.format_exception(error)))
 

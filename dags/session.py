@@ -122,6 +122,7 @@ class Session:
         ended, collector = self.run(plans, selection)
         self.say([f"warning: {w}" for w in tables.grouped(collector.warnings)], "yellow")
         self.say([f"failed: {f.task.sequence} {f.task.label()}: {f.error}" for f in collector.failures], "red")
+        self.say(tables.grouped(collector.blocked), "red")
         self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])

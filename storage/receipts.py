@@ -7,6 +7,7 @@ rerun is touched. So a death at any moment leaves a receipt that is true, or non
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -117,4 +118,17 @@ def missing_files(sequence: Sequence, receipt: Receipt) -> list[str]:
                 size = -1
             if size != f.size:
                 bad.append(f.key)
+    return bad
+
+
+def damaged_files(sequence: Sequence, receipt: Receipt) -> list[str]:
+    """Keys of shards that are gone, or whose bytes are not those the receipt describes. Reads every file of the receipt."""
+    bad = []
+    for f in (f for output in receipt.outputs for f in output.files):
+        try:
+            data = (sequence.root / f.key).read_bytes()
+        except OSError:
+            data = b""
+        if (len(data), zlib.crc32(data)) != (f.size, f.crc32):
+            bad.append(f.key)
     return bad

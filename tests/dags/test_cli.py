@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -163,3 +166,24 @@ def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, t
     (tmp_path / "out" / "cam09").mkdir()
     (tmp_path / "out" / "mid00" / "000000.png").rename(tmp_path / "out" / "cam09" / "000000.png")
     assert_says(posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path), "cam09/000000.png", "empty it or name another folder")
+
+
+def test_ctrl_c_ends_the_run_with_one_sentence_and_keeps_what_is_done(person_folder: Path, tmp_path: Path) -> None:
+    pipeline = Pipeline(tmp_path / "archive", person_folder)
+    pipeline.register()
+    root = str(Path(__file__).resolve().parents[2])
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from dags.cli import main; main()", "run", "--archive", str(pipeline.root)]
+    settings = ["--set", "views.held_out=[mid00]", "--set", "partition.frames=2", "--scheduler", "local", "--set", "run.workers=1"]
+    process = subprocess.Popen([*command, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True)
+    deadline = time.monotonic() + 120
+    while len(list((pipeline.root / NAME / "_receipts").rglob("*.json"))) < 5:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the driver and its workers alike
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, out + err
+    assert "interrupted; what is done is kept" in out
+    assert "Traceback" not in out + err, out + err
+    pipeline.run()
+    assert pipeline.plan().all_fresh

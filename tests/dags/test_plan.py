@@ -13,7 +13,7 @@ from dags.plan import Selection, State
 from dags.plan import why as chain
 from dags.tasks import Task
 from storage.errors import ConfigError
-from tests.pipeline import NAME, Pipeline, ended
+from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
 
 @pytest.fixture
@@ -158,3 +158,18 @@ def test_inputs_that_are_no_longer_read_are_called_so(archive: Pipeline) -> None
     fewer = archive.with_settings("views.sources=[cam00, cam01, cam02]")
     assert any(r.endswith("of cam03 is no longer read") for r in stale(fewer)["depth"])
     assert not any("cam03 changed" in r for r in stale(fewer)["depth"])
+
+
+def test_a_shard_with_a_flipped_bit_fails_its_reader_and_is_made_anew_by_the_next_run(archive: Pipeline) -> None:
+    whole = content(archive)
+    shard = next(p for p in (archive.root / NAME / "frames/color/c/0/3").rglob("*") if p.is_file())
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 3] ^= 4
+    shard.write_bytes(data)
+    events = archive.run(selection=Selection(force=frozenset({"depth"})), expect_failure=True)
+    failed = [e for e in events if type(e).__name__ == "TaskFailed"]
+    assert {(e.task.stage, e.task.partition) for e in failed} == {("depth", 0)}
+    assert "run again to make it anew" in failed[0].error
+    archive.run()
+    assert_same_content(content(archive), whole)
+    assert archive.plan().all_fresh
