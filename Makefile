@@ -1,10 +1,10 @@
-# make demo | test | lint | bench: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | crash: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -19,6 +19,13 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.quality
 	$(BIN)/python -m benchmarks.plan_time
+	$(BIN)/python -m benchmarks.plan_scale
+	$(BIN)/python -m benchmarks.status_time
+	$(BIN)/python -m benchmarks.overhead
+
+# Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
+crash: $(STAMP)
+	$(BIN)/python -m pytest -m crash -s tests/crash
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.
 $(STAMP): pyproject.toml constraints.txt

@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, plan, run, status, why, export, demo.
+"""The command `posegaussian`: import, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -6,6 +6,7 @@ Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -36,11 +37,13 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one
 OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
 SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
 
 
-def _session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None) -> Session:
-    return Session.open(config, [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])], archive, console)
+def _session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False) -> Session:
+    session = Session.open(config, [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])], archive, errors if machine else console)
+    return replace(session, machine=machine)
 
 
 def _selection(only: list[str] | None, start: str | None, force: list[str] | None) -> Selection:
@@ -90,18 +93,36 @@ def plan(
     start: FromOption = None,
     force: ForceOption = None,
     path: Annotated[list[str] | None, typer.Option("--path", help='Camera path to plan for instead of the configured ones, for example "arc cam01 cam02".')] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
+    json: JsonOption = False,
 ) -> None:
     """Say what a run would do, and why, without doing it.
 
     Example: posegaussian plan --sequence 'walk*' --set smoothing.omega=0.7
     """
-    session = _session(config, assignments, archive)
+    from dags.effects_table import effects_table
+    from dags.projection import project
+
+    session = _session(config, assignments, archive, machine=json)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), _selection(only, start, force))
+    if picture:
+        from dags.picture import write_picture
+
+        session.say([f"picture: {write_picture(plans, picture)}"])
+    if json:
+        from dags.history import tell_plans
+
+        tell_plans(plans, failed)
+        raise typer.Exit(2 if failed or session.refusals(plans) else 0)
     for p in plans:
         console.print(tables.plan_table(p))
+        console.print(effects_table(p, session.history.rows))
         _say(list(p.notes), "yellow")
         if p.all_fresh:
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
+        else:
+            console.print(tables.projection_table(project(p, session.history)))
+    failed += session.refusals(plans)
     _say(failed, "red")
     raise typer.Exit(2 if failed else 0)
 
@@ -116,26 +137,36 @@ def run(
     start: FromOption = None,
     force: ForceOption = None,
     scheduler: SchedulerOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
 
     Example: posegaussian run --sequence balance --config balance.yaml
     """
-    session = _session(config, assignments, archive, scheduler)
+    session = _session(config, assignments, archive, scheduler, json)
     selection = _selection(only, start, force)
     plans, failed = session.usable(session.names(sequence or ()), (), selection)
     _say(failed, "red")
-    status = session.run_and_report(plans, selection)
-    raise typer.Exit(max(status, 1 if failed else 0))
+    raise typer.Exit(session.run_and_report(plans, selection, failed))
 
 
 @app.command()
-def status(sequence: SequenceOption = None, archive: ArchiveOption = None, config: ConfigOption = None, assignments: SetOption = None) -> None:
+def status(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    failed_only: Annotated[bool, typer.Option("--failed", help="Show what failed in the last runs instead, why, and the command that retries it.")] = False,
+) -> None:
     """Show sequence by stage: how many partitions are done, stale or have warnings.
 
-    Example: posegaussian status
+    Example: posegaussian status --failed
     """
     session = _session(config, assignments, archive)
+    if failed_only:
+        from dags.history import report_failed
+
+        raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
     plans, failed = session.usable(session.names(sequence or ()), (), Selection())
     console.print(tables.status_table(plans))
     _say(failed, "red")
@@ -155,8 +186,8 @@ def why(
 
     Example: posegaussian why balance depth 3
     """
+    from dags.explain import why as chain
     from dags.plan import State
-    from dags.plan import why as chain
 
     session = _session(config, assignments, archive)
     _selection([stage], None, None)
@@ -172,6 +203,103 @@ def why(
         _say(chain(p, t))
     if not stale:
         console.print(f"{stage}: all {len(chosen)} fresh", markup=False)
+
+
+@app.command()
+def verify(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    repair: Annotated[bool, typer.Option("--repair", help="Remove the receipts of what is broken, so that the next run makes it anew, and delete left-overs.")] = False,
+) -> None:
+    """Read everything again and compare it with its receipts: sizes, checksums, decoded contents.
+
+    Example: posegaussian verify --sequence balance --repair
+    """
+    from dags.verify import verify as read_again
+
+    session = _session(config, assignments, archive)
+    raise typer.Exit(read_again(session, session.names(sequence or ()), repair))
+
+
+@app.command()
+def gc(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    apply: Annotated[bool, typer.Option("--apply", help="Delete; without it only say what could go.")] = False,
+    kind: Annotated[list[str] | None, typer.Option("--kind", help="Only these kinds: arrays, paths, range, stages, strays, variants, runs (may be repeated).")] = None,
+) -> None:
+    """Say what could be deleted under these settings, how many bytes, and what would have to be computed again; delete with --apply.
+
+    Example: posegaussian gc --kind arrays --kind strays --apply
+    """
+    from dags.gc import collect
+
+    session = _session(config, assignments, archive)
+    raise typer.Exit(collect(session, session.names(sequence or ()), kind or [], apply))
+
+
+@app.command()
+def reshard(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    frames: Annotated[int, typer.Option("--frames", help="Frames of a partition.", min=1, max=4096)],
+    path: Annotated[list[str] | None, typer.Option("--path", help="Camera paths to carry over instead of the configured ones (may be repeated).")] = None,
+    give_up: Annotated[bool, typer.Option("--give-up", help="Let go of what is not fresh or not asked for; it cannot be carried over.")] = False,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Cut a sequence into partitions of another length, without computing anything again.
+
+    Example: posegaussian reshard balance --frames 4
+    """
+    from dags.reshard import reshard as cut
+
+    session = _session(config, assignments, archive)
+    _say(cut(session.plan(session.names([sequence])[0], Selection(), tuple(path or ())), frames, give_up))
+
+
+@app.command()
+def accept(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    stage: Annotated[str, typer.Argument(help="Name of the stage whose outputs are kept as they are.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why the change cannot matter; kept in the receipts.")],
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Keep a stage's outputs after a harmless change of its code, version or settings, instead of computing them again.
+
+    Example: posegaussian accept balance depth --reason "renamed a variable"
+    """
+    from dags.accept import accept as keep
+
+    session = _session(config, assignments, archive)
+    _selection([stage], None, None)
+    _say(keep(session.plan(session.names([sequence])[0], Selection()), stage, reason))
+
+
+@app.command()
+def tradeoff(
+    knob: Annotated[list[str], typer.Option("--knob", help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run).")],
+    sequence: Annotated[str | None, typer.Option("--sequence", help="Sequence to measure on; default: the only one.")] = None,
+    levels: Annotated[list[str] | None, typer.Option("--levels", help="Levels of a knob instead of the declared ones, for example frames.size=128,256 (may be repeated).")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", help="Times every stage that differs is measured; the median counts.", min=1, max=99)] = 3,
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for the table, the Parquet file and the picture; default: tradeoff-SEQUENCE.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Measure what quality costs: run the levels of some settings, seconds a frame against PSNR, SSIM and EPE.
+
+    Example: posegaussian tradeoff --knob depth.method --knob frames.size --levels frames.size=128,256
+    """
+    from dags.tradeoff import run_tradeoff
+
+    run_tradeoff(_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
 
 
 @app.command()
@@ -193,13 +321,13 @@ def export(
     """
     if not (video or frames or sheet):
         raise ConfigError("export: say what to write with --video FILE, --frames FOLDER or --sheet FILE")
+    from dags.exporting import needed, write_exports
+
     session = _session(config, assignments, archive, scheduler)
-    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None else ())
+    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None else (), lambda c: needed(c, bool(video or frames), bool(sheet)))
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
-    from dags.exporting import write_exports
-
     _say(write_exports(p, video, frames, sheet, alpha))
 
 

@@ -10,15 +10,17 @@ import fnmatch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 
+from dags.effects import EffectSettings
 from dags.yaml_marks import Document, Location, load, parse_value
 from stages.contract import Params, setting
 from stages.registry import STAGES
 from storage.errors import ConfigError
+from storage.spec import ArraySpec, Keep
 
 GLOBAL = {"archive", "partition", "run", "sequences"}
 """Sections that hold for all sequences alike."""
@@ -48,18 +50,36 @@ class RunSettings(Params):
     scheduler: str = setting("local", "serial, local, or the address of a running scheduler.", pattern=r"^(serial|local|(tcp|tls|ucx)://.+)$")
     workers: int | None = setting(None, "Worker processes of the local scheduler; null: one a core.", ge=1, le=1024)
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
+    gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting("auto", "GPU workers of the local scheduler, one a device; more than there are devices stand in for one and compute on the CPU.")
     window: int = setting(2, "Tasks in flight for every worker slot.", ge=1, le=64)
+    retries: int = setting(2, "Further attempts after a transient failure of a disk, a connection or a device.", ge=0, le=100)
+    backoff: float = setting(5.0, "Pause before the second attempt, doubled before each further one.", unit="s", ge=0)
+    timeout: float | None = setting(None, "Time one task may take; null: any.", unit="s", gt=0)
+    lease: float = setting(60.0, "Time after which the work of a machine that fell silent may be taken over.", unit="s", ge=1, le=86400)
+    memory: float | None = setting(None, "Memory one worker may use; null: physical memory over the number of workers.", unit="MB", gt=0)
+    keep: Literal["everything", "as_declared"] = setting("everything", "Whether arrays that no task needs any more stay, or are dropped as they are declared. Cannot change a result.")
 
 
 class _Common(Params):
     archive: str = Field("./archive", description="Folder of the archive.")
     partition: PartitionSettings = PartitionSettings()
     views: ViewSettings = ViewSettings()
-    effects: dict[str, Any] = Field(default={}, description="NAME: auto | on | off.")
+    keep: dict[str, Keep] = Field(default={}, description="ARRAY: always | until_done | never; what is not named follows run.keep.")
     run: RunSettings = RunSettings()
 
+    @field_validator("keep")
+    @classmethod
+    def _arrays_that_can_be_dropped(cls, value: dict[str, Keep]) -> dict[str, Keep]:
+        """A misspelt name would drop nothing in silence; constants of a sequence come out different once the sources have grown."""
+        known = [w.name for s in STAGES if not s.sequence_wide for w in s.writes if isinstance(w, ArraySpec)]
+        for name in value:
+            if name not in known:
+                close = difflib.get_close_matches(name, known, n=1)
+                raise ValueError(f"{name!r} is no array that can be dropped" + (f'; did you mean "{close[0]}"?' if close else f"; these can: {', '.join(known)}"))
+        return value
 
-Settings: Any = create_model("Settings", __base__=_Common, **{s.name: (s.params, s.params()) for s in STAGES})  # type: ignore[call-overload]
+
+Settings: Any = create_model("Settings", __base__=_Common, effects=(EffectSettings, EffectSettings()), **{s.name: (s.params, s.params()) for s in STAGES})  # type: ignore[call-overload]
 """The validated settings of one sequence: one field a stage, beside archive, partition, views, effects and run."""
 
 
@@ -120,7 +140,6 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
     values = _merged(layers)
     overrides = values.pop("sequences", None) or {}
     settings = _try(values, (), layers, faults)
-    faults += _unknown_effects(values, (), layers)
     if not isinstance(overrides, Mapping):
         faults.append(f"{_where(layers, ('sequences',))} sequences: a mapping of names to settings is expected, got {overrides!r}")
         overrides = {}
@@ -131,19 +150,9 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
         faults += [f"{_where(layers, ('sequences', glob, key))} sequences.{glob}.{key}: cannot differ between sequences; set it at the top level" for key in GLOBAL & partial.keys()]
         known = {k: v for k, v in partial.items() if k not in GLOBAL}
         _try(merge(values, known), ("sequences", glob), layers, faults, only=known)
-        faults += _unknown_effects(known, ("sequences", glob), layers)
     if faults:
         raise ConfigError("\n".join(dict.fromkeys(faults)))
     return Configuration(layers, settings, {str(k): dict(v) for k, v in overrides.items()})
-
-
-def _unknown_effects(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document]) -> list[str]:
-    """Sentences about effects that no stage declares."""
-    effects = values.get("effects")
-    known = sorted({e.name for s in STAGES for e in s.effects})
-    unknown = [name for name in effects if name not in known] if isinstance(effects, Mapping) else []
-    places = [(*prefix, "effects", name) for name in unknown]
-    return [f"{_where(layers, place)} {'.'.join(map(str, place))}: unknown effect; known are {', '.join(known) or 'none yet'}" for place in places]
 
 
 def _merged(layers: Sequence[Document]) -> dict[str, Any]:

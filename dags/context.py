@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from stages.contract import Facts, Stage
+from dags.effects import Verdict, judged, refusals
+from stages.contract import Evidence, Facts, Stage
 from stages.frames.layout import captured_to_calibrated, frames_rig
 from stages.geometry.paths import make_path
 from stages.io import Views
 from stages.registry import STAGES
+from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ConfigError
@@ -31,6 +34,10 @@ class Context:
     """Validated settings of this sequence."""
     path_texts: tuple[str, ...]
     """Camera paths as written: in the settings, or asked for by an export."""
+    noted: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """What follows from the context and is asked for by every task again: parts of fingerprints, reads of stages."""
 
     @cached_property
     def capture(self) -> Capture:
@@ -97,8 +104,15 @@ class Context:
         """Partitions along time."""
         return TimeGrid(len(self.source_frames), self.sequence.partition_frames)
 
+    def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
+        """The same sequence after the survey; all that does not follow from its notes is taken over, not made again."""
+        other = replace(self, noted=noted)
+        kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}}
+        other.__dict__.update(kept)
+        return other
+
     @cached_property
-    def facts(self) -> Facts:
+    def capture_facts(self) -> Facts:
         """What the capture has, as far as it decides which stages and inputs count."""
         capture, sources = self.capture, self.views.sources
 
@@ -117,6 +131,49 @@ class Context:
         }
         return frozenset(k for k, present in facts.items() if present)
 
+    def evidence(self, stage: str) -> Evidence:
+        """What the effects of a stage are decided by."""
+        capture, sources = self.capture, self.views.sources
+        worked, numbers = self.source_frames, capture.numbers
+        stride = int(np.diff(worked).min()) // int(np.diff(numbers).min()) if len(worked) > 1 else 1
+        return Evidence(
+            self.params(stage_named(stage)),
+            self.capture_facts,
+            self.rig,
+            capture.rig,
+            np.array([s.size for s in capture.pictures]),
+            self.captured_to_calibrated,
+            sources,
+            tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
+            max(1, stride),
+            self.noted,
+        )
+
+    @cached_property
+    def effects(self) -> dict[str, Verdict]:
+        """What is known of every effect."""
+        return judged(self.evidence, self.settings.effects)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided ones count
+        as on), and those outputs of sequence-wide stages that are asked for."""
+        known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
+        asked = {a for v in self.effects.values() for a in v.asks}
+        asked |= {r.array for s in STAGES if s.unneeded(self.params(s), known) is None for r in s.reads_for(self.params(s), known)}
+        return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
+
+    @cached_property
+    def waits(self) -> dict[str, tuple[str, ...]]:
+        """{stage: outputs of the survey} that undecided effects of the stage wait for."""
+        open_ones = [v for v in self.effects.values() if v.decision is None]
+        return {s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks)) for v in open_ones for s in v.stages}
+
+    def effect_states(self, stage: Stage) -> dict[str, str]:
+        """{effect: on | undecided} of a stage's effects; what is off is as good as absent and leaves no trace."""
+        states = {e.name: self.effects[e.name].state for e in stage.effects}
+        return {name: state for name, state in states.items() if state != "off"}
+
     @cached_property
     def paths(self) -> dict[str, CameraPath]:
         """{`<kind>-<8 hex>`: cameras} of every path asked for."""
@@ -126,7 +183,7 @@ class Context:
     @cached_property
     def joint_set(self) -> str | None:
         """Joint set of `pose/*`: of the source views' 2D joints, else of the 3D joints; None without either."""
-        kind = "joints2d" if "joints2d" in self.facts else "joints3d"
+        kind = "joints2d" if "joints2d" in self.capture_facts else "joints3d"
         streams = [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
         return next((s.options["joint_set"] for s in streams if s is not None), None)
 
@@ -152,14 +209,13 @@ class Context:
     def unneeded(self) -> dict[str, str]:
         """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
         reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
-        read = {r.array for s in STAGES if s.name not in reasons for r in s.reads_for(self.params(s), self.facts)}
-        unread = [s for s in STAGES if s.sequence_wide and not read & {w.name for w in s.writes}]
-        return reasons | {s.name: "no stage needs its constants under these settings" for s in unread}
+        unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
+        return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}
 
     def refusals(self) -> list[str]:
         """Sentences about settings this capture cannot serve."""
         gone = self.unneeded()
-        return [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
+        return [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None] + refusals(self.evidence, self.effects)
 
 
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:

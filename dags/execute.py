@@ -1,13 +1,13 @@
-"""One task on one worker: read the slice, run the kernel, write whole shards, write the receipt.
+"""One task on one worker: take its lease, read the slice, run the kernel, write whole shards, write the receipt.
 
-The order is what makes a kill harmless: the old receipt goes first, the new one comes last.
+The order is what makes a kill harmless: lease, old receipt removed, shards, receipt, lease dropped. The lease is what
+makes a second run harmless: it is read again before every write, and a writer that lost it stops.
 """
 
 from __future__ import annotations
 
 import os
 import platform
-import resource
 import socket
 import sys
 import time
@@ -22,12 +22,16 @@ from typing import Any
 import numpy as np
 
 from dags import threads
+from dags.memory import Peak
+from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
 from stages.io import Block, Views
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
-from storage.receipts import Output, Receipt, ShardFile, remove_receipt, write_receipt
+from storage.errors import ArchiveError
+from storage.lease import Lease
+from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
 from storage.rig import CameraPath, Rig
 from storage.shards import read_array, write_array, write_table
 from storage.sources import open_source
@@ -45,6 +49,42 @@ class Reading:
     dims: tuple[str, ...]
     span: range
     files: dict[int | None, tuple[ShardFile, ...]]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The rules of the run a task belongs to; nothing here can change a result."""
+
+    run: str = "alone"
+    """Name of the run."""
+    lease: float = 60.0
+    """Seconds a lease holds without renewal."""
+    timeout: float | None = None
+    """Seconds a task may take; None: any time."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """The size of one task, known before it runs."""
+
+    work: int = 0
+    """Frames x views or cameras x pixels: what seconds are in proportion to."""
+    raw_bytes: int = 0
+    """Bytes of its outputs before compression."""
+    ram: int = 0
+    """Projected peak of its process, bytes: its own and the libraries'."""
+    vram: int = 0
+    """Projected peak of device memory, bytes."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a task counts on: a receipt that promises an output of a certain content."""
+
+    key: ReceiptKey
+    array: str
+    view: int | None
+    digest: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,8 +115,21 @@ class Order:
     survey_sources: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int
-    gpu: bool
-    """Whether the stage asks for a GPU."""
+    gpu: int
+    """GPUs the stage asks for."""
+    load: Load = Load()
+    """What the task is expected to take, kept beside what it took."""
+    promises: tuple[Promise, ...] = ()
+    """What the inputs must still be when the task is done."""
+    seen: str | None = None
+    """Token of the receipt that was judged and found stale; a receipt with another one was made since."""
+    terms: Terms = Terms()
+    """The rules of the run."""
+
+    @property
+    def key(self) -> ReceiptKey:
+        """Which receipt it leads to."""
+        return ReceiptKey(self.stage, self.partition, self.view, self.path_name)
 
 
 @lru_cache(maxsize=8)
@@ -130,20 +183,56 @@ class StoreInputs:
 
 
 def execute(order: Order) -> Receipt:
-    """Run one task and return its receipt, which is on disk by then."""
+    """Run one task and return its receipt, which is on disk by then.
+
+    Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
+    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over.
+    """
+    sequence = Sequence(order.root)
+    terms = order.terms
+    with Lease.take(lease_file(sequence, order.key), terms.run, worker_name(), terms.lease) as lease, time_limit(terms.timeout, lease.give_up):
+        return _made_meanwhile(sequence, order) or _make(sequence, order, lease)
+
+
+def _made_meanwhile(sequence: Sequence, order: Order) -> Receipt | None:
+    """A whole receipt of this very task, written after the run judged it."""
+    receipt = read_receipt(sequence, order.key)
+    if receipt is None or receipt.fingerprint != digest(order.parts) or receipt.facts.get("token") == order.seen:
+        return None
+    return None if missing_files(sequence, receipt) or any(o.dropped for o in receipt.outputs) else receipt
+
+
+def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
+    """Compute and write, from the old receipt's removal to the new one."""
     stage = stage_named(order.stage)
     kernel = resolve(stage.run)
     threads.limit(order.threads)
-    sequence = Sequence(order.root)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
+    lease.check()
     remove_receipt(sequence, order.stage, order.partition, order.view, order.path_name)
     warnings: list[str] = []
-    outputs = [_write(sequence, stage, order, block) for block in _checked(stage, kernel(StoreInputs(order), order.params), order, warnings)]
+    noted: dict[str, Any] = {}
+    with Peak() as peak:
+        outputs = [_write(sequence, stage, order, block, lease) for block in _noting(stage, _checked(stage, kernel(StoreInputs(order), order.params), order, warnings), noted)]
     _complete(stage, order, outputs)
+    _inputs_unchanged(sequence, order)
     facts = _facts(order, started, time.perf_counter() - clock, time.process_time() - cpu)
+    facts |= {"peak_rss": peak.bytes, "projected_ram": order.load.ram, "raw_bytes": order.load.raw_bytes, "work": order.load.work}
+    facts |= {"noted": noted} if noted else {}
+    facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    lease.check()
     write_receipt(sequence, receipt)
     return receipt
+
+
+def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
+    """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is touched."""
+    receipts = {p.key: read_receipt(sequence, p.key) for p in order.promises}
+    for p in order.promises:
+        receipt = receipts[p.key]
+        if receipt is None or receipt.present.get((p.array, p.view)) != p.digest:
+            raise ArchiveError(f"{p.array} was replaced or dropped by another run while {order.stage} read it; two runs with different settings share this archive: let one end, then run again")
 
 
 def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
@@ -156,15 +245,24 @@ def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list
         yield block
 
 
-def _write(sequence: Sequence, stage: Stage, order: Order, block: Block) -> Output:
-    """Write one block whole."""
+def _noting(stage: Stage, blocks: Iterator[Block], noted: dict[str, Any]) -> Iterator[Block]:
+    """The blocks as they are; the values of those that a receipt is to keep are added to `noted`."""
+    names = {w.name for w in stage.writes if isinstance(w, ArraySpec) and w.noted}
+    for block in blocks:
+        if block.array in names:
+            noted[block.array] = np.asarray(block.data).tolist()
+        yield block
+
+
+def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: Lease) -> Output:
+    """Write one block whole, as long as the lease is ours."""
     spec = next((w for w in stage.writes_for(order.facts) if w.name == block.array), None)
     if spec is None:
         raise ValueError(f"{stage.name} yields {block.array}, which it does not declare")
     path = order.path_name or ""
     if isinstance(spec, TableSpec):
-        return write_table(sequence, spec, path, order.partition, block.data)
-    return write_array(sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data))
+        return write_table(sequence, spec, path, order.partition, block.data, lease.check)
+    return write_array(sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data), lease.check)
 
 
 def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
@@ -190,11 +288,9 @@ def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) 
         "cpu_seconds": round(cpu_seconds, 4),
         "host": socket.gethostname(),
         "pid": os.getpid(),
-        "worker": os.environ.get("POSEGAUSSIAN_WORKER", "main"),
         "device": "cuda" if order.gpu and torch and torch.cuda.is_available() else "cpu",
         "machine": platform.machine(),
         "threads": order.threads,
-        "peak_rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "libraries": _versions(),
         "sources": order.survey_sources,
     }

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from dags.context import Context
 from dags.plan import Plan
 from dags.results import Results
+from dags.tasks import Product
 from storage.errors import UserError
 from storage.rig import CameraPath
 
@@ -64,16 +66,38 @@ def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool)
     return write_frames(folder, path.names, numbers, times, items)
 
 
-def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = 3, views: int = 4) -> None:
+SHEET_FRAMES, SHEET_VIEWS = 3, 4
+"""Frames of a contact sheet, and source views and novel views of each."""
+
+
+def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
+    """At most `most` of some items, evenly spread, first and last among them."""
+    return [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))] if len(items) else []
+
+
+def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
+    """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep` says."""
+    found = {Product(f"rendering/{name}/{kind}", p, None) for name in context.paths for kind in ("color", "alpha") for p in context.grid.partitions} if pictures else set()
+    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES) if sheet else []:
+        partition = frame // context.grid.length
+        views = _spread(context.views.sources, SHEET_VIEWS)
+        found |= {Product(a, partition, v) for a in ("pose/joints2d", "frames/color", "frames/mask", "depth/depth") for v in views}
+        for name, path in context.paths.items():
+            found.add(Product(f"rendering/{name}/color", partition, None))
+            if path.kind == "held_out":
+                shown = [context.rig.index(path.names[c]) for c in _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)]
+                found |= {Product(a, partition, v) for a in ("frames/color", "frames/mask") for v in shown}
+    return frozenset(found)
+
+
+def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = SHEET_FRAMES, views: int = SHEET_VIEWS) -> None:
     """Write a contact sheet: for a few frames and source views the picture, mask, joints, depth; below them novel views."""
     from storage.exporters.contact_sheet import Sheet, write_sheet
 
     context = results.context
-    chosen = np.unique(np.linspace(0, len(context.source_frames) - 1, frames).round().astype(int))
-    sources = context.views.sources
-    picked = [sources[i] for i in np.unique(np.linspace(0, len(sources) - 1, min(views, len(sources))).round().astype(int))]
+    picked = _spread(context.views.sources, views)
     sheet = Sheet(context.joint_set)
-    for frame in chosen:
+    for frame in _spread(range(len(context.source_frames)), frames):
         one = range(frame, frame + 1)
         sheet.begin()
         for view in picked:
@@ -89,8 +113,7 @@ def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = 3
             )
         sheet.begin()
         color = results.read(f"rendering/{path.name}/color", one)[0]
-        cameras = [c for c in range(len(path.names)) if path.served[frame, c]]
-        for c in [cameras[i] for i in np.unique(np.linspace(0, len(cameras) - 1, min(views, len(cameras))).round().astype(int))] if cameras else []:
+        for c in _spread(np.flatnonzero(path.served[frame]), views):
             w, h = path.size[c]
             truth = _truth(results, path, c, one)
             sheet.add_novel(f"{path.names[c]} frame {context.source_frames[frame]}", color[c, :h, :w], truth)

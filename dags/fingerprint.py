@@ -16,17 +16,33 @@ from storage.spec import digest
 def own_parts(context: Context, task: Task) -> dict[str, Any]:
     """Everything but the contents of inputs: stage, version, code, params, effects, sources, bounds, cameras."""
     stage = stage_named(task.stage)
-    params = context.params(stage)
     return {
-        "stage": stage.name,
-        "version": stage.version,
-        "code": code_digest(stage.run),
-        "params": params.hashed(),
-        "effects": {},
+        **_stage_parts(context, stage),
         "bounds": _bounds(context, task),
         "cameras": _cameras(context, task),
         "sources": {} if stage.sequence_wide else _sources(context, stage, task),
     }
+
+
+def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
+    """What all tasks of a stage have in common."""
+    key = ("parts", stage.name)
+    if key not in context.memo:
+        asked = {"asked": sorted(w.name for w in stage.writes_for(context.facts))} if stage.sequence_wide else {}
+        context.memo[key] = {
+            "stage": stage.name,
+            "version": stage.version,
+            "code": code_digest(stage.run),
+            "params": context.params(stage).hashed(),
+            "effects": context.effect_states(stage),
+            **asked,
+        }
+    return context.memo[key]
+
+
+def kept(parts: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+    """Fingerprint parts of constants that were taken together with others nobody asks for any more: those stay."""
+    return {**parts, "asked": old["asked"]} if set(parts.get("asked", ["-"])) <= set(old.get("asked", ())) else parts
 
 
 def _bounds(context: Context, task: Task) -> list[Any]:
@@ -40,19 +56,28 @@ def _bounds(context: Context, task: Task) -> list[Any]:
 
 
 def _cameras(context: Context, task: Task) -> str:
-    """Digest of the cameras and roles a task may look at; of its own camera alone where it runs over views."""
-    views = list(range(len(context.rig))) if task.view is None else [task.view]
+    """Digest of the cameras and roles a task may look at; of its own camera alone where it runs over views and time."""
+    if task.path is None:
+        key = ("cameras", task.view, task.partition is None)
+        if key not in context.memo:
+            context.memo[key] = digest(_camera_parts(context, task))
+        return context.memo[key]
+    if "camera parts" not in context.memo:
+        context.memo["camera parts"] = _camera_parts(context, task)
+    span = path_frames(context, task)
+    path = context.paths[task.path].slice(slice(span.start, span.stop))
+    return digest([*context.memo["camera parts"], list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served])
+
+
+def _camera_parts(context: Context, task: Task) -> list[Any]:
+    views = list(range(len(context.rig))) if task.view is None or task.partition is None else [task.view]
     parts: list[Any] = [context.rig.subset(views).digest, context.capture.rig.subset(views).digest, context.captured_to_calibrated[views]]
     if task.view is None:
         names = context.views.names
         parts += [[names[i] for i in context.views.sources], [names[i] for i in context.views.held_out]]
-    if task.path is not None:
-        span = path_frames(context, task)
-        path = context.paths[task.path].slice(slice(span.start, span.stop))
-        parts += [list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served]
     if context.joint_set is not None:
         parts.append(context.joint_set)
-    return digest(parts)
+    return parts
 
 
 def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
@@ -60,9 +85,10 @@ def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
     found: dict[str, str] = {}
     own = context.grid.bounds(task.partition) if task.partition is not None else None
     numbers = context.source_frames[own.start : own.stop] if own is not None else context.capture.numbers
-    for read in stage.reads_for(context.params(stage), context.facts):
-        if not read.is_source:
-            continue
+    key = ("sources", stage.name)
+    if key not in context.memo:
+        context.memo[key] = [r for r in stage.reads_for(context.params(stage), context.facts) if r.is_source]
+    for read in context.memo[key]:
         streams = context.capture.streams(read.array)
         if read.array == "joints3d":
             chosen = {"joints3d": streams[0]}
@@ -92,8 +118,8 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     out += _params_changed(stage, old.get("params", {}), new["params"])
     if old.get("code") != new["code"]:
         out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
-    if old.get("effects") != new["effects"]:
-        out.append(f"effects of {stage} changed")
+    out += _effects_changed(old.get("effects", {}), new["effects"])
+    out += [f"{name} is asked for" for name in new.get("asked", []) if name not in old.get("asked", [])]
     moved = old.get("bounds") != new["bounds"]
     if moved:
         out.append(_bounds_changed(old.get("bounds"), new["bounds"]))
@@ -118,6 +144,12 @@ def _params_changed(stage: str, old: Mapping[str, Any], new: Mapping[str, Any]) 
     absent = object()
     changed = [k for k in sorted({*old, *new}) if old.get(k, absent) != new.get(k, absent)]
     return [f"{stage}.{k} {_short(old.get(k, 'unset'))} -> {_short(new.get(k, 'unset'))}" for k in changed]
+
+
+def _effects_changed(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """`effect NAME off -> on`; undecided ones are not compared."""
+    pairs = [(k, old.get(k, "off"), new.get(k, "off")) for k in sorted({*old, *new})]
+    return [f"effect {k} {was} -> {now}" for k, was, now in pairs if now not in (was, "undecided")]
 
 
 def _short(value: Any) -> str:

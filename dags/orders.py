@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from dags.context import Context
-from dags.execute import Order, Reading
+from dags.execute import Load, Order, Promise, Reading
 from dags.plan import Book, Plan, State
-from dags.tasks import Task, inputs, path_frames
+from dags.tasks import Task, inputs, path_frames, producer
+from stages.contract import Resources, Stage
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
-from storage.receipts import ShardFile
+from storage.receipts import ReceiptKey, ShardFile
 from storage.rig import CameraPath
 from storage.spec import ArraySpec
 
@@ -20,13 +26,16 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
     stage = stage_named(task.stage)
     frames = context.grid.bounds(task.partition) if task.partition is not None else range(0)
     own = slice(frames.start, frames.stop)
-    readings = {}
+    readings, promises = {}, []
     for i in inputs(context, task):
         files: dict[int | None, tuple[ShardFile, ...]] = dict.fromkeys(i.views, ())
         for product in i.products:
             output = book.output(product, task)
             assert output is not None, f"{task.label()} was ordered before {product} exists"
+            assert not output.dropped, f"{task.label()} was ordered before {product} was made again"
             files[product.view] = (*files[product.view], *output.files)
+            maker = producer(product, task)
+            promises.append(Promise(ReceiptKey(maker.stage, maker.partition, maker.view, maker.path), product.array, product.view, output.digest))
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     pictures = context.capture.pictures
     return Order(
@@ -50,7 +59,10 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         parts=parts,
         survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
         threads=threads,
-        gpu=stage.needs(partition_shape(context, task.path), context.params(stage)).gpu > 0,
+        gpu=needs_of(context, stage, task.path).gpu,
+        load=load(context, task),
+        promises=tuple(promises),
+        seen=old.facts.get("token") if (old := book.receipts.get(task)) else None,
     )
 
 
@@ -67,18 +79,60 @@ def partition_shape(context: Context, path: str | None = None) -> dict[str, int]
     return {**context.shape(path), "frame": min(context.grid.length, context.grid.frames)}
 
 
-def prepare(plan: Plan) -> None:
-    """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the pictures."""
+RESERVED = 576 * 2**20
+"""Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
+
+
+def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:
+    """{declared array: bytes before compression} of a task over so many frames."""
+    shape = {**context.shape(task.path), "frame": frames} | ({"view": 1} if task.view is not None else {})
+    specs = [w for w in stage_named(task.stage).writes_for(context.facts) if isinstance(w, ArraySpec)]
+    return {w.name: math.prod(w.lengths(shape)) * np.dtype(w.dtype).itemsize for w in specs}
+
+
+def load(context: Context, task: Task, frames: int | None = None) -> Load:
+    """What one task is expected to take, from its declarations and the shape of its partition, or of one of `frames` frames."""
+    stage = stage_named(task.stage)
+    if frames is None:
+        frames = len(context.grid.bounds(task.partition)) if task.partition is not None else 0
+    shape = context.shape(task.path)
+    if task.path is not None:
+        work = frames * shape["camera"] * shape["camera_y"] * shape["camera_x"]
+    elif stage.sequence_wide:
+        work = shape["sample"] * shape["source_y"] * shape["source_x"]
+    else:
+        work = frames * (1 if task.view is not None else len(context.views.sources)) * shape["y"] * shape["x"]
+    needs = needs_of(context, stage, task.path, frames)
+    return Load(work, sum(raw_bytes(context, task, frames).values()), needs.ram, needs.vram)
+
+
+def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:
+    """What one task of a stage needs over a whole partition, or over one of `frames` frames; the memory is its whole process's."""
+    shape = partition_shape(context, path) | ({} if frames is None else {"frame": frames})
+    needs = stage.needs(shape, context.params(stage))
+    return dataclasses.replace(needs, ram=needs.ram + RESERVED)
+
+
+def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:
+    """(spec, shape, camera path or "") of every array of every stage that has something to do and waits for no effect's decision."""
     context = plan.context
     for stage in STAGES:
+        if stage.name in plan.unneeded or stage.name in context.waits:
+            continue
         verdicts = [v for v in plan.verdicts.values() if v.task.stage == stage.name]
         if all(v.state is State.FRESH for v in verdicts):
             continue
         for spec in stage.writes_for(context.facts):
-            if not isinstance(spec, ArraySpec):
-                continue
-            for path in context.paths if "path" in stage.over else [None]:
-                context.sequence.ensure_array(spec, context.shape(path), path or "")
+            if isinstance(spec, ArraySpec):
+                for path in context.paths if "path" in stage.over else [None]:
+                    yield spec, context.shape(path), path or ""
+
+
+def prepare(plan: Plan) -> None:
+    """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the pictures."""
+    context = plan.context
+    for spec, shape, path in needed_arrays(plan):
+        context.sequence.ensure_array(spec, shape, path)
     sequence = context.sequence
     sequence.put_rig("frames", context.rig)
     sequence.put("frames/time", context.time, ("frame",), "s", "Source frame number over frame rate.")

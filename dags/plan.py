@@ -5,15 +5,18 @@ A plan reads receipts and file sizes, never data, and imports no numerical libra
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 from dags.context import Context
-from dags.fingerprint import all_parts, own_parts, reasons
-from dags.tasks import Product, Task, dependencies, inputs, producer, tasks
+from dags.effects import noted
+from dags.fingerprint import all_parts, kept, own_parts, reasons
+from dags.tasks import Product, Task, deciding, dependencies, inputs, producer, tasks
 from stages.contract import Stage
 from stages.geometry.pairs import pair_notes
 from stages.registry import STAGES
@@ -74,11 +77,15 @@ class Book:
     """By task."""
     problems: dict[Task, str] = field(default_factory=dict)
     """Receipts whose files are gone or of another size."""
+    held: frozenset[Product] = frozenset()
+    """Products that must be there when the run is over, because an export reads them: made again where they were dropped."""
+    needed: dict[Task, str] = field(default_factory=dict)
+    """Tasks whose dropped output must be made again, and for whom."""
 
     @classmethod
-    def open(cls, context: Context) -> Book:
+    def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
         """Scan the receipts of a sequence."""
-        book = cls(context)
+        book = cls(context, held=held)
         name = context.sequence.name
         for r in scan_receipts(context.sequence):
             task = Task(name, r.stage, r.partition, r.view, r.path)
@@ -86,12 +93,29 @@ class Book:
             bad = missing_files(context.sequence, r)
             if bad:
                 book.problems[task] = f"shard {bad[0]} is missing or of another size" + (f", and {len(bad) - 1} more" if len(bad) > 1 else "")
+            if held and any(o.dropped and Product(o.array, r.partition, o.view) in held for o in r.outputs):
+                book.call_back(task, "the export")
         return book
 
     def add(self, task: Task, receipt: Receipt) -> None:
         """Note a task that just finished."""
         self.receipts[task] = receipt
         self.problems.pop(task, None)
+        self.needed.pop(task, None)
+
+    def call_back(self, task: Task, reader: str) -> None:
+        """Have a task's dropped output made again for a reader: a stage, or what else needs it."""
+        self.needed[task] = f"its output was dropped and is needed by {reader}"
+
+    def dropped_inputs(self, task: Task) -> tuple[Task, ...]:
+        """Tasks that made what this one reads and what was dropped since, each once."""
+        found: dict[Task, None] = {}
+        for i in inputs(self.context, task):
+            for p in i.products:
+                output = self.output(p, task)
+                if output is not None and output.dropped:
+                    found[producer(p, task)] = None
+        return tuple(found)
 
     def output(self, product: Product, reader: Task) -> Output | None:
         """What the producer's receipt says of a product."""
@@ -135,6 +159,10 @@ class Plan:
     notes: tuple[str, ...] = ()
     """What the user should know besides."""
 
+    def dropped(self, stage: str) -> int:
+        """How many fresh tasks of a stage have outputs that were dropped."""
+        return sum(1 for t, v in self.verdicts.items() if t.stage == stage and v.state is State.FRESH and any(o.dropped for o in self.book.receipts[t].outputs))
+
     def counts(self, stage: Stage | str) -> Counter[State]:
         """How many tasks of a stage are in which state."""
         name = stage if isinstance(stage, str) else stage.name
@@ -147,21 +175,39 @@ class Plan:
 
 
 def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product, str]) -> tuple[State, tuple[str, ...], dict[str, Any]]:
-    """State, reasons and fingerprint parts of a task whose inputs are all there."""
+    """State, reasons and fingerprint parts of a task whose inputs are all known; whether its own output is needed again is not asked."""
     parts = all_parts(book.context, task, own_parts(book.context, task), digests)
     receipt = book.receipts.get(task)
     forced = selection.forced(task.stage)
     if receipt is None:
         return State.STALE, ("never made",), parts
-    why = [] if receipt.fingerprint == digest(parts) else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    parts = kept(parts, receipt.parts)
+    why = [] if receipt.parts == parts or receipt.fingerprint == digest(parts) else reasons(receipt.parts, parts) or ["its fingerprint changed"]
     why += [book.problems[task]] if task in book.problems else []
     why += [forced] if forced else []
     return (State.STALE if why else State.FRESH), tuple(why), parts
 
 
-def make_plan(context: Context, selection: Selection = Selection()) -> Plan:
-    """Judge every task of a sequence. Reads receipts and file sizes only."""
-    book = Book.open(context)
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the cyclic collector: a plan makes many small objects and no cycles, and looking through them took a quarter of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_uncollected()
+def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
+    """Judge every task of a sequence. Reads receipts and file sizes only.
+
+    `held`: products that must be there afterwards, whatever `keep` says.
+    """
+    book = Book.open(context, held)
+    context = decided(book, selection)
     verdicts: dict[Task, Verdict] = {}
     for task in tasks(context):
         waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state is not State.FRESH]
@@ -172,7 +218,57 @@ def make_plan(context: Context, selection: Selection = Selection()) -> Plan:
         assert digests is not None, f"{task.label()}: all inputs are fresh, but an output is missing from a receipt"
         state, why, _ = judge(book, task, selection, digests)
         verdicts[task] = Verdict(task, state, why)
+    _call_back(book, verdicts)
     return Plan(context, book, verdicts, context.unneeded(), _notes(context, book))
+
+
+def decided(book: Book, selection: Selection = Selection()) -> Context:
+    """The book's context with the decisions that the survey leads to, where it is fresh; the book goes on with it."""
+    context = book.context
+    surveys = [t for stage in context.waits for t in deciding(context, stage)]
+    if not surveys or any(judge(book, t, selection, {})[0] is not State.FRESH for t in dict.fromkeys(surveys)):
+        return context
+    book.context = context.with_noted(survey_notes(book))
+    return book.context
+
+
+def take_decisions(plan: Plan) -> tuple[str, ...]:
+    """Go on with the decisions that the survey, which just ran, leads to; returns a sentence for each.
+
+    Raises ValueError when a survey's receipt does not hold what an effect asked for.
+    """
+    waited = [v.effect.name for v in plan.context.effects.values() if v.decision is None]
+    plan.context = plan.book.context = plan.context.with_noted(survey_notes(plan.book))
+    plan.unneeded = plan.context.unneeded()
+    if plan.context.waits:
+        raise ValueError(f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run --from survey` takes it anew")
+    return tuple(plan.context.effects[name].sentence for name in waited)
+
+
+def survey_notes(book: Book) -> dict[str, Any]:
+    """What the survey's receipts note for the effects that wait; {} where they do not hold it all."""
+    context = book.context
+    arrays = tuple(dict.fromkeys(a for asks in context.waits.values() for a in asks))
+    receipts = {t.view: book.receipts[t] for stage in context.waits for t in deciding(context, stage) if t in book.receipts}
+    return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
+
+
+def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
+    """Fresh tasks whose dropped outputs an export or what is not fresh reads: stale, or undecided like their readers.
+
+    Readers come before what they read, so that a task called back calls back its own dropped inputs. What else read the
+    output stays fresh: the same content is expected, and a run looks again if it comes out different.
+    """
+    for task in reversed(list(verdicts)):
+        if task in book.needed and verdicts[task].state is not State.STALE:
+            verdicts[task] = Verdict(task, State.STALE, (book.needed[task],))
+        state = verdicts[task].state
+        if state is State.FRESH:
+            continue
+        for maker in book.dropped_inputs(task):
+            if verdicts[maker].state is State.FRESH or (state is State.STALE and verdicts[maker].state is State.UNDECIDED):
+                why = f"its output was dropped and is needed by {task.stage}" if state is State.STALE else f"its output was dropped; it is made again if {task.stage} turns out to need it"
+                verdicts[maker] = Verdict(maker, state, (why,))
 
 
 def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterable[Task]) -> Verdict:
@@ -204,20 +300,3 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
     if "depth" not in context.unneeded() and context.settings.depth.method == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     return tuple(found)
-
-
-def why(plan: Plan, task: Task) -> list[str]:
-    """The chain of reasons of a task, from itself back to the first stale input, indented by depth."""
-    lines: list[str] = []
-    seen: set[Task] = set()
-
-    def visit(t: Task, depth: int) -> None:
-        verdict = plan.verdicts[t]
-        seen.add(t)
-        lines.append(f"{'  ' * depth}{t.label(plan.context.views.names)}: {verdict.state.value}" + (f" ({'; '.join(verdict.reasons)})" if verdict.reasons else ""))
-        for d in dependencies(plan.context, t):
-            if d in plan.verdicts and plan.verdicts[d].state is not State.FRESH and d not in seen:
-                visit(d, depth + 1)
-
-    visit(task, 0)
-    return lines

@@ -1,4 +1,4 @@
-"""Progress on the terminal: a bar and an estimate for every stage; plain lines where there is no terminal."""
+"""Progress: bars and estimates on a terminal, plain lines where there is none, one JSON object a line for machines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dags.events import Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut
+from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from dags.history import stamped
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0
@@ -39,6 +40,11 @@ class TerminalProgress:
             self.bars.advance(bar)
             if isinstance(event, TaskFailed):
                 self.bars.console.print(f"failed: {event.task.sequence} {event.task.label()}: {event.error}", markup=False, style="red")
+        elif isinstance(event, EffectsDecided):
+            for sentence in event.sentences:
+                self.bars.console.print(f"{event.sequence}: {sentence}", markup=False, soft_wrap=True)
+        elif isinstance(event, TaskNeeded):
+            self.bars.advance(self.ids[event.task.stage], -1)
         elif isinstance(event, RunEnded):
             self.bars.stop()
 
@@ -64,6 +70,11 @@ class PlainProgress:
             self.total = Counter(t.stage for t in event.tasks)
         elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
             self._settle(event)
+        elif isinstance(event, EffectsDecided):
+            for sentence in event.sentences:
+                self.write(f"{event.sequence}: {sentence}")
+        elif isinstance(event, TaskNeeded):
+            self.settled[event.task.stage] -= 1
 
     def _settle(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut) -> None:
         stage, now = event.task.stage, time.monotonic()
@@ -90,6 +101,14 @@ class PlainProgress:
         if self.ran[stage]:
             left = f", about {(now - self.first[stage]) / self.ran[stage] * (self.total[stage] - self.settled[stage]):.0f} s left"
         return f"{stage} {self.settled[stage]}/{self.total[stage]}{left}"
+
+
+class JsonLines:
+    """Every event as one JSON object a line on standard output, for machines."""
+
+    def __call__(self, event: Event) -> None:
+        """Take one event; the line is out before the next thing happens."""
+        print(stamped(event), flush=True)
 
 
 class WarningCollector:

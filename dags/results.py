@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,9 @@ class Results:
         outputs = self._outputs.get(array)
         if outputs is None:
             raise ShardMissing(f"array {array} of sequence {self.context.sequence.name} was never made; run first")
+        for p in self.context.grid.touched(frames):
+            if (p, view) in outputs and outputs[p, view].dropped:
+                raise ShardMissing(f"array {array} of sequence {self.context.sequence.name}, partition {p}, was dropped to save space; set keep: {{{array}: always}} and `run --force` the stage that makes it")
         return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view)
 
     def iterate(self, array: str, view: int | None = None) -> Iterator[tuple[int, np.ndarray]]:
@@ -42,10 +46,13 @@ class Results:
             frames = self.context.grid.bounds(partition)
             yield from zip(frames, self.read(array, frames, view), strict=True)
 
-    def table(self, template: str, path: str) -> list[dict[str, object]]:
+    def table(self, template: str, path: str) -> list[dict[str, Any]]:
         """All rows of a table, with the partition's order kept."""
+        assert template in PRODUCERS, f"no stage writes {template}"
+        return self.rows(o for _, o in sorted(self._outputs.get(template.format(path=path), {}).items(), key=lambda kv: kv[0][0]))
+
+    def rows(self, outputs: Iterable[Output]) -> list[dict[str, Any]]:
+        """All rows of some outputs of a table, one after the other."""
         import pyarrow.parquet as pq
 
-        assert template in PRODUCERS, f"no stage writes {template}"
-        files = [f for _, o in sorted(self._outputs.get(template.format(path=path), {}).items(), key=lambda kv: kv[0][0]) for f in o.files]
-        return [row for f in files for row in pq.read_table(self.context.sequence.root / f.key).to_pylist()]
+        return [row for o in outputs for f in o.files for row in pq.read_table(self.context.sequence.root / f.key).to_pylist()]

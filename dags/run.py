@@ -4,69 +4,50 @@ from __future__ import annotations
 
 import heapq
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
-from dags.events import Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
-from dags.execute import Order
-from dags.orders import make_order, prepare
-from dags.plan import Book, Plan, Selection, State, judge
+from dags.events import EffectsDecided, Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from dags.failures import Failure, Kind, failure
+from dags.flight import Backend, Flight, Rules
+from dags.orders import make_order
+from dags.plan import Book, Plan, Selection, State, judge, take_decisions
+from dags.presence import enter, make_arrays
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.receipts import Receipt, damaged_files, remove_receipt
+from storage.errors import SchedulerLost
+from storage.lease import Lease
+from storage.receipts import Receipt, damaged_files
 
 DEPTH = {s.name: i for i, s in enumerate(STAGES)}
 """Position of a stage in the flow; deeper work goes first, so that finished pictures appear early."""
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A task that raised."""
-
-    error: str
-    """One sentence."""
-    details: str
-    """Traceback, or empty for errors the user can mend."""
-    corrupt: bool = False
-    """Whether it read a shard that is missing or damaged."""
-
-
-class Backend(Protocol):
-    """Where tasks run: in this process, or on a cluster."""
-
-    sentences: tuple[str, ...]
-    """What the user should know about it."""
-
-    def free(self, gpu: bool) -> int:
-        """How many more tasks the pool takes now."""
-
-    def submit(self, task: Task, order: Order) -> None:
-        """Hand over one task."""
-
-    def next_done(self) -> tuple[Task, Receipt | Failure]:
-        """Wait for any task in flight."""
-
-    def close(self) -> None:
-        """Stop what is in flight and give the workers back."""
-
-
 class Run:
     """One run over some sequences."""
 
-    def __init__(self, plans: Sequence[Plan], selection: Selection, backend: Backend, listeners: Iterable[Listener], threads: int = 1) -> None:
+    def __init__(self, plans: Sequence[Plan], selection: Selection, backend: Backend, listeners: Iterable[Listener], threads: int = 1, rules: Rules | None = None) -> None:
         """Nothing is touched before `go`."""
         self.plans = {p.context.sequence.name: p for p in plans}
         self.selection, self.backend, self.listeners, self.threads = selection, backend, tuple(listeners), threads
+        self.rules = rules or Rules()
+        self.flight = Flight(backend, self.rules, self.tell)
+        self.presences: list[Lease] = []
         self.order = {task: i for i, task in enumerate(t for p in plans for t in p.verdicts)}
-        self.waiting: dict[Task, int] = {}
+        self.waiting: dict[Task, set[Task]] = {}
         self.dependents: dict[Task, list[Task]] = defaultdict(list)
+        self.out: set[Task] = set()
+        """Queued or in a worker's hand."""
+        self.behind: dict[Task, list[Task]] = defaultdict(list)
+        """By task in `out`: tasks that will write what it reads, and wait until it is through."""
+        self.before: dict[Task, Receipt] = {}
+        """Receipts of tasks that were opened again."""
+        self.mended: set[Task] = set()
+        """Tasks whose damaged inputs were made again once."""
         self.ready: list[tuple[int, int, Task]] = []
-        self.queued: dict[bool, list[tuple[int, int, Task, Order, tuple[str, ...]]]] = {False: [], True: []}
         self.reasons: dict[Task, tuple[str, ...]] = {}
-        self.ended: set[Task] = set()
-        self.counts: dict[str, int] = dict.fromkeys(("done", "fresh", "failed", "blocked", "left_out"), 0)
+        self.ended: dict[Task, str] = {}
+        """How each settled task ended: done, fresh, failed, blocked, left_out, or unneeded by an effect's decision."""
 
     def tell(self, event: Event) -> None:
         """Give an event to every listener."""
@@ -78,103 +59,190 @@ class Run:
         start, interrupted = time.perf_counter(), False
         self.tell(RunStarted(tuple(self.order), self.backend.sentences))
         try:
-            for plan in self.plans.values():
-                prepare(plan)
-                plan.book = Book.open(plan.context)
             self._link()
+            for plan in self.plans.values():
+                self._enter(plan)
             self._loop()
         except KeyboardInterrupt:
             interrupted = True
+        except SchedulerLost as e:
+            self._abandon(failure(e))
         finally:
-            self.backend.close()
-        ended = RunEnded(**self.counts, seconds=time.perf_counter() - start, interrupted=interrupted)
+            self.backend.close(hard=interrupted)
+            for presence in self.presences:
+                presence.drop()
+        counts = Counter(self.ended.values())
+        ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted)
         self.tell(ended)
         return ended
 
+    def _enter(self, plan: Plan) -> None:
+        """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other sequences go on."""
+        first = next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)
+        if first is not None:
+            try:
+                self.presences.append(enter(plan, self.rules.terms))
+                plan.book = Book.open(plan.context, plan.book.held)
+            except Exception as e:
+                self._fail(first, failure(e))
+                for task in plan.verdicts:
+                    self._block(task, first)
+                return
+        for task in plan.verdicts:
+            if not self.waiting[task]:
+                self._push(task)
+
     def _link(self) -> None:
-        """Count what every task waits for."""
+        """Note what every task waits for."""
         for plan in self.plans.values():
             for task in plan.verdicts:
                 before = [d for d in dependencies(plan.context, task) if d in self.order]
-                self.waiting[task] = len(before)
+                self.waiting[task] = set(before)
                 for d in before:
                     self.dependents[d].append(task)
-                if not before:
-                    self._push(task)
 
     def _push(self, task: Task) -> None:
         heapq.heappush(self.ready, (-DEPTH[task.stage], self.order[task], task))
 
     def _loop(self) -> None:
-        in_flight = 0
         while True:
             while self.ready:
-                self._judge(heapq.heappop(self.ready)[2])
-            in_flight += self._hand_out()
-            if not in_flight:
+                task = heapq.heappop(self.ready)[2]
+                try:
+                    self._judge(task)
+                except Exception as e:  # a fault in one task's plan must not end the night's run
+                    self._fail(task, failure(e))
+            settled = self.flight.next()
+            if settled is None:
                 return
-            task, result = self.backend.next_done()
-            in_flight -= 1
-            self._settle(task, result)
+            self._settle(*settled)
 
     def _judge(self, task: Task) -> None:
         """A task whose inputs are settled: fresh, or queued for a worker."""
+        if self.waiting[task] or task in self.out or task in self.ended:
+            return  # something it reads was opened again since it became ready
         plan = self.plans[task.sequence]
+        if task.stage in plan.context.waits:
+            self._decide(plan)
+        if task.stage in plan.unneeded:
+            self.tell(TaskFresh(task))
+            self._release(task, "unneeded")
+            return
         digests = plan.book.digests(task)
         assert digests is not None, f"{task.label()} became ready before its inputs"
         state, why, parts = judge(plan.book, task, self.selection, digests)
+        if task in plan.book.needed:
+            state, why = State.STALE, (*why, plan.book.needed[task])
         if state is State.FRESH:
-            self.counts["fresh"] += 1
             self.tell(TaskFresh(task))
-            self._release(task)
+            self._release(task, "fresh")
         elif not self.selection.allows(task.stage):
             self._block(task, task)
+        elif dropped := plan.book.dropped_inputs(task):
+            self._call_back(task, dropped)
         else:
             order = make_order(plan.context, plan.book, task, parts, self.threads)
+            self.out.add(task)
             self.reasons[task] = why
-            heapq.heappush(self.queued[order.gpu], (-DEPTH[task.stage], self.order[task], task, order, why))
+            self.flight.add((-DEPTH[task.stage], self.order[task]), task, order)
 
-    def _hand_out(self) -> int:
-        """Fill the window of every pool; returns how many tasks went out."""
-        sent = 0
-        for gpu, queue in self.queued.items():
-            while queue and self.backend.free(gpu) > 0:
-                _, _, task, order, _ = heapq.heappop(queue)
-                self.tell(TaskStarted(task))
-                self.backend.submit(task, order)
-                sent += 1
-        return sent
+    def _decide(self, plan: Plan) -> None:
+        """The survey is through: its effects are decided, and the arrays behind them can be made."""
+        sentences = take_decisions(plan)
+        self.tell(EffectsDecided(plan.context.sequence.name, sentences))
+        make_arrays(plan, self.rules.terms)
 
     def _settle(self, task: Task, result: Receipt | Failure) -> None:
+        self.out.discard(task)
+        for writer in self.behind.pop(task, ()):
+            self._wake(writer, task)
         if isinstance(result, Failure):
-            self.counts["failed"] += 1
-            self.ended.add(task)
-            if result.corrupt:
-                self._distrust(task)
-            self.tell(TaskFailed(task, result.error, result.details))
-            for dependent in self.dependents[task]:
-                self._block(dependent, task)
+            if result.kind is not Kind.CORRUPT or not self._mend(task):
+                self._fail(task, result)
             return
-        self.counts["done"] += 1
         self.plans[task.sequence].book.add(task, result)
-        self.tell(TaskDone(task, result, self.reasons.pop(task)))
-        self._release(task)
+        reasons = self.reasons.pop(task)
+        own = result.facts.get("run") == self.rules.terms.run
+        self.tell(TaskDone(task, result, reasons) if own else TaskFresh(task))
+        self._release(task, "done" if own else "fresh")
+        before = self.before.pop(task, None)
+        if before is not None and before.contents != result.contents:
+            for dependent in [d for d in self.dependents[task] if self.ended.get(d) in ("done", "fresh")]:
+                self._reopen(dependent, task)
 
-    def _distrust(self, task: Task) -> None:
-        """Take back the receipts of damaged shards that a task reads, so that the next run makes them anew."""
+    def _mend(self, task: Task) -> bool:
+        """A task read a damaged shard: have what is damaged made again, then the task once more; returns whether that can be done."""
+        if task in self.mended:
+            return False
         plan = self.plans[task.sequence]
+        damaged = {}
         for d in dependencies(plan.context, task):
             receipt = plan.book.receipts.get(d)
-            if receipt is not None and damaged_files(plan.context.sequence, receipt):
-                remove_receipt(plan.context.sequence, *d[1:])
+            if receipt is not None and (files := damaged_files(plan.context.sequence, receipt)):
+                damaged[d] = f"shard {files[0]} is missing or damaged"
+        if not damaged or not all(d in self.order and self.selection.allows(d.stage) for d in damaged):
+            return False
+        self.mended.add(task)
+        for d, why in damaged.items():
+            plan.book.problems[d] = why
+            self.waiting[task].add(d)
+            if d in self.ended:
+                self._reopen(d, task)
+        return True
 
-    def _release(self, task: Task) -> None:
-        """Let the dependents of a settled task move on."""
-        self.ended.add(task)
+    def _fail(self, task: Task, why: Failure) -> None:
+        """A task failed for good: it alone and what waits for it."""
+        self.ended[task] = "failed"
+        self.tell(TaskFailed(task, why.error, why.details, why.kind.value))
         for dependent in self.dependents[task]:
-            self.waiting[dependent] -= 1
-            if not self.waiting[dependent] and dependent not in self.ended:
-                self._push(dependent)
+            self._block(dependent, task)
+
+    def _abandon(self, why: Failure) -> None:
+        """No worker can be reached any more: what was in flight failed, the rest is blocked by it."""
+        flying = list(self.flight.flying)
+        for task in flying:
+            self._fail(task, why)
+        for task in self.order:
+            self._block(task, flying[0] if flying else task)
+
+    def _release(self, task: Task, how: str) -> None:
+        """Let the dependents of a settled task move on."""
+        self.ended[task] = how
+        for dependent in self.dependents[task]:
+            self._wake(dependent, task)
+
+    def _wake(self, task: Task, settled: Task) -> None:
+        """A task has one thing less to wait for."""
+        if settled in self.waiting[task]:
+            self.waiting[task].discard(settled)
+            if not self.waiting[task]:
+                self._push(task)
+
+    def _call_back(self, task: Task, producers: Sequence[Task]) -> None:
+        """A stale task reads what was dropped: have that made again first, or block the task where --only forbids it."""
+        forbidden = [p for p in producers if not self.selection.allows(p.stage)]
+        if forbidden:
+            self._block(task, forbidden[0])
+            return
+        for producer in producers:
+            self.plans[task.sequence].book.call_back(producer, task.stage)
+            self.waiting[task].add(producer)
+            if producer in self.ended:
+                self._reopen(producer, task)
+
+    def _reopen(self, task: Task, by: Task) -> None:
+        """A settled task may have to run after all: what is not settled behind it waits for it, and it waits for readers a worker has in hand."""
+        del self.ended[task]
+        self.before[task] = self.plans[task.sequence].book.receipts[task]
+        self.tell(TaskNeeded(task, by))
+        for reader in self.dependents[task]:
+            if reader in self.out:
+                self.waiting[task].add(reader)
+                self.behind[reader].append(task)
+            elif reader not in self.ended:
+                self.waiting[reader].add(task)
+        if not self.waiting[task]:
+            self._push(task)
 
     def _block(self, task: Task, by: Task) -> None:
         """Settle a task that cannot run and everything behind it: left out where --only says so, else blocked."""
@@ -183,8 +251,7 @@ class Run:
             t = todo.pop()
             if t in self.ended:
                 continue
-            self.ended.add(t)
             allowed = self.selection.allows(t.stage)
-            self.counts["blocked" if allowed else "left_out"] += 1
+            self.ended[t] = "blocked" if allowed else "left_out"
             self.tell(TaskBlocked(t, by) if allowed else TaskLeftOut(t))
             todo += self.dependents[t]

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-import traceback
-
 from dags.execute import Order, execute
-from dags.run import Failure
+from dags.failures import Failure, failure
+from dags.pools import CPU, Pool, machine_memory
 from dags.tasks import Task
-from storage.errors import ShardCorrupt, ShardMissing, UserError
 from storage.receipts import Receipt
 
 
-def failure(error: BaseException) -> Failure:
-    """One sentence of an error; with the traceback unless the user can mend it."""
-    if isinstance(error, UserError):
-        return Failure(str(error), "", corrupt=isinstance(error, ShardCorrupt | ShardMissing))
-    sentence = f"{type(error).__name__}: {error}"
-    return Failure(sentence, "".join(traceback.format_exception(error)))
-
-
 class SerialBackend:
-    """`dags.run.Backend` in this process."""
+    """`dags.flight.Backend` in this process."""
 
-    def __init__(self) -> None:
-        """One slot."""
+    def __init__(self, ram: int | None = None) -> None:
+        """One slot. `ram`: bytes this process may take; None: all there is."""
+        self._ram = ram
         self.sentences: tuple[str, ...] = ("running serially in this process, one task at a time",)
         self._next: tuple[Task, Order] | None = None
 
-    def free(self, gpu: bool) -> int:
+    @property
+    def pools(self) -> dict[str, Pool]:
+        """This process alone."""
+        return {CPU: Pool(1, 0, self._ram or machine_memory())}
+
+    def pool(self, gpu: int) -> str:
+        """This process serves everything."""
+        return CPU
+
+    def free(self, pool: str) -> int:
         """One, while nothing is in hand."""
         return 0 if self._next else 1
 
@@ -35,8 +35,8 @@ class SerialBackend:
         """Keep the task for `next_done`."""
         self._next = (task, order)
 
-    def next_done(self) -> tuple[Task, Receipt | Failure]:
-        """Run the task in hand."""
+    def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
+        """Run the task in hand, to its end."""
         assert self._next is not None
         (task, order), self._next = self._next, None
         try:
@@ -44,5 +44,8 @@ class SerialBackend:
         except Exception as e:
             return task, failure(e)
 
-    def close(self) -> None:
+    def close(self, hard: bool = False) -> None:
         """Nothing to give back."""
+
+    def kill(self) -> None:
+        """Nothing outlives this process."""

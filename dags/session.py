@@ -3,22 +3,46 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 
 from rich.console import Console
 
-from dags import tables, threads
+from dags import presence, projection, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
-from dags.events import RunEnded
+from dags.events import Listener, RunEnded, SequenceRefused
+from dags.execute import Terms
+from dags.failures import Kind, failures_table
+from dags.flight import Backend, Rules
+from dags.history import RunLog, retry_command
+from dags.interrupt import STATUS, interruptible
+from dags.keep import Keeper
 from dags.plan import Plan, Selection, make_plan
-from dags.progress import PlainProgress, TerminalProgress, WarningCollector
-from dags.run import Backend, Run
+from dags.pools import CPU, local_pools, refusals
+from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
+from dags.run import Run
+from dags.tasks import Product
 from storage.archive import Archive, write_atomically
 from storage.errors import ArchiveError, ConfigError, UserError
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
+
+    ended: RunEnded
+    """Its numbers."""
+    collector: WarningCollector
+    """Warnings and failures."""
+    folder: Path
+    """Its folder in the archive."""
+    refused: tuple[str, ...]
+    """`SEQUENCE: sentence` of every sequence that could not be planned or served."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +52,8 @@ class Session:
     configuration: Configuration
     archive_url: str
     console: Console
+    machine: bool = False
+    """Whether standard output belongs to a machine: events as JSON lines instead of progress."""
 
     @classmethod
     def open(cls, config: Path | None, assignments: Sequence[str], archive: str | None, console: Console) -> Session:
@@ -61,9 +87,10 @@ class Session:
         """One sequence under its settings."""
         return make_context(self.archive.sequence(name), self.configuration.for_sequence(name), paths)
 
-    def plan(self, name: str, selection: Selection, paths: tuple[str, ...] = ()) -> Plan:
-        """The plan of one sequence."""
-        return make_plan(self.context(name, paths), selection)
+    def plan(self, name: str, selection: Selection, paths: tuple[str, ...] = (), held: Callable[[Context], frozenset[Product]] | None = None) -> Plan:
+        """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
+        context = self.context(name, paths)
+        return make_plan(context, selection, held(context) if held else frozenset())
 
     def backend(self) -> Backend:
         """Where tasks run, from `run.scheduler`."""
@@ -72,24 +99,63 @@ class Session:
         if run.scheduler == "serial":
             from dags.serial import SerialBackend
 
-            return SerialBackend()
+            return SerialBackend(local_pools(run)[CPU].ram)
         from dags.cluster import DaskBackend
 
-        return DaskBackend(None if run.scheduler == "local" else run.scheduler, run.workers, run.threads, run.window)
+        return DaskBackend(run, self.archive.root)
 
-    def run(self, plans: Sequence[Plan], selection: Selection) -> tuple[RunEnded, WarningCollector]:
-        """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to date."""
-        collector = WarningCollector()
-        progress = TerminalProgress(self.console) if self.console.is_terminal else PlainProgress(lambda line: self.say([line]))
+    def refusals(self, plans: Sequence[Plan]) -> list[str]:
+        """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a scheduler given by address nothing is known before it is asked."""
+        run = self.configuration.default.run
+        todo = [p for p in plans if not p.all_fresh]
+        return [*(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []), *(projection.refusals(todo, self.archive, self.history) if todo else [])]
+
+    @cached_property
+    def history(self) -> projection.History:
+        """What the archive's finished tasks took."""
+        return projection.History.read(self.archive)
+
+    def _rules(self, name: str) -> Rules:
+        run = self.configuration.default.run
+        return Rules(Terms(name, run.lease, run.timeout), run.retries, run.backoff)
+
+    def run(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> Outcome:
+        """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to date.
+
+        A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and when
+        the disk does not hold what the run would write.
+        """
+        too_much = projection.refusals(plans, self.archive, self.history)
+        if too_much:
+            raise ConfigError("\n".join(too_much))
+        collector, keeper = WarningCollector(), Keeper(plans)
+        progress: Listener = JsonLines() if self.machine else TerminalProgress(self.console) if self.console.is_terminal else PlainProgress(lambda line: self.say([line]))
+        backend = self.backend()
+        impossible = {p.context.sequence.name: found for p in plans if (found := refusals([p], backend.pools))}
+        refused = [*refused, *(f"{name}: {'; '.join(found)}" for name, found in impossible.items())]
+        plans = [p for p in plans if p.context.sequence.name not in impossible]
+        if not plans:
+            backend.close(hard=True)
+            raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         folder = self.archive.root / "_runs" / stamp
         write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
-        ended = Run(plans, selection, self.backend(), [progress, collector], self.configuration.default.run.threads).go()
+        listeners: list[Listener] = [progress, collector, RunLog(folder), keeper]
+        for sentence in refused:
+            name, _, error = sentence.partition(": ")
+            for listener in listeners:
+                listener(SequenceRefused(name, error))
+        for p in plans:
+            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is left to it" for other in presence.others(p.context.sequence)), "yellow")
+        run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
+        with interruptible(lambda line: self.say([line]), backend.kill):
+            ended = run.go()
         self._log(folder, collector)
+        self.say(keeper.sentences)
         from storage.ledger import rebuild
 
         rebuild(self.archive)
-        return ended, collector
+        return Outcome(ended, collector, folder, tuple(refused))
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
         """Keep warnings and tracebacks with the run."""
@@ -107,27 +173,45 @@ class Session:
                 plans.append(self.plan(name, selection, paths))
             except UserError as e:
                 errors.append(f"{name}: {e}")
+            except Exception as e:  # whatever is wrong with one of a hundred sequences, the others are planned
+                errors.append(f"{name}: cannot be planned: {type(e).__name__}: {e}")
         if not plans:
             raise ConfigError("\n".join(errors))
         return plans, errors
 
-    def run_and_report(self, plans: Sequence[Plan], selection: Selection) -> int:
-        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed, 130 interrupted."""
+    def run_and_report(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> int:
+        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted."""
         for p in plans:
             self.say([f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()])
             self.say(p.notes, "yellow")
         if all(p.all_fresh for p in plans):
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
-            return 0
-        ended, collector = self.run(plans, selection)
-        self.say([f"warning: {w}" for w in tables.grouped(collector.warnings)], "yellow")
-        self.say([f"failed: {f.task.sequence} {f.task.label()}: {f.error}" for f in collector.failures], "red")
-        self.say(tables.grouped(collector.blocked), "red")
+            keeper = Keeper(plans)
+            keeper.sweep()
+            self.say(keeper.sentences)
+            return 1 if refused else 0
+        outcome = self.run(plans, selection, refused)
+        ended = outcome.ended
+        self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
+        self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
         self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
-            return 130
-        return 1 if ended.failed or ended.blocked else 0
+            return STATUS
+        return 1 if ended.failed or ended.blocked or outcome.refused else 0
+
+    def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
+        """A table of what failed, where, of which class and why; then who works on what was left, and the command that retries the rest."""
+        failures, refused = outcome.collector.failures, outcome.refused
+        if failures or refused:
+            self.console.print(failures_table(failures, refused, cameras))
+        self.say(tables.grouped(outcome.collector.blocked), "red")
+        held = [f for f in failures if f.kind == Kind.HELD.value]
+        if held:
+            self.say([f"{len(held)} task(s) were left to another run, which works on them now; run again when it has ended"])
+        names = dict.fromkeys([f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused])
+        if names:
+            self.say([" ".join(["retry with:", retry_command(self.archive, names, outcome.folder.name), *(f"--only {s}" for s in sorted(selection.only))])])
 
     def say(self, lines: Iterable[str], style: str | None = None) -> None:
         """Print sentences as they are."""

@@ -65,15 +65,19 @@ def tasks(context: Context) -> Iterator[Task]:
     """All tasks of a sequence, in the order of flow."""
     gone = context.unneeded()
     for stage in STAGES:
-        if stage.name in gone:
-            continue
-        partitions = list(context.grid.partitions) if "time" in stage.over else [None]
-        views = list(context.active_views) if "view" in stage.over else [None]
-        paths = _paths(context, stage) if "path" in stage.over else [None]
-        for path in paths:
-            for partition in partitions:
-                for view in views:
-                    yield Task(context.sequence.name, stage.name, partition, view, path)
+        if stage.name not in gone:
+            yield from tasks_of(context, stage)
+
+
+def tasks_of(context: Context, stage: Stage) -> Iterator[Task]:
+    """All tasks of one stage, needed or not."""
+    partitions = list(context.grid.partitions) if "time" in stage.over else [None]
+    views = list(context.active_views) if "view" in stage.over else [None]
+    paths = _paths(context, stage) if "path" in stage.over else [None]
+    for path in paths:
+        for partition in partitions:
+            for view in views:
+                yield Task(context.sequence.name, stage.name, partition, view, path)
 
 
 def _paths(context: Context, stage: Stage) -> list[str]:
@@ -84,20 +88,33 @@ def _paths(context: Context, stage: Stage) -> list[str]:
 
 def inputs(context: Context, task: Task) -> tuple[Input, ...]:
     """What a task reads, of every array it declares."""
-    stage = next(s for s in STAGES if s.name == task.stage)
-    params = context.params(stage)
+    last = context.memo.get("inputs")
+    if last is not None and last[0] == task:
+        return last[1]
     found = []
-    for read in stage.reads_for(params, context.facts):
-        if read.is_source:
-            continue
-        spec = PRODUCERS[read.array][1]
-        assert isinstance(spec, ArraySpec), f"{task.stage} reads {read.array}, which is a table"
-        name = read.array.format(path=task.path)
-        span = context.grid.span(task.partition, read.halo_for(params)) if spec.per_frame and task.partition is not None else range(0)
+    for read, spec, halo in _array_reads(context, task.stage):
+        name = read.array.format(path=task.path) if task.path else read.array
+        span = context.grid.span(task.partition, halo) if spec.per_frame and task.partition is not None else range(0)
         views = selected_views(context, read, task) if spec.per_view else (None,)
         partitions = list(context.grid.touched(span)) if spec.per_frame else [None]
-        found.append(Input(read, spec, name, span, views, tuple(Product(name, p, v) for p in partitions for v in views)))
+        found.append(Input(read, spec, name, span, views, tuple([Product(name, p, v) for p in partitions for v in views])))
+    context.memo["inputs"] = (task, tuple(found))  # a plan asks several times in a row; keeping all would cost memory
     return tuple(found)
+
+
+def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tuple[int, int]]]:
+    """(read, array, halo) of the arrays that a stage reads under the context's settings."""
+    key = ("reads", name)
+    if key not in context.memo:
+        stage = next(s for s in STAGES if s.name == name)
+        params, found = context.params(stage), []
+        for read in stage.reads_for(params, context.facts):
+            if not read.is_source:
+                spec = PRODUCERS[read.array][1]
+                assert isinstance(spec, ArraySpec), f"{name} reads {read.array}, which is a table"
+                found.append((read, spec, read.halo_for(params)))
+        context.memo[key] = found
+    return context.memo[key]
 
 
 def path_frames(context: Context, task: Task) -> range:
@@ -123,5 +140,12 @@ def producer(product: Product, task: Task) -> Task:
 
 
 def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
-    """Tasks that must be done before this one, each once."""
-    return tuple(dict.fromkeys(producer(p, task) for i in inputs(context, task) for p in i.products))
+    """Tasks that must be done before this one, each once: what it reads, and the survey while an effect waits for its word."""
+    read = [producer(p, task) for i in inputs(context, task) for p in i.products]
+    return tuple(dict.fromkeys([*read, *deciding(context, task.stage)]))
+
+
+def deciding(context: Context, stage: str) -> tuple[Task, ...]:
+    """The survey's tasks that undecided effects of a stage wait for: those of all source views."""
+    surveys = dict.fromkeys(PRODUCERS[array][0].name for array in context.waits.get(stage, ()))
+    return tuple(Task(context.sequence.name, s, None, v) for s in surveys for v in context.views.sources)

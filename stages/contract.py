@@ -6,13 +6,15 @@ Declarations import numpy and pydantic and nothing heavier: a kernel is a dotted
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
+from storage.rig import Rig
 from storage.spec import ArraySpec, Shape, TableSpec
 
 Axis = Literal["sequence", "time", "view", "path"]
@@ -100,26 +102,76 @@ class Decision:
 
     on: bool
     """Whether the effect is computed."""
-    measured: float
-    """The measured value, in the effect's unit."""
+    measured: float | None
+    """The measured value, in the effect's unit; None where there is nothing to measure."""
     bound: float
     """The bound it was compared with."""
     reason: str
     """One sentence for the plan."""
 
 
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a decision may look at. Pictures are not among it: what must be read of them, the survey took."""
+
+    params: Any
+    """Settings of the stage that declares the effect."""
+    facts: Facts
+    """What the capture has."""
+    rig: Rig
+    """Cameras of `frames/*`."""
+    source_rig: Rig
+    """Cameras as calibrated."""
+    captured_size: np.ndarray
+    """[V, 2] (width, height) of the captured pictures, px."""
+    captured_to_calibrated: np.ndarray
+    """[V, 3] (scale, dx, dy) of `frames.crop`."""
+    sources: tuple[int, ...]
+    """Indices of the views to reconstruct from."""
+    joint_views: tuple[int, ...]
+    """Those of them that came with 2D joints."""
+    stride: int
+    """Source frames from one worked frame to the next."""
+    noted: Mapping[str, np.ndarray]
+    """[S, ...] of the source views, by array: the noted outputs of the survey; empty before it ran."""
+
+
 @dataclass(frozen=True)
 class Effect:
-    """Something computed only where a measure calls for it."""
+    """Something computed only where a measure calls for it: while it is on, its name is among the facts of its stages.
+
+    The first stage in the flow that declares it decides. What a stage reads with an effect off, it or what it reads must
+    also read with the effect on: while a decision waits for the survey, work is ordered as if the effect were on.
+    """
 
     name: str
     """Key below `effects` in the configuration."""
+    summary: str
+    """One sentence: what is done while it is on."""
     measure: str
-    """Name of the survey's measure that decides."""
+    """What is measured, in a few words."""
     threshold: float
     """Bound above which the effect is on."""
     unit: str
     """Unit of measure and bound."""
+    decide: Callable[[Evidence, float], Decision | None]
+    """Pure, `decide(evidence, threshold)`; None: the survey must note `asks` first."""
+    asks: tuple[str, ...] = ()
+    """Outputs of the survey that the measure is made of; empty where cameras and settings suffice."""
+    lacks: Callable[[Evidence], str | None] = lambda evidence: None
+    """What this capture lacks for the effect, which is off then whatever the settings say; or None."""
+    refusal: Callable[[Evidence], str | None] = lambda evidence: None
+    """Why this capture cannot do without the effect, with what to change where it is forced off; or None."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting with more than two answers that `auto` resolves by what the capture has; shown beside the effects."""
+
+    setting: str
+    """Key of the stage's setting."""
+    resolve: Callable[[Any, Facts], tuple[str, str]]
+    """(params, facts) -> the answer, and one sentence that says why."""
 
 
 @dataclass(frozen=True)
@@ -166,12 +218,14 @@ class Stage:
     refusal: Callable[[Any, Facts], str | None] = needed
     """Why these params cannot be served by this capture, with the setting to change, or None."""
     effects: tuple[Effect, ...] = ()
-    """Effects the stage can switch on."""
+    """Effects its reads, outputs or kernel depend on; the same object where several stages share one."""
+    choices: tuple[Choice, ...] = ()
+    """Settings that are shown with the effects."""
     tolerance: Tolerance | None = None
     """None: serial and distributed results are equal byte by byte."""
     sequence_wide: bool = False
-    """Constants of a whole sequence: made only where a needed stage reads them, and kept, whatever the sources' growth,
-    until a run says `--from` this stage."""
+    """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
+    whatever the sources' growth, until a run says `--from` this stage. An output made only when asked for has `when` = its name."""
 
     def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
         """The inputs that count under these params and facts."""

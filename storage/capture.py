@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,9 +79,14 @@ class Stream:
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
         """Digest of the files behind some frame numbers: of the whole file where one file holds all."""
-        wanted = {int(n) for n in numbers}
-        shas = [f.sha256 for f in self.files] if len(self.files) == 1 else [f.sha256 for f, n in zip(self.files, self.numbers, strict=True) if n in wanted]
-        return digest([self.kind, shas, sorted(wanted & set(self.numbers)), self.options])
+        held = sorted({int(n) for n in numbers} & self._file_of.keys())
+        shas = [self.files[0].sha256] if len(self.files) == 1 else [self._file_of[n].sha256 for n in held]
+        return digest([self.kind, shas, held, self.options])
+
+    @cached_property
+    def _file_of(self) -> dict[int, SourceFile]:
+        """{frame number: the file that holds it}."""
+        return dict(zip(self.numbers, self.files * len(self.numbers) if len(self.files) == 1 else self.files, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

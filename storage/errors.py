@@ -3,6 +3,8 @@
 Every error that a user can cause derives from `UserError`; the command line prints its sentence and no traceback.
 """
 
+from typing import Any
+
 
 class UserError(Exception):
     """Something the user can mend: a path, a setting, a file's content. Exit status 2 on the command line."""
@@ -34,3 +36,22 @@ class ShardMissing(ArchiveError):
 
 class ShardCorrupt(ArchiveError):
     """A shard whose size or content is not what its receipt promises."""
+
+
+class LeaseHeld(ArchiveError):
+    """Work that another run is doing right now; `holder` (storage.lease.Holder) says who, where, since when."""
+
+    def __init__(self, sentence: str, holder: Any = None) -> None:
+        super().__init__(sentence, holder)
+        self.holder = holder
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class LeaseLost(ArchiveError):
+    """A writer whose lease ended while it was suspended or cut off: it stops and writes nothing more."""
+
+
+class SchedulerLost(UserError):
+    """The scheduler of a run does not answer any more; what is done is kept."""

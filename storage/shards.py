@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable, Mapping
-from itertools import product
+from collections.abc import Callable, Iterable, Mapping
+from itertools import product, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,15 +18,28 @@ from storage.receipts import Output, ShardFile
 from storage.spec import ArraySpec, TableSpec, array_digest, digest
 from storage.timegrid import TimeGrid
 
+Guard = Callable[[], object]
+"""Called before every file that is written; raises where the writer has lost its right to write."""
 
-def _record(sequence: Sequence, key: str) -> ShardFile:
-    """Sync a shard and its folder, and describe it."""
+
+def free() -> None:
+    """The guard of a writer nobody else can disturb."""
+
+
+def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
+    """Sync a shard, its folder, and where folders were made for it; and describe it."""
     path = sequence.root / key
     with open(path, "rb") as f:
         data = f.read()
         os.fsync(f.fileno())
-    sync_folder(path.parent)
+    for folder in (path.parent, *(m.parent for m in made)):
+        sync_folder(folder)
     return ShardFile(key, len(data), zlib.crc32(data))
+
+
+def _missing_folders(path: Path) -> list[Path]:
+    """Folders that must be made for a file, deepest first."""
+    return list(takewhile(lambda folder: not folder.is_dir(), path.parents))
 
 
 def _open(path: Path, mode: Literal["r", "r+"]) -> Any:
@@ -35,8 +48,8 @@ def _open(path: Path, mode: Literal["r", "r+"]) -> Any:
         return zarr.open_array(path, mode=mode)
 
 
-def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray) -> Output:
-    """Write the shards of one (array, partition, view) whole.
+def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray, guard: Guard = free) -> Output:
+    """Write the shards of one (array, partition, view) whole, one after the other.
 
     Args:
         sequence: where to.
@@ -46,6 +59,7 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         partition: number of the partition.
         view: index of the view, for arrays with a view axis.
         data: the block, without the view axis.
+        guard: called before every shard.
 
     Raises:
         ValueError: when shape or dtype are not the declared ones, or the view is not one of the array's.
@@ -60,17 +74,33 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
     expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
     if data.shape != expected or data.dtype != array.dtype:
         raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
-    axes: list[list[int | None]] = []
+    axes: list[list[int]] = []
     for d, n, s in zip(spec.dims, array.shape, array.shards, strict=True):
-        axes.append([partition] if d == "frame" else [view] if d == "view" else list(range(-(-n // s))))
-    keys = ["/".join([name, "c", *map(str, where)]) for where in product(*axes)]
-    for key in keys:
+        axes.append([partition or 0] if d == "frame" else [view or 0] if d == "view" else list(range(-(-n // s))))
+    files = []
+    for where in product(*axes):
+        into, of = _region(spec.dims, array.shards, where, index)
+        guard()
+        key = "/".join([name, "c", *map(str, where)])
+        made = _missing_folders(sequence.root / key)
         (sequence.root / key).unlink(missing_ok=True)
-    array[index] = data
-    return Output(name, view, array_digest(data), tuple(_record(sequence, k) for k in keys))
+        array[into] = data[of]
+        files.append(_record(sequence, key, made))
+    return Output(name, view, array_digest(data), tuple(files))
 
 
-def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int | None, columns: Mapping[str, list[Any]]) -> Output:
+def _region(dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ...], index: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[slice, ...]]:
+    """(index into the array, index into the block) of one shard: the block has one partition's frames and no view axis."""
+    into, of = [], []
+    for d, length, number, whole in zip(dims, shards, where, index, strict=True):
+        part = whole if d in ("frame", "view") else slice(number * length, (number + 1) * length)
+        into.append(part)
+        if d != "view":
+            of.append(slice(None) if d == "frame" else part)
+    return tuple(into), tuple(of)
+
+
+def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int | None, columns: Mapping[str, list[Any]], guard: Guard = free) -> Output:
     """Write one partition's rows as a Parquet file. Raises ValueError when the columns are not the declared ones."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -82,9 +112,14 @@ def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int |
     key = f"{name}/{'all' if partition is None else f'p{partition:06d}'}.parquet"
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink)
+    guard()
     write_atomically(sequence.root / key, sink.getvalue().to_pybytes())
-    rows = [[str(v) if isinstance(v, float) else v for v in column] for column in columns.values()]
-    return Output(name, None, digest(rows), (_record(sequence, key),))
+    return Output(name, None, table_digest(columns), (_record(sequence, key, ()),))
+
+
+def table_digest(columns: Mapping[str, list[Any]]) -> str:
+    """Content digest of a table: its columns in order."""
+    return digest([[str(v) if isinstance(v, float) else v for v in column] for column in columns.values()])
 
 
 def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
@@ -112,7 +147,7 @@ def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range
     try:
         return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:
-        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1}, view {view}: {e}; run again to make it anew") from e
+        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1}, view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
 
 
 def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:

@@ -17,7 +17,7 @@ Keep = Literal["always", "until_done", "never"]
 Shape = Mapping[str, int]
 """Length of every named dimension of one sequence: frame, view, y, x, joint, source_y, ... (`y/4` follows from `y`)."""
 
-FIXED_DIMS = {"rgb": 3, "uvs": 3, "xyzs": 4, "axis": 3, "faces": 2, "one": 1, "coco17": 17}
+FIXED_DIMS = {"rgb": 3, "uvs": 3, "xyzs": 4, "axis": 3, "faces": 2, "one": 1, "coco17": 17, "motion": 3, "patch": 192}
 """Dimensions whose length never depends on the capture: (u, v, score), (x, y, z, score), tangent-tangent-normal, ..."""
 
 BATCH_DIMS = ("frame", "view", "camera")
@@ -54,6 +54,8 @@ class ArraySpec:
     """How long the bytes are kept once every consumer has read them."""
     when: str | None = None
     """Name of the fact without which the array is not written (None: always)."""
+    noted: bool = False
+    """So small that its values are kept in the receipt too, where a plan finds them without opening a store."""
 
     def lengths(self, shape: Shape) -> tuple[int, ...]:
         """Length of every dimension for a sequence of the given shape."""
@@ -84,6 +86,13 @@ class TableSpec:
     """Name of the fact without which the table is not written (None: always)."""
 
 
+PLAIN = frozenset({str, int, bool, type(None)})
+"""Types that are their own canonical form."""
+
+ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+"""Writes the canonical form as text."""
+
+
 def canonical(value: Any) -> Any:
     """A value as plain JSON types with sorted keys, so that equal values hash equally.
 
@@ -100,14 +109,13 @@ def canonical(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(k): canonical(value[k]) for k in sorted(value, key=str)}
     if isinstance(value, list | tuple | range):
-        return [canonical(v) for v in value]
+        return list(value) if PLAIN.issuperset(map(type, value)) else [canonical(v) for v in value]
     raise TypeError(f"no canonical form for {type(value).__name__}: {value!r}")
 
 
 def digest(value: Any) -> str:
     """BLAKE2b-128 of the canonical form, 32 hex digits."""
-    text = json.dumps(canonical(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+    return hashlib.blake2b(ENCODER.encode(canonical(value)).encode(), digest_size=16).hexdigest()
 
 
 def array_digest(array: np.ndarray) -> str:

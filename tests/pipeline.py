@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
@@ -14,9 +18,11 @@ from rich.console import Console
 from dags.config import Configuration, load_configuration
 from dags.context import Context
 from dags.events import Event, RunEnded, TaskDone
+from dags.flight import Backend
 from dags.importing import find_capture, register
+from dags.keep import Keeper
 from dags.plan import Plan, Selection
-from dags.run import Backend, Run
+from dags.run import Run
 from dags.serial import SerialBackend
 from dags.session import Session
 from stages.capture.person import PersonCapture, capture_person
@@ -53,8 +59,23 @@ class Pipeline:
     held_out: str = "[mid00]"
 
     @property
+    def assignments(self) -> list[str]:
+        # Every stage has something to do, and none waits for the survey; tests of the effects set them back to auto.
+        fixed = ["run.scheduler=serial", "effects.temporal_smoothing=on", "effects.exposure_matching=off"]
+        return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
+
+    @property
     def configuration(self) -> Configuration:
-        return load_configuration(None, [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", "run.scheduler=serial", *self.settings], folder=self.root)
+        return load_configuration(None, self.assignments, folder=self.root)
+
+    @property
+    def options(self) -> list[str]:
+        """What the command line needs to mean this archive under these settings."""
+        return ["--archive", str(self.root), *(word for a in self.assignments for word in ("--set", a))]
+
+    def start(self, *more: str, command: str = "run", **options: Any) -> subprocess.Popen:
+        """The command line on this archive, as a process of its own."""
+        return subprocess.Popen([sys.executable, "-m", "dags.cli", command, *self.options, *more], cwd=self.root, env={**os.environ, "PYTHONPATH": os.getcwd()}, text=True, **options)
 
     @property
     def session(self) -> Session:
@@ -81,7 +102,8 @@ class Pipeline:
         """Run and return the events; a failed task fails the test with its own words unless expected."""
         events: list[Event] = []
         selection = selection or Selection()
-        ended = Run([self.plan(*paths, selection=selection)], selection, backend or SerialBackend(), [events.append]).go()
+        plan = self.plan(*paths, selection=selection)
+        ended = Run([plan], selection, backend or SerialBackend(), [events.append, Keeper([plan])]).go()
         if not expect_failure:
             assert (ended.failed, ended.blocked) == (0, 0), [e for e in events if "Failed" in type(e).__name__]
         return events

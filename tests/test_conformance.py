@@ -21,7 +21,9 @@ from storage.archive import layout
 from storage.spec import ArraySpec, TableSpec
 
 SOURCES = {"pictures", "masks", "joints", "joints3d", "depth"}
-FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames")
+CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames")
+EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
+FACTS = (*CAPTURE_FACTS, *EFFECTS)
 EVERY_FACTS = [frozenset(c) for n in range(len(FACTS) + 1) for c in combinations(FACTS, n)]
 SHAPE = {"frame": 16, "view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25}
 HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh"}
@@ -88,7 +90,8 @@ def test_what_a_stage_reads_exists_for_every_capture_that_needs_the_stage(s: Sta
             if not r.is_source:
                 writer = by_array[r.array]
                 assert writer.unneeded(writer.params(), facts) is None, f"{s.name} reads {r.array} with {sorted(facts)}, but {writer.name} is not needed"
-                assert r.array in {w.name for w in writer.writes_for(facts)}, f"{r.array} is not written with {sorted(facts)}"
+                asked = {r.array} if writer.sequence_wide else set()
+                assert r.array in {w.name for w in writer.writes_for(facts | asked)}, f"{r.array} is not written with {sorted(facts)}"
 
 
 def test_every_output_is_written_once() -> None:
@@ -101,7 +104,7 @@ def test_outputs_are_declared_so_that_they_can_be_made(s: Stage) -> None:
     assert s.writes
     for w in s.writes:
         assert w.meaning.endswith(".")
-        assert w.when is None or w.when in FACTS
+        assert w.when is None or w.when in FACTS or (s.sequence_wide and w.when == w.name)
         assert ("{path}" in w.name) == ("path" in s.over)
         if isinstance(w, TableSpec):
             assert len({c for c, _ in w.columns}) == len(w.columns)
@@ -211,10 +214,44 @@ def test_with_default_settings_no_capture_is_refused(s: Stage) -> None:
 
 @every_stage
 def test_every_effect_has_a_measure_and_a_unit(s: Stage) -> None:
+    arrays = writers()
     for e in s.effects:
         assert e.measure
         assert e.unit
+        assert e.summary.endswith(".")
         assert np.isfinite(e.threshold)
+        for array in e.asks:
+            assert arrays[array].sequence_wide, f"{e.name} asks for {array}, which is no constant of the sequence"
+            assert next(w for w in arrays[array].writes if w.name == array).noted, f"{e.name} asks for {array}, which no receipt notes"
+
+
+def test_an_effect_is_one_object_wherever_it_is_declared_and_no_fact_of_the_capture_has_its_name() -> None:
+    for name in EFFECTS:
+        assert len({id(e) for s in STAGES for e in s.effects if e.name == name}) == 1
+    assert not set(EFFECTS) & set(CAPTURE_FACTS)
+
+
+@every_stage
+def test_a_stage_depends_on_the_effects_that_it_declares_and_on_no_other(s: Stage) -> None:
+    """Else a changed decision would not make it stale. Effects ask nothing of the survey's declaration."""
+    own, params = {e.name for e in s.effects}, s.params()
+    for facts in EVERY_FACTS:
+        plain = facts - set(EFFECTS) | facts & own
+
+        def answers(f: frozenset[str]) -> tuple[object, ...]:
+            return s.reads_for(params, f), s.writes_for(f), s.unneeded(params, f), s.refusal(params, f)
+
+        assert answers(facts) == answers(plain), sorted(facts - plain)
+
+
+@every_stage
+def test_choices_have_a_setting_and_a_reason(s: Stage) -> None:
+    for c in s.choices:
+        for facts in EVERY_FACTS:
+            answer, why = c.resolve(s.params(), facts)
+            assert answer != "auto"
+            assert len(why.split()) > 3
+        assert c.setting in s.params.model_fields
 
 
 def test_frames_depends_on_no_setting_of_a_later_stage() -> None:

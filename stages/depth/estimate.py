@@ -100,32 +100,33 @@ def hull_only(geometry: Geometry, frame: Frame) -> Maps:
     return {v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in _hulls(geometry, frame).items()}
 
 
-def estimate(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:
+def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
     """Depth and confidence by view: matched between the hull's bounds twice, the gaps completed.
 
-    The second round follows the first one's result and searches a few px around it.
+    The second round follows the first one's result and searches a few px around it. Unless `checked`, a match counts
+    whatever the other view says.
     """
     inside, hulls = frame.inside, _hulls(geometry, frame)
     colors = {v: _beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
     limits = {v: (_shifted(near, geometry.inverse_depth(v, IN_FRONT)), far) for v, (near, far) in hulls.items()}
     bounds = {v: Bounds(near, limits[v][0], _between(near, far, SEARCHED)) for v, (near, far) in hulls.items()}
-    first = _completed(_round(geometry, colors, inside, bounds, params), hulls)
+    first = _completed(_round(geometry, colors, inside, bounds, params, checked), hulls)
     again = {v: _around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in hulls}
-    return _completed(_round(geometry, colors, inside, again, params), hulls)
+    return _completed(_round(geometry, colors, inside, again, params, checked), hulls)
 
 
-def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams) -> Maps:
+def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
     """Depth and confidence by view of pictures without silhouettes, where there is no hull.
 
-    Searched is `params.depth_range`, or 0.6 to 2 times the distance of the point the cameras look at; a pixel whose match
-    does not hold in both directions has depth 0.
+    Searched is `params.depth_range`, or 0.6 to 2 times the distance of the point the cameras look at; a pixel without
+    a match, or unless `checked` is False with one that does not hold in both directions, has depth 0.
     """
     inside, bounds = frame.inside, {}
     for v in geometry.views:
         near, far = params.depth_range or (RANGE[0] * geometry.distance(v), RANGE[1] * geometry.distance(v))
         # The windows stand upright at the middle of the range.
         bounds[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
-    return _round(geometry, frame.colors, inside, bounds, params)
+    return _round(geometry, frame.colors, inside, bounds, params, checked)
 
 
 def _hulls(geometry: Geometry, frame: Frame) -> Maps:
@@ -159,8 +160,8 @@ def _around(guide: np.ndarray, reach: float, near: np.ndarray, far: np.ndarray) 
     return Bounds(guide, closer, np.maximum(closer, np.minimum(_shifted(guide, -reach), far)))
 
 
-def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, np.ndarray], bounds: dict[int, Bounds], params: DepthParams) -> Maps:
-    """One round of matching all pairs in both directions: what holds in both, fused by view."""
+def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, np.ndarray], bounds: dict[int, Bounds], params: DepthParams, checked: bool) -> Maps:
+    """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""
     found = {(a, b): match(pair, colors[a], colors[b], inside[a], bounds[a]) for (a, b), pair in geometry.pairs.items()}
     out = {}
     for v in geometry.views:
@@ -169,9 +170,16 @@ def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, 
             out[v] = (np.zeros_like(bounds[v].guide), np.zeros_like(bounds[v].guide))
             continue
         scales = np.array([geometry.pairs[v, b].sensitivity for b in partners])
-        errors = [disagreement(found[v, b], found[b, v], transfer(geometry.rig, v, b), s) for b, s in zip(partners, scales, strict=True)]
+        errors = [_errors(geometry, found, v, b, s, checked) for b, s in zip(partners, scales, strict=True)]
         out[v] = fuse(np.stack([found[v, b] for b in partners]), np.stack(errors), scales, params.consistency)
     return out
+
+
+def _errors(geometry: Geometry, found: dict[tuple[int, int], np.ndarray], view: int, partner: int, scale: float, checked: bool) -> np.ndarray:
+    """[h, w] px by which the partner contradicts a view's matches, infinite without one; 0 for every match unless `checked`."""
+    if checked:
+        return disagreement(found[view, partner], found[partner, view], transfer(geometry.rig, view, partner), scale)
+    return np.where(found[view, partner] > 0, 0.0, np.inf).astype(np.float32)
 
 
 def _completed(rounds: Maps, hulls: Maps) -> Maps:

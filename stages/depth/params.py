@@ -6,13 +6,13 @@ from typing import Literal
 
 from pydantic import field_validator
 
-from stages.contract import Params, setting
+from stages.contract import Facts, Params, setting
 
 
 class DepthParams(Params):
     """Which geometry, and how much of it."""
 
-    method: Literal["sgbm", "hull", "truth"] = setting("sgbm", "sgbm: semi-global matching bounded by the visual hull; hull: the hull's surface alone; truth: the simulator's depth, a diagnostic.")
+    method: Literal["sgbm", "hull", "truth"] = setting("sgbm", "sgbm: semi-global matching bounded by the visual hull; hull: the hull's surface alone; truth: the simulator's depth, a diagnostic.", quality_levels=["hull", "sgbm"])
     pairs: int = setting(2, "Neighbouring views each view is matched with.", quality_levels=[1, 2], ge=1, le=4)
     max_angle: float = setting(66.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180)
     consistency: float = setting(1.5, "Left-right disagreement above which a match is dropped.", unit="px", gt=0)
@@ -24,3 +24,10 @@ class DepthParams(Params):
         if value is not None and not 0 < value[0] < value[1]:
             raise ValueError(f"depth_range {list(value)} m must be [nearest, farthest] with 0 < nearest < farthest")
         return value
+
+
+def refusal(params: DepthParams, facts: Facts) -> str | None:
+    """True depth exists for simulated captures only."""
+    if params.method == "truth" and "truth_depth" not in facts:
+        return "depth.method is truth, but the capture has no true depth for every source view (only simulated captures have); use sgbm or hull"
+    return None

@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 
 from stages.depth.estimate import Frame, Geometry, Maps, estimate, estimate_open, has_silhouettes, hull_only
-from stages.depth.params import DepthParams
-from stages.depth.stage import refusal
+from stages.depth.params import DepthParams, refusal
 from stages.io import Block, Inputs
 from storage.errors import UserError
 from storage.rig import Rig
@@ -21,7 +20,8 @@ FEW_MATCHES = 0.3
 def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
 
-    Each frame follows from its own pictures, masks and valid views alone. Raises UserError for `method: truth` without
+    Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match counts
+    whatever the other view says. Raises UserError for `method: truth` without
     true depth.
     """
     reason = refusal(params, inputs.facts)
@@ -44,19 +44,19 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
         frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid})
-        for v, (z, c) in _depth(geometry, frame, params, inputs.rig).items():
+        for v, (z, c) in _depth(geometry, frame, params, inputs.rig, "left_right_check" in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("depth/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
 
 
-def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig) -> Maps:
+def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig, checked: bool) -> Maps:
     """Depth and confidence of one frame, by what there is to go by."""
     views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
     if params.method == "hull":
         return hull_only(geometry(views, False), frame)
-    return (estimate if silhouettes else estimate_open)(geometry(views, silhouettes), frame, params)
+    return (estimate if silhouettes else estimate_open)(geometry(views, silhouettes), frame, params, checked)
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

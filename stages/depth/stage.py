@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.depth.params import DepthParams
+from stages.contract import Read, Resources, Stage
+from stages.depth.effects import LEFT_RIGHT_CHECK
+from stages.depth.params import DepthParams, refusal
 from storage.spec import ArraySpec, Shape
 
 
@@ -11,13 +12,6 @@ def needs(shape: Shape, params: DepthParams) -> Resources:
     """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and one pair being matched (600; measured: half)."""
     pixels = shape["y"] * shape["x"]
     return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 10 + shape["view"] * 64 + 600))
-
-
-def refusal(params: DepthParams, facts: Facts) -> str | None:
-    """True depth exists for simulated captures only."""
-    if params.method == "truth" and "truth_depth" not in facts:
-        return "depth.method is truth, but the capture has no true depth for every source view (only simulated captures have); use sgbm or hull"
-    return None
 
 
 STAGE = Stage(
@@ -39,4 +33,5 @@ STAGE = Stage(
     params=DepthParams,
     needs=needs,
     refusal=refusal,
+    effects=(LEFT_RIGHT_CHECK,),
 )

@@ -1,4 +1,4 @@
-"""Pictures as 8-bit sRGB, whatever the file held."""
+"""Pictures as 8-bit sRGB, whatever the file held, and gains on their light."""
 
 from __future__ import annotations
 
@@ -13,5 +13,20 @@ def to_display(picture: np.ndarray) -> np.ndarray:
     if picture.dtype == np.uint8:
         return picture
     linear = np.clip(np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)
-    return np.rint(encoded * 255.0).astype(np.uint8)
+    return np.rint(_encode(linear) * 255.0).astype(np.uint8)
+
+
+def to_linear(color: np.ndarray) -> np.ndarray:
+    """Turn sRGB values 0..255 into linear light 0..1, by IEC 61966-2-1; the inverse of the encoding in `to_display`."""
+    encoded = np.asarray(color, dtype=np.float64) / 255.0
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def gain_table(gain: np.ndarray) -> np.ndarray:
+    """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied by `gain` [3]; for `cv2.LUT`."""
+    linear = np.clip(to_linear(np.arange(256))[:, None] * gain, 0.0, 1.0)
+    return np.rint(_encode(linear) * 255.0).astype(np.uint8)[None]
+
+
+def _encode(linear: np.ndarray) -> np.ndarray:
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)

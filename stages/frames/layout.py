@@ -6,8 +6,11 @@ measured in; captured x is calibrated scale x + offset) and *frames* (calibrated
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from stages.contract import Facts
 from stages.frames.params import FramesParams
 from storage.errors import ConfigError
 from storage.rig import Rig
@@ -26,6 +29,13 @@ def captured_to_calibrated(source_rig: Rig, params: FramesParams) -> np.ndarray:
         if name in params.crop:
             out[v] = params.crop[name].scale, *params.crop[name].offset
     return out
+
+
+def switched(source_rig: Rig, crops: np.ndarray, facts: Facts) -> tuple[Rig, np.ndarray]:
+    """The lenses and crops [V, 3] that count: without distortion while `undistortion` is off, identity while `crop_scale` is."""
+    if "undistortion" not in facts:
+        source_rig = replace(source_rig, distortion=np.zeros_like(source_rig.distortion))
+    return source_rig, crops if "crop_scale" in facts else np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))
 
 
 def frames_size(calibrated: tuple[int, int], longest: int | None) -> tuple[int, int]:

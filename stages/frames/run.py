@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
-from stages.frames.display import to_display
+from stages.frames.display import gain_table, to_display
+from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.params import FramesParams, resolve_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
+from stages.survey.exposure import FEWEST, match
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -23,12 +26,14 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
     0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB and clipped at 1.
+    While `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found.
     Raises SourceError for pictures or masks whose size contradicts the calibration or each other.
     """
     view = inputs.view
     assert view is not None, "the frames stage runs over views"
     pictures = inputs.source("pictures")
-    warp = Warp(view, pictures.size(view), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[view])
+    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
+    warp = Warp(view, pictures.size(view), source_rig, inputs.rig, crops[view])
     present = np.flatnonzero(inputs.valid[:, view])
     numbers = [int(n) for n in inputs.source_frames[present]]
 
@@ -37,6 +42,10 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
     _fill_mask(inputs, params, warp, present, numbers, color, mask)
+    if "exposure_matching" in inputs.facts and view in inputs.views.sources:
+        table = gain_table(_gain(inputs, view))
+        for picture in color:
+            cv2.LUT(picture, table, dst=picture)
     yield Block("frames/color", color, view)
     del color
     yield Block("frames/mask", mask, view)
@@ -66,6 +75,15 @@ def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.nda
     for frame in present:
         found = plate_matte(np.ascontiguousarray(color[frame, :height, :width]), plate, spread, params.plate_threshold)
         _place(mask[frame], np.minimum(found, warp.coverage))
+
+
+def _gain(inputs: Inputs, view: int) -> np.ndarray:
+    """[3] factor on the light of one source view, from what the survey saw of all of them."""
+    sources = inputs.views.sources
+    found = match(np.stack([inputs.read("survey/colors", v) for v in sources]))
+    if found is None:
+        raise SourceError(f"effects.exposure_matching is on, but no two cameras share well exposed patches of the body beside {FEWEST} joints; set it to auto or off")
+    return found.gains[sources.index(view)]
 
 
 def _empty(inputs: Inputs, tail: tuple[int, ...], dtype: type) -> np.ndarray:

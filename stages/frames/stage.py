@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.frames.params import FramesParams, resolve_matte
+from stages.contract import Choice, Facts, Read, Resources, Stage
+from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, UNDISTORTION
+from stages.frames.params import FramesParams, matte_choice, resolve_matte
 from storage.spec import ArraySpec, Shape
 
 
@@ -18,6 +19,10 @@ def _given(params: FramesParams, facts: Facts) -> bool:
 
 def _plate(params: FramesParams, facts: Facts) -> bool:
     return resolve_matte(params, facts) == "plate"
+
+
+def _matched(params: FramesParams, facts: Facts) -> bool:
+    return "exposure_matching" in facts
 
 
 def _truth(params: FramesParams, facts: Facts) -> bool:
@@ -45,6 +50,7 @@ STAGE = Stage(
         Read.source("depth", when=_truth),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
+        Read("survey/colors", views="sources", when=_matched),
     ),
     writes=(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
@@ -55,4 +61,6 @@ STAGE = Stage(
     params=FramesParams,
     needs=needs,
     refusal=refusal,
+    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING),
+    choices=(Choice("matte", matte_choice),),
 )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stages.frames.layout import switched
 from stages.io import Block, Inputs
 from stages.pose.heatmaps import draw, grid_of
 from stages.pose.params import PoseParams
@@ -20,7 +21,7 @@ NEAREST_SUBJECT = 0.5
 
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
-    """Yield pose/joints3d, then pose/joints2d and pose/heatmaps view by view.
+    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
     detections are read, of frames where the view is valid; every other view knows its camera only and gets reprojections.
@@ -33,6 +34,8 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v)
+        if "pose_heatmaps" not in inputs.facts:
+            continue
         sigma = np.full(depth[:, v].shape, params.sigma)
         if params.sigma_unit == "m":
             sigma *= np.sqrt(inputs.rig.intrinsics[v, 0, 0] * inputs.rig.intrinsics[v, 1, 1]) / depth[:, v]
@@ -66,8 +69,9 @@ def _detections(inputs: Inputs, params: PoseParams, frame: int, view: int, count
     people = people.reshape(-1, count, 3)
     sound = np.isfinite(people).all(axis=-1) & (people[..., 2] > 0)
     people = np.where(sound[..., None], people, 0.0)
-    crop = inputs.captured_to_calibrated[view] if params.joints_frame == "video" else np.array([1.0, 0.0, 0.0])
-    pixels, mapped = to_frames(people[..., :2], crop, inputs.source_rig, inputs.rig, view)
+    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
+    crop = crops[view] if params.joints_frame == "video" else np.array([1.0, 0.0, 0.0])
+    pixels, mapped = to_frames(people[..., :2], crop, source_rig, inputs.rig, view)
     score = np.minimum(people[..., 2:], 1.0)
     return np.where((sound & mapped)[..., None], np.concatenate([pixels, score], axis=-1), 0.0)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
+from stages.frames.effects import CROP_SCALE, UNDISTORTION
+from stages.pose.effects import POSE_HEATMAPS
 from stages.pose.params import PoseParams
 from storage.spec import ArraySpec, Shape
 
@@ -30,10 +32,11 @@ STAGE = Stage(
     writes=(
         ArraySpec("pose/joints2d", ("frame", "view", "joint", "uvs"), "float32", "px", "Joints in frames/* pixels and their score; 0 score = unknown."),
         ArraySpec("pose/joints3d", ("frame", "joint", "xyzs"), "float32", "m", "Joints in the world and their score; 0 score = unknown."),
-        ArraySpec("pose/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).", keep="until_done"),
+        ArraySpec("pose/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).", keep="until_done", when="pose_heatmaps"),
     ),
     over=("sequence", "time"),
     params=PoseParams,
     needs=needs,
     unneeded=unneeded,
+    effects=(UNDISTORTION, CROP_SCALE, POSE_HEATMAPS),
 )

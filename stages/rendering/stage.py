@@ -14,7 +14,7 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     lifted = pixels * shape["view"] * 20 * wide
     picture = pixels * params.sources * 60 * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
     maps_and_output = shape["frame"] * (pixels * shape["view"] * 23 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
-    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture + 2**28, vram=lifted + picture + 2**28)
+    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture, vram=lifted + picture + 2**28)
 
 
 STAGE = Stage(

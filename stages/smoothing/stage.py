@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
+from stages.pose.effects import POSE_HEATMAPS
+from stages.smoothing.effects import TEMPORAL_SMOOTHING
 from stages.smoothing.params import SmoothingParams, halo
 from storage.spec import ArraySpec, Shape
 
@@ -14,8 +16,12 @@ def needs(shape: Shape, params: SmoothingParams) -> Resources:
 
 
 def unneeded(params: SmoothingParams, facts: Facts) -> str | None:
-    """No joints, no heatmaps to smooth."""
-    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints"
+    """No joints, no heatmaps to smooth; where smoothing is off, readers take the heatmaps as they were drawn."""
+    if not {"joints2d", "joints3d"} & facts:
+        return "the capture has no joints"
+    if "pose_heatmaps" not in facts:
+        return "the effect pose_heatmaps is off"
+    return None if "temporal_smoothing" in facts else "the effect temporal_smoothing is off"
 
 
 STAGE = Stage(
@@ -30,4 +36,5 @@ STAGE = Stage(
     params=SmoothingParams,
     needs=needs,
     unneeded=unneeded,
+    effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
 )

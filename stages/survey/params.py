@@ -2,6 +2,9 @@
 
 from stages.contract import Params, setting
 
+PLATE, SPREAD, COLORS, MOTION = "survey/plate", "survey/spread", "survey/colors", "survey/motion"
+"""Outputs that are made only when asked for."""
+
 
 class SurveyParams(Params):
     """How the sequence is sampled."""

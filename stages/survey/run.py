@@ -1,4 +1,4 @@
-"""Kernel of the survey stage: a background plate and its spread from a recorded sample of one view."""
+"""Kernel of the survey stage: background plate, colours and motion of one view, from a recorded sample of its frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from numba import njit
 from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
-from stages.survey.params import SurveyParams
+from stages.survey.exposure import PATCHES, patch_colors, typical_colors
+from stages.survey.joints import joints_in_space, runs_of_joints
+from stages.survey.motion import jitter_and_motion, run_starts
+from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
@@ -20,37 +23,59 @@ UNSTEADY = 12.0
 
 
 def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
-    """Yield sample [S] int64, plate [Y, X, 3] uint8 sRGB and spread [Y, X] uint8 of one view, in captured pixels.
+    """Yield sample [S] int64 of one view and, as far as they are asked for, its plate, spread, colors and motion.
 
-    Y and X are the largest captured size of all views, padding is 0; S is `params.sample`, padding is -1. The sample lies
-    evenly over the whole source of the view, first and last frame included, whatever range of frames is worked on.
-    Plate: the median of each channel; spread: the median absolute deviation from it, largest of the three channels. Of
-    an even number of frames the median is the lower middle value, so that it is one that occurred. Where joints are
-    given, frames in which a person may cover a pixel do not count there (`cover.people_cover`).
+    What is asked for stands in `inputs.facts`. The sample lies evenly over the whole source of the view, first and last
+    frame included, whatever range of frames is worked on; S is `params.sample`, padding is -1. Pictures are decoded once,
+    and only for a plate or for colours. Colours and motion of a view that is no source are 0: nothing follows from it.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"
-    pictures = inputs.source("pictures")
-    numbers = sample_numbers(pictures.numbers(view), params.sample)
+    numbers = inputs.source("pictures").numbers(view)
+    chosen = sample_numbers(numbers, params.sample)
     sample = np.full(params.sample, -1, dtype=np.int64)
-    sample[: len(numbers)] = numbers
+    sample[: len(chosen)] = chosen
     yield Block("survey/sample", sample, view)
+    plate, colors = bool(inputs.facts & {PLATE, SPREAD}), COLORS in inputs.facts
+    if plate or colors:
+        yield from _of_pictures(inputs, params, view, chosen, plate, colors)
+    if MOTION in inputs.facts:
+        found = jitter_and_motion(runs_of_joints(inputs, view, run_starts(numbers, chosen))) if view in inputs.views.sources else (0.0, 0.0, 0)
+        yield Block(MOTION, np.array(found, dtype=np.float64), view)
 
+
+def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:
+    """What follows from the sampled pictures [n] of one view.
+
+    survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels; Y and X are the largest captured
+    size of all views, padding is 0. Plate: the median of each channel; spread: the median absolute deviation from it,
+    largest of the three channels. Of an even number of frames the median is the lower middle value, so that it is one that
+    occurred. Where joints are given, frames in which a person may cover a pixel do not count there (`cover.people_cover`).
+    survey/colors [192, 3] float32: `exposure.typical_colors`.
+    """
+    pictures = inputs.source("pictures")
     width, height = pictures.size(view)
-    stack = np.empty((len(numbers), height, width, 3), dtype=np.uint8)
-    for i, picture in enumerate(pictures.read(view, [int(n) for n in numbers])):
-        stack[i] = to_display(picture)
+    joints = inputs.source("joints") if "joints2d" in inputs.facts and params.joints_margin > 0 else None
+    seen = colors and view in inputs.views.sources
+    stack = np.empty((len(numbers) if plate else 0, height, width, 3), dtype=np.uint8)
     covered = np.zeros(stack.shape[:3], dtype=np.uint8)
-    if "joints2d" in inputs.facts and params.joints_margin > 0:
-        joints = inputs.source("joints")
-        for i, n in enumerate(numbers):
-            covered[i] = people_cover(joints.read(view, int(n)), joints.joint_set, (width, height), params.joints_margin)
-    plate, spread = median_and_spread(stack, covered)
-    del stack, covered
-    sizes = np.array([pictures.size(v) for v in range(len(inputs.views.names))])
-    x, y = (int(n) for n in sizes.max(axis=0))
-    yield Block("survey/plate", _padded(plate, (y, x, 3)), view)
-    yield Block("survey/spread", _padded(spread, (y, x)), view)
+    samples = np.zeros((len(numbers), PATCHES, 3))
+    for i, picture in enumerate(pictures.read(view, [int(n) for n in numbers]) if plate or seen else ()):
+        shown = to_display(picture)
+        if seen:
+            samples[i] = patch_colors(shown, joints_in_space(inputs, int(numbers[i])), inputs.rig, inputs.source_rig, inputs.captured_to_calibrated, view)
+        if plate:
+            stack[i] = shown
+            if joints is not None:
+                covered[i] = people_cover(joints.read(view, int(numbers[i])), joints.joint_set, (width, height), params.joints_margin)
+    if colors:
+        yield Block(COLORS, typical_colors(samples), view)
+    if plate:
+        found = median_and_spread(stack, covered)
+        del stack, covered
+        x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(inputs.views.names))]).max(axis=0))
+        yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
+        yield Block(SPREAD, _padded(found[1], (y, x)), view)
 
 
 def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:
@@ -114,10 +139,10 @@ def median_and_spread(stack: np.ndarray, covered: np.ndarray) -> tuple[np.ndarra
 
 
 def check(block: Block, params: SurveyParams) -> list[str]:
-    """Warnings about a sample too small for a plate and about pictures that are not static."""
+    """Warnings about a small sample and about pictures that are not static."""
     if block.array == "survey/sample":
         found = int((block.data >= 0).sum())
-        return [f"view {block.view}: only {found} frames to take the background from; a plate wants 5 or more, or give masks"] if found < 5 else []
+        return [f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want 5 or more"] if found < 5 else []
     known = block.data[(block.data > 0) & (block.data < UNKNOWN)] if block.array == "survey/spread" else np.zeros(0)
     if len(known):
         typical = float(np.median(known))

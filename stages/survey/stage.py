@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import SurveyParams
+from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -13,20 +13,53 @@ def needs(shape: Shape, params: SurveyParams) -> Resources:
 
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
-    return "joints2d" in facts and params.joints_margin > 0
+    covered = bool(facts & {PLATE, SPREAD}) and params.joints_margin > 0
+    return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION}))
+
+
+def _joints3d(params: SurveyParams, facts: Facts) -> bool:
+    return "joints3d" in facts and "joints2d" not in facts and bool(facts & {COLORS, MOTION})
 
 
 STAGE = Stage(
     name="survey",
     summary="Take the measures and constants of a sequence from a recorded sample of frames.",
-    version=1,
+    version=2,
     run="stages.survey.run:run",
     check="stages.survey.run:check",
-    reads=(Read.source("pictures", views="own"), Read.source("joints", views="own", when=_joints)),
+    reads=(
+        Read.source("pictures", views="own"),
+        Read.source("joints", views="all", when=_joints),
+        Read.source("joints3d", when=_joints3d),
+    ),
     writes=(
         ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that were looked at; -1 pads."),
-        ArraySpec("survey/plate", ("view", "source_y", "source_x", "rgb"), "uint8", "sRGB", "Median colour of the sample, people left out where joints tell: the background of a static camera, in captured pixels."),
-        ArraySpec("survey/spread", ("view", "source_y", "source_x"), "uint8", "1/255", "Median absolute deviation from the plate, largest of the three channels; 255: a person covered the pixel in nearly every frame."),
+        ArraySpec(
+            PLATE,
+            ("view", "source_y", "source_x", "rgb"),
+            "uint8",
+            "sRGB",
+            "Median colour of the sample, people left out where joints tell: the background of a static camera, in captured pixels.",
+            when=PLATE,
+        ),
+        ArraySpec(
+            SPREAD,
+            ("view", "source_y", "source_x"),
+            "uint8",
+            "1/255",
+            "Median absolute deviation from the plate, largest of the three channels; 255: a person covered the pixel in nearly every frame.",
+            when=SPREAD,
+        ),
+        ArraySpec(COLORS, ("view", "patch", "rgb"), "float32", "linear light", "Median colour of 192 patches of the body, the same in every source view (12 joints x 16 directions), 0..1; 0 where not seen.", when=COLORS, noted=True),
+        ArraySpec(
+            MOTION,
+            ("view", "motion"),
+            "float64",
+            "px",
+            "Joint jitter (px), joint motion (px a source frame) in captured pixels, and how many joints were compared over four frames each.",
+            when=MOTION,
+            noted=True,
+        ),
     ),
     over=("sequence", "view"),
     params=SurveyParams,

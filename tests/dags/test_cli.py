@@ -108,13 +108,13 @@ def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> Non
 
 
 def test_settings_that_the_capture_cannot_serve(finished: Pipeline, tmp_path: Path) -> None:
-    archive = ["--archive", str(finished.root)]
+    archive = finished.options
     assert_says(posegaussian("plan", *archive, "--set", "views.held_out=[camX]", cwd=tmp_path), "no camera 'camX'", "cam00")
     assert_says(posegaussian("plan", *archive, "--set", "frames.range=100:200", cwd=tmp_path), "selects no frame", "0..5")
     assert_says(posegaussian("export", NAME, "--path", "arc cam00 cam77", "--video", "x.mp4", *archive, cwd=tmp_path), "cam77")
     assert_says(posegaussian("export", NAME, "--path", "spiral", "--video", "x.mp4", *archive, cwd=tmp_path), "spiral", "orbit")
     assert_says(posegaussian("export", NAME, *archive, cwd=tmp_path), "--video")
-    assert_says(posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", "--set", "views.held_out=[mid00]", cwd=tmp_path), "no scheduler answers")
+    assert_says(posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", cwd=tmp_path), "no scheduler answers")
 
 
 def test_a_source_that_changed_after_import_fails_in_a_sentence(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_help_has_an_example(command: str, tmp_path: Path) -> None:
 
 
 def test_status_shows_sequence_by_stage(finished: Pipeline, tmp_path: Path) -> None:
-    done = posegaussian("status", "--archive", str(finished.root), "--set", "views.held_out=[mid00]", cwd=tmp_path)
+    done = posegaussian("status", *finished.options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert NAME in done.stdout
     assert "3/3" in done.stdout
@@ -144,7 +144,7 @@ def test_status_shows_sequence_by_stage(finished: Pipeline, tmp_path: Path) -> N
 
 def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    archive = ["--archive", str(finished.root), "--set", "views.held_out=[mid00]", "--set", "partition.frames=2"]
+    archive = finished.options
     assert_says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
     assert_says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
     assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
@@ -159,7 +159,7 @@ def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> No
 
 
 def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, tmp_path: Path) -> None:
-    archive = ["--archive", str(finished.root), "--set", "views.held_out=[mid00]", "--set", "partition.frames=2"]
+    archive = finished.options
     done = posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["frames.csv", "mid00"]

@@ -1,8 +1,48 @@
-"""The local cluster: one number of threads for every library in every worker, and rendering without a GPU said aloud."""
+"""Pools of workers: thread limits, GPU pins (with stand-ins), workers that die or hang, schedulers of others, refusals."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from distributed import Client, WorkerPlugin
+
+from dags import pools
 from dags.cluster import DaskBackend, start_local
+from dags.config import RunSettings
+from dags.events import Event, TaskDone, TaskFailed, TaskRetried
+from dags.execute import Terms
+from dags.flight import Rules
+from dags.plan import Selection
+from dags.pools import CPU, GPU, Pool, local_pools, refusals
+from dags.run import Run
+from storage.errors import ConfigError
+from storage.receipts import scan_receipts
+from tests.pipeline import Pipeline, assert_same_content, content
+
+RENDERING = Selection(start="rendering")
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    return finished.copy(tmp_path / "archive")
+
+
+def workers_of(pipeline: Pipeline, *stages: str) -> dict[str, set[str]]:
+    """{stage: names of the workers in its receipts}."""
+    found: dict[str, set[str]] = {s: set() for s in stages}
+    for r in scan_receipts(pipeline.context().sequence):
+        if r.stage in found:
+            found[r.stage].add(r.facts["worker"])
+    return found
 
 
 def thread_counts() -> dict[str, int]:
@@ -24,9 +64,7 @@ def thread_counts() -> dict[str, int]:
 
 
 def test_every_worker_limits_the_threads_of_every_library() -> None:
-    from distributed import Client
-
-    with start_local(workers=2, cpus=1) as cluster, Client(cluster, set_as_default=False) as client:
+    with start_local(RunSettings(workers=2)) as cluster, Client(cluster, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
         found = client.run(thread_counts)
     assert len(found) == 2
@@ -35,9 +73,130 @@ def test_every_worker_limits_the_threads_of_every_library() -> None:
 
 
 def test_without_a_gpu_rendering_falls_to_the_cpu_workers_with_a_sentence() -> None:
-    backend = DaskBackend(workers=1, window=3)
+    backend = DaskBackend(RunSettings(workers=1, window=3, gpus=0))
     try:
         assert any("no worker has a GPU: rendering runs on the CPU workers" in s for s in backend.sentences)
-        assert backend.free(gpu=True) == backend.free(gpu=False) == 3
+        assert backend.pool(1) == backend.pool(0) == CPU
+        assert backend.free(CPU) == 3
     finally:
         backend.close()
+
+
+def test_every_gpu_task_runs_on_a_gpu_worker_and_nothing_else_does(archive: Pipeline, finished: Pipeline) -> None:
+    """Stand-ins for devices: named, tagged and scheduled like GPU workers, computing on the CPU."""
+    backend = DaskBackend(RunSettings(workers=1, gpus=1, window=3))
+    assert "GPU work is pinned to 1 GPU worker(s)" in backend.sentences[0]
+    assert backend.free(GPU) == backend.free(CPU) == 3, "a window for each pool"
+    archive.run(selection=RENDERING, backend=backend)
+    found = workers_of(archive, "rendering", "metrics")
+    assert found == {"rendering": {"gpu-0"}, "metrics": {"cpu-0"}}
+    assert_same_content(content(archive), content(finished))
+
+
+class Sabotage(WorkerPlugin):
+    """In every worker, also in those started later: partition 1 of gaussians kills its process, partition 2 hangs in one C call."""
+
+    def setup(self, worker: object) -> None:
+        import dags.watchdog
+        import stages.gaussians.run as gaussians
+
+        dags.watchdog.GRACE = 0.2
+        real = gaussians.run
+
+        def run(inputs: object, params: object) -> object:
+            if inputs.partition.start == 2:  # type: ignore[attr-defined]
+                os.kill(os.getpid(), signal.SIGKILL)
+            if inputs.partition.start == 4:  # type: ignore[attr-defined]
+                time.sleep(100)
+            return real(inputs, params)  # type: ignore[arg-type]
+
+        gaussians.run = run
+
+
+def test_a_worker_that_dies_or_hangs_takes_only_its_own_task_along(archive: Pipeline) -> None:
+    events: list[Event] = []
+    selection = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
+    backend = DaskBackend(RunSettings(workers=1, window=3, gpus=0))
+    backend._client.register_plugin(Sabotage(), name="sabotage")
+    Run([archive.plan(selection=selection)], selection, backend, [events.append], rules=Rules(Terms("r", timeout=4.0))).go()
+    failed = {e.task.partition: e for e in events if isinstance(e, TaskFailed)}
+    assert {p: e.kind for p, e in failed.items()} == {1: "memory or crash", 2: "timed out"}
+    assert "its worker cpu-0 died: killed for memory, or crashed; it was tried once more alone; give it more memory" in failed[1].error
+    assert "it took longer than 4 s (run.timeout); raise run.timeout" in failed[2].error
+    assert [(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskRetried)] == [("gaussians", 1)], "what only waited on the worker is no suspect"
+    assert [e.task.partition for e in events if isinstance(e, TaskDone)] == [0]
+
+
+def process(*words: str) -> subprocess.Popen:
+    environment = {**os.environ, "PYTHONPATH": os.getcwd(), "DASK_DISTRIBUTED__WORKER__DAEMON": "True"}
+    return subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment, start_new_session=True)
+
+
+@contextmanager
+def ending(started: subprocess.Popen) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        os.killpg(started.pid, signal.SIGKILL)
+        started.wait()
+
+
+def test_a_scheduler_and_workers_of_others_are_used_by_address(archive: Pipeline, finished: Pipeline, tmp_path: Path) -> None:
+    """Separate processes, one worker with the GPU resource and one without; neither declares a CPU resource."""
+    file = tmp_path / "scheduler.json"
+    with ExitStack() as stack:
+        stack.enter_context(ending(process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))))
+        common = ["distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        stack.enter_context(ending(process(*common, "--name", "plain")))
+        with Client(scheduler_file=str(file), timeout="60s", set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=60)
+            settings = RunSettings(scheduler=client.scheduler.address)
+            with pytest.raises(ConfigError, match="does not see the archive /nowhere; mount it there"):
+                DaskBackend(settings, Path("/nowhere"))
+            stack.enter_context(ending(process(*common, "--name", "with-gpu", "--resources", "GPU=1")))
+            client.wait_for_workers(2, timeout=60)
+        backend = DaskBackend(settings, archive.root)
+        assert set(backend.pools) == {CPU, GPU}
+        assert backend.pools[GPU].devices == 1
+        archive.run(selection=RENDERING, backend=backend)
+    assert workers_of(archive, "rendering", "metrics") == {"rendering": {"with-gpu"}, "metrics": {"plain"}}
+    assert_same_content(content(archive), content(finished))
+
+
+def needing(monkeypatch: pytest.MonkeyPatch, **more: int) -> None:
+    """Have the rendering stage ask for more."""
+    from stages.registry import STAGES
+
+    asked = [replace(s, needs=lambda shape, params, s=s: replace(s.needs(shape, params), **more)) if s.name == "rendering" else s for s in STAGES]
+    monkeypatch.setattr(pools, "STAGES", tuple(asked))
+
+
+def test_what_no_worker_can_serve_is_refused_with_what_to_change(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = archive.plan(selection=RENDERING)
+    served = {CPU: Pool(2, 0, 8 * 2**30), GPU: Pool(1, 1, 8 * 2**30)}
+    assert refusals([plan], served) == []
+    needing(monkeypatch, gpu=2)
+    (sentence,) = refusals([plan], served)
+    assert sentence.startswith("rendering of sequence person asks for 2 GPUs a task, the best equipped worker has 1")
+    assert "--resources GPU=2" in sentence
+    assert "run.gpus=0" in sentence
+    assert refusals([plan], {CPU: served[CPU]}) == [], "without any GPU it runs on the CPU workers"
+    assert refusals([archive.plan()], served) == [], "what is fresh asks for nothing"
+    needing(monkeypatch, ram=2**40)
+    (sentence,) = refusals([plan], local_pools(RunSettings(memory=4000, workers=3, gpus=0)))
+    assert "MB for one task, a CPU worker may use 4000 MB; use fewer run.workers (now 3), raise run.memory" in sentence
+
+
+def test_plan_refuses_what_this_machine_cannot_serve(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from dags.cli import app
+
+    needing(monkeypatch, gpu=2)
+    words = ["plan", "--archive", str(archive.root), "--from", "rendering", "--scheduler", "local", "--set", "run.gpus=1"]
+    words = [w for w in words if w not in ("--scheduler", "local")]
+    for a in [*archive.assignments, "run.scheduler=local"]:
+        words += ["--set", a]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2, done.output
+    assert "asks for 2 GPUs a task" in done.output

@@ -10,9 +10,8 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from dags import config as module
 from dags.config import PACKAGED, Configuration, Settings, load_configuration, merge
-from stages.contract import Effect
+from dags.effects import EffectSettings
 from stages.registry import STAGES
 from storage.errors import ConfigError
 
@@ -171,14 +170,27 @@ def test_no_setting_may_be_nan_or_infinite(tmp_path: Path) -> None:
     assert faults(tmp_path, "frames: {crop: {a: {offset: [.nan, 0]}}}")
 
 
-def test_an_unknown_effect_is_named_at_the_top_and_inside_overrides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert faults(tmp_path, "effects:\n  fog: on\nsequences:\n  kick*:\n    effects: {rain: off}\n") == [
-        "own.yaml:2:3 effects.fog: unknown effect; known are none yet",
-        "own.yaml:5:15 sequences.kick*.effects.rain: unknown effect; known are none yet",
+def test_an_unknown_effect_is_named_at_the_top_and_inside_overrides(tmp_path: Path) -> None:
+    known = ", ".join(EffectSettings.model_fields)
+    assert faults(tmp_path, "effects:\n  fog: on\nsequences:\n  kick*:\n    effects: {undistorsion: off}\n") == [
+        f"own.yaml:2:3 effects.fog: unknown key; known are {known}",
+        'own.yaml:5:15 sequences.kick*.effects.undistorsion: unknown key; did you mean "undistortion"?',
     ]
-    with_effect = [s if s.name != "frames" else type(s)(**{**s.__dict__, "effects": (Effect("fog", "m", 1.0, "1"),)}) for s in STAGES]
-    monkeypatch.setattr(module, "STAGES", tuple(with_effect))
-    assert load(tmp_path, "effects: {fog: auto}").default.effects == {"fog": "auto"}
+
+
+@pytest.mark.parametrize("word", ["on", "off", "auto", "'on'", "true", "false"])
+def test_an_effect_is_auto_on_or_off_however_yaml_reads_the_word(tmp_path: Path, word: str) -> None:
+    meant = {"true": "on", "false": "off"}.get(word, word.strip("'"))
+    assert load(tmp_path, f"effects: {{undistortion: {word}}}").default.effects.undistortion == meant
+    assert load(tmp_path, "", f"effects.undistortion={word}").default.effects.undistortion == meant
+    c = load(tmp_path, f"sequences: {{kick: {{effects: {{left_right_check: {word}}}}}}}")
+    assert (c.default.effects.left_right_check, c.for_sequence("kick").effects.left_right_check) == ("auto", meant)
+
+
+@pytest.mark.parametrize("word", ["onn", "1", "null", "[on]"])
+def test_any_other_word_for_an_effect_is_a_fault_with_its_place(tmp_path: Path, word: str) -> None:
+    (found,) = faults(tmp_path, f"effects:\n  undistortion: {word}\n")
+    assert found.startswith("own.yaml:2:3 effects.undistortion: input should be 'auto', 'on' or 'off', got ")
 
 
 OVERRIDES = """\

@@ -52,11 +52,12 @@ def test_one_thread_equals_two(finished: Pipeline, tmp_path: Path) -> None:
 
 def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
     from dags.cluster import DaskBackend
+    from dags.config import RunSettings
 
     assert all(s.tolerance is None for s in STAGES), "a stage declares a tolerance: compare it here with that tolerance"
     other = Pipeline(tmp_path / "archive", finished.folder)
     other.register()
-    other.run(backend=DaskBackend(workers=2))
+    other.run(backend=DaskBackend(RunSettings(workers=2)))
     assert_same_content(content(other), content(finished))
     assert receipts(other) == receipts(finished)
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+
+import pytest
 
 from storage import ledger
 from storage.archive import Archive
@@ -29,6 +34,17 @@ def make_archive(folder: Path) -> tuple[Archive, dict[str, list[Receipt]]]:
         for r in of_sequence:
             write_receipt(sequence, r)
     return archive, made
+
+
+def log(archive: Archive, run: str, *events: dict) -> None:
+    """Events of a run as its log holds them."""
+    folder = archive.root / ledger.RUNS / run
+    folder.mkdir(parents=True)
+    (folder / ledger.EVENTS).write_text("".join(json.dumps(e) + "\n" for e in events) + '{"time": "2026-01-01T00:00:0')
+
+
+def failed(stage: str, partition: int, time: str, error: str = "no disk") -> dict:
+    return {"time": time, "event": "task_failed", "sequence": "kick", "stage": stage, "partition": partition, "view": None, "path": None, "error": error, "details": "", "kind": "transient"}
 
 
 def by_task(rows: list[dict]) -> list[dict]:
@@ -69,3 +85,44 @@ def test_one_sequence_of_a_newer_format_does_not_keep_the_others_out(tmp_path: P
     assert '"format": 2' in file.read_text()
     ledger.rebuild(archive)
     assert len(ledger.read(archive)) == sum(map(len, made.values()))
+
+
+def test_failures_stay_in_the_ledger_and_say_whether_they_were_mended(tmp_path: Path) -> None:
+    archive, made = make_archive(tmp_path)
+    log(archive, "20251231T220000Z", {"time": "2025-12-31T22:00:00.000+00:00", "event": "run_started"}, failed("depth", 0, "2025-12-31T23:00:00.000+00:00"), failed("gaussians", 0, "2025-12-31T23:00:01.000+00:00"))
+    log(archive, "20260101T010000Z", failed("depth", 1, "2026-01-01T01:00:00.000+00:00", "again"))
+    ledger.rebuild(archive)
+    rows = ledger.read(archive)
+    assert len([r for r in rows if r["state"] == "done"]) == sum(map(len, made.values()))
+    found = [(r["run"], r["stage"], r["partition"], r["error"], r["mended"]) for r in rows if r["state"] == "failed"]
+    assert found == [("20251231T220000Z", "depth", 0, "no disk", True), ("20251231T220000Z", "gaussians", 0, "no disk", False), ("20260101T010000Z", "depth", 1, "again", False)]
+    assert all(r["seconds"] is None and r["peak_rss"] is None for r in rows if r["state"] == "failed"), "means and sums are those of finished tasks"
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
+
+
+def answer(code: str, capsys: pytest.CaptureFixture[str]) -> list[dict]:
+    exec(compile(code, str(DOCS), "exec"), {})
+    return eval(capsys.readouterr().out, {})
+
+
+def test_every_documented_query_answers_its_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    archive, _ = make_archive(tmp_path / "archive")
+    now = datetime.now(UTC)
+    log(archive, "a", failed("depth", 7, (now - timedelta(hours=30)).isoformat(timespec="milliseconds")))
+    log(archive, "b", failed("depth", 8, (now - timedelta(hours=6)).isoformat(timespec="milliseconds"), "the disk is full"))
+    ledger.rebuild(archive)
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
+    assert len(blocks) == 4
+    seconds, slowest, memory, failures = (answer(b, capsys) for b in blocks)
+    assert seconds[0] == {"stage": "depth", "sequence": "kick", "seconds_sum": 5.0, "seconds_count": 2}
+    assert [r["seconds"] for r in slowest[:4]] == [2.5] * 4
+    assert {(r["stage"], r["peak_rss_max"]) for r in memory} == {(s, 2**30) for s in ("depth", "frames", "rendering", "survey")}
+    assert [(r["partition"], r["error"], r["mended"]) for r in failures] == [(8, "the disk is full", False)]
+
+
+def test_the_docs_name_every_column() -> None:
+    table = DOCS.read_text().partition("| column |")[2].partition("\n\n")[0]
+    assert tuple(re.findall(r"`(\w+)`", "\n".join(line.split("|")[1] for line in table.splitlines() if line.startswith("| `")))) == ledger.COLUMNS

@@ -9,7 +9,7 @@ from stages.frames.params import FramesParams
 from stages.frames.run import check
 from stages.frames.stage import STAGE as FRAMES
 from stages.io import Block, Views
-from stages.survey.params import SurveyParams
+from stages.survey.params import PLATE, SPREAD, SurveyParams
 from stages.survey.stage import STAGE as SURVEY
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Joints, Pictures, film, overlap, wall
@@ -21,7 +21,7 @@ def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.n
     rig = ring(1, size, 0)
     views, sources = Views(rig.names, (0,), ()), {"pictures": Pictures([list(pictures)]), "joints": None if joints is None else Joints(joints)}
     facts = frozenset({"several_frames"} if joints is None else {"several_frames", "joints2d"})
-    survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts)
+    survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts | {PLATE, SPREAD})
     out = run_stage(FRAMES, FramesParams(), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts)
     mask = out["frames/mask"][:, 0]
     return mask, check(Block("frames/mask", mask, 0), FramesParams())

@@ -1,0 +1,197 @@
+"""`posegaussian reshard`: another partition length without computing anything again.
+
+A whole new sequence is built beside the old one, `<archive>/_reshard/new/<name>`: every array cut anew, every receipt
+keyed anew, with content digests taken from the bytes; what is not partitioned is linked. When all of it is on disk the
+two folders change places by two renames. A death before the first leaves the old sequence, one between them is
+finished by whoever opens the archive next (`storage.archive`), one after them leaves the new sequence; never a mixture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dags import presence
+from dags.context import Context
+from dags.fingerprint import all_parts, own_parts
+from dags.orders import prepare
+from dags.plan import Book, Plan, State, Verdict
+from dags.projection import gigabytes
+from dags.results import Results
+from dags.tasks import Product, Task, tasks
+from stages.registry import stage as stage_named
+from storage.archive import ATTRIBUTES, RESHARD, Sequence, sync_folder, write_atomically
+from storage.errors import ArchiveError
+from storage.lease import SUFFIX, Lease
+from storage.receipts import Output, Receipt, write_receipt
+from storage.shards import write_array, write_table
+from storage.spec import TableSpec, digest
+from storage.sweep import folder_bytes
+
+COPIED_BYTES = 1e8
+"""More than the old sequence's bytes that must be free: arrays are cut anew beside the old ones."""
+
+
+def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
+    """Cut a sequence into partitions of `frames` frames; returns sentences about what was done.
+
+    What is made but not fresh, or not asked for by the plan, cannot be keyed anew: it is given up where `give_up` says so.
+
+    Raises:
+        ArchiveError: a run is at work on it, something would be given up, bytes were dropped, or the disk is too full.
+    """
+    sequence = plan.context.sequence
+    if frames == sequence.partition_frames:
+        return [f"sequence {sequence.name} has partitions of {frames} frames already"]
+    lost = _given_up(plan)
+    if lost and not give_up:
+        raise ArchiveError(f"reshard: {'; '.join(lost)}; `posegaussian run` first, name the paths with --path, or pass --give-up to let it go")
+    _refuse_dropped(plan)
+    _refuse_full_disk(sequence)
+    with Lease.take(sequence.receipts / f"_arrays{SUFFIX}", "reshard"):
+        presence.refuse_busy(sequence, "reshard")
+        made = _build(plan, frames)
+        switch(sequence)
+    return [f"sequence {sequence.name}: partitions of {frames} frames instead of {sequence.partition_frames}, {made} tasks keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
+
+
+def _given_up(plan: Plan) -> list[str]:
+    """Sentences about receipts that cannot be carried over."""
+    stale = [t for t, v in plan.verdicts.items() if v.state is not State.FRESH and t in plan.book.receipts]
+    other = [t for t in plan.book.receipts if t not in plan.verdicts]
+    paths = sorted({str(t.path) for t in other if t.path is not None})
+    said = [f"{len(stale)} tasks of {', '.join(dict.fromkeys(t.stage for t in stale))} are made but not fresh"] if stale else []
+    said += [f"camera paths {', '.join(paths)} are rendered but not asked for"] if paths else []
+    rest = [t for t in other if t.path is None]
+    return said + ([f"{len(rest)} tasks of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or not needed"] if rest else [])
+
+
+def _refuse_dropped(plan: Plan) -> None:
+    """Raise where bytes are gone that new digests would have to be taken from."""
+    dropped = {o.array: stage for t in plan.verdicts if t in plan.book.receipts for o in plan.book.receipts[t].outputs if o.dropped and t.partition is not None for stage in [t.stage]}
+    if dropped:
+        force = " ".join(f"--force {s}" for s in dict.fromkeys(dropped.values()))
+        raise ArchiveError(f"reshard: {', '.join(sorted(dropped))} of sequence {plan.context.sequence.name} was dropped, and digests of other partitions come from the bytes; `posegaussian run --set run.keep=everything {force}` makes them again")
+
+
+def _refuse_full_disk(sequence: Sequence) -> None:
+    need, free = folder_bytes(sequence.root) + COPIED_BYTES, shutil.disk_usage(sequence.root).free
+    if need > free:
+        raise ArchiveError(f"reshard: the arrays are cut anew beside the old ones and need {gigabytes(need)}, {sequence.root} has {gigabytes(free)} free; make room (`posegaussian gc` says what could go)")
+
+
+def _build(plan: Plan, frames: int) -> int:
+    """The new sequence, whole, below RESHARD; returns the number of its receipts."""
+    old = plan.context.sequence
+    root = old.root.parent / RESHARD / "new" / old.name
+    shutil.rmtree(root, ignore_errors=True)
+    root.mkdir(parents=True)
+    record = json.loads((old.root / "zarr.json").read_bytes())
+    record["attributes"][ATTRIBUTES]["partition_frames"] = frames
+    write_atomically(root / "zarr.json", json.dumps(record).encode())
+    for name in ("source", "_sources"):
+        _link_tree(old.root / name, root / name)
+    context = dataclasses.replace(plan.context, sequence=Sequence(root))
+    anew = Plan(context, Book(context), {t: Verdict(t, State.STALE, ()) for t in tasks(context)}, context.unneeded())
+    prepare(anew)
+    results = Results(plan.context)
+    for task in anew.verdicts:
+        digests = anew.book.digests(task)
+        if task.stage in anew.unneeded or digests is None or any(plan.verdicts[t].state is not State.FRESH for t in _sources(plan.context, context, task)):
+            continue
+        receipt = _linked(results, context.sequence, plan.book.receipts[task]) if task.partition is None else _cut(results, plan.book, context, task, digests)
+        write_receipt(context.sequence, receipt)
+        anew.book.add(task, receipt)
+    return len(anew.book.receipts)
+
+
+def _sources(old: Context, new: Context, task: Task) -> list[Task]:
+    """The old tasks that made the frames of a new one."""
+    return [task] if task.partition is None else [task._replace(partition=p) for p in old.grid.touched(new.grid.bounds(task.partition))]
+
+
+def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
+    """What is not partitioned along time, as it is."""
+    for file in (f for o in receipt.outputs for f in o.files):
+        _link(results.context.sequence.root / file.key, sequence.root / file.key)
+    return receipt
+
+
+def _cut(results: Results, book: Book, context: Context, task: Task, digests: Mapping[Product, str]) -> Receipt:
+    """The receipt of a new task, whose outputs are cut from those of the old ones."""
+    sources = _sources(book.context, context, task)
+    receipts = [book.receipts[t] for t in sources]
+    parts = all_parts(context, task, own_parts(context, task), digests)
+    outputs = tuple(_output(results, context, task, receipts, o) for o in receipts[0].outputs)
+    warnings = tuple(dict.fromkeys(w for r in receipts for w in r.warnings))
+    return Receipt(task.stage, task.partition, task.view, task.path, digest(parts), parts, outputs, warnings, _facts(book.context, context, task, sources, receipts))
+
+
+def _output(results: Results, context: Context, task: Task, receipts: list[Receipt], old: Output) -> Output:
+    """One output cut anew."""
+    sequence = context.sequence
+    spec = next(w for w in stage_named(task.stage).writes if w.name.format(path=task.path) == old.array)
+    assert task.partition is not None, f"{task.label()} has no frames to cut"
+    frames = context.grid.bounds(task.partition)
+    if isinstance(spec, TableSpec):
+        rows = [r for r in results.rows([o for receipt in receipts for o in receipt.outputs if o.array == old.array]) if r["frame"] in frames]
+        return write_table(sequence, spec, task.path or "", task.partition, {c: [r[c] for r in rows] for c, _ in spec.columns})
+    return write_array(sequence, spec, task.path or "", frames, task.partition, old.view, np.ascontiguousarray(results.read(old.array, frames, old.view)))
+
+
+def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts: list[Receipt]) -> dict[str, Any]:
+    """Circumstances of the first task, with the seconds and sizes of the share that came from each."""
+    facts = dict(receipts[0].facts)
+    own = new.grid.bounds(task.partition or 0)
+    shares = [len(set(own) & set(old.grid.bounds(t.partition or 0))) / len(old.grid.bounds(t.partition or 0)) for t in sources]
+    for key in ("seconds", "cpu_seconds", "work", "raw_bytes"):
+        if all(r.facts.get(key) is not None for r in receipts):
+            whole = sum(r.facts[key] * share for r, share in zip(receipts, shares, strict=True))
+            facts[key] = round(whole) if key in ("work", "raw_bytes") else round(whole, 4)
+    return facts | {"resharded_from": old.grid.length}
+
+
+def _link_tree(source: Path, target: Path) -> None:
+    for file in _files(source):
+        _link(file, target / file.relative_to(source))
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    return (p for p in sorted(folder.rglob("*")) if p.is_file())
+
+
+def _link(source: Path, target: Path) -> None:
+    """A hard link, or a copy where the file system has none; files of an archive are replaced, never written in place."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def switch(sequence: Sequence) -> None:
+    """Put the new sequence in the old one's place."""
+    side = sequence.root.parent / RESHARD
+    old = side / "old" / sequence.name
+    shutil.rmtree(old, ignore_errors=True)
+    old.parent.mkdir(parents=True, exist_ok=True)
+    for folder in [side / "new" / sequence.name, side / "new", side / "old", side]:
+        sync_folder(folder)
+    os.rename(sequence.root, old)
+    os.rename(side / "new" / sequence.name, sequence.root)
+    sync_folder(sequence.root.parent)
+    shutil.rmtree(old)
+
+
+def leftovers(sequence: Sequence) -> list[Path]:
+    """Folders of a reshard that did not come to its end; none holds anything that the sequence lacks."""
+    side = sequence.root.parent / RESHARD
+    return [p for p in (side / "new" / sequence.name, side / "old" / sequence.name) if p.is_dir()]

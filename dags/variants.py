@@ -1,0 +1,105 @@
+"""Variants: the same sequence under other settings, beside the user's results and never in them.
+
+A variant is an archive of its own, `<archive>/_variants/<hash of what differs>`, with a folder of the same sequence.
+What a variant would make with an equal fingerprint is not made again: its receipt is copied and its shards are hard
+links (copies where the file system has none). A shard is replaced by unlinking it and writing a new file, never in
+place, so neither side can change the other's bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from dags.context import Context, make_context
+from dags.plan import Plan, Selection, State, judge, make_plan
+from dags.tasks import Task
+from storage.archive import Archive, Sequence, write_atomically
+from storage.receipts import Receipt, missing_files, scan_receipts, write_receipt
+from storage.spec import digest
+
+FOLDER = "_variants"
+"""Folder of all variants below the archive's."""
+
+
+def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+    """The context of a sequence's variant, made or found again.
+
+    Args:
+        origin: the user's sequence; its record is taken over, nothing of it is changed.
+        settings: all settings of the variant.
+        different: {stage.key: value} of what sets it apart; it names the folder.
+        paths: camera paths to render.
+    """
+    archive = Archive.open(str(origin.root.parent / FOLDER / digest(different)[:12]), create=True)
+    root = archive.root / origin.name
+    record = (origin.root / "zarr.json").read_bytes()
+    if not (root / "zarr.json").is_file() or (root / "zarr.json").read_bytes() != record:
+        write_atomically(root / "zarr.json", record)
+        shutil.copytree(origin.root / "source", root / "source", dirs_exist_ok=True)
+    return make_context(Sequence(root), settings, paths)
+
+
+def others(origin: Sequence) -> list[Sequence]:
+    """The sequence itself and all its variants: where equal outputs may be found."""
+    found = sorted((origin.root.parent / FOLDER).glob(f"*/{origin.name}/zarr.json"))
+    return [origin, *(Sequence(f.parent) for f in found)]
+
+
+def share(context: Context, sources: Iterable[Sequence]) -> int:
+    """Take over every output that some source made with the fingerprint it would have here; returns how many tasks.
+
+    Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Outputs
+    whose files are not all there, or were dropped, are not taken.
+    """
+    here = context.sequence
+    found: dict[tuple[Task, str], tuple[Sequence, Receipt]] = {}
+    for source in sources:
+        if source.root == here.root:
+            continue
+        for r in scan_receipts(source):
+            found.setdefault((Task(here.name, r.stage, r.partition, r.view, r.path), r.fingerprint), (source, r))
+    total = 0
+    while taken := _take_equal(make_plan(context), found):  # what a survey says may decide what the next ones are compared with
+        total += taken
+    return total
+
+
+def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Receipt]]) -> int:
+    """Take over what a plan would make and somebody has made; returns how many tasks."""
+    taken = 0
+    for task, verdict in plan.verdicts.items():
+        digests = plan.book.digests(task)
+        if verdict.state is State.FRESH or digests is None:
+            continue
+        state, _, parts = judge(plan.book, task, Selection(), digests)
+        match = found.get((task, digest(parts))) if state is not State.FRESH else None
+        if match is None or any(o.dropped for o in match[1].outputs) or missing_files(*match):
+            continue
+        _take(plan.context.sequence, *match)
+        plan.book.add(task, match[1])
+        taken += 1
+    return taken
+
+
+def _take(here: Sequence, source: Sequence, receipt: Receipt) -> None:
+    """Link a task's shards, copy what describes their arrays, and last write the receipt."""
+    for output in receipt.outputs:
+        meta = source.root / output.array / "zarr.json"
+        if meta.is_file():
+            write_atomically(here.root / output.array / "zarr.json", meta.read_bytes())
+        for file in output.files:
+            _link(source.root / file.key, here.root / file.key)
+    write_receipt(here, receipt)
+
+
+def _link(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

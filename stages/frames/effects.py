@@ -1,0 +1,116 @@
+"""What the frames stage computes only where it is called for: undistortion, crop and scale, exposure matching."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.contract import Decision, Effect, Evidence
+from stages.frames.layout import distort, reach
+from stages.survey.exposure import FEWEST, match
+from storage.rig import Rig
+
+NO_LINK = f"no two cameras share well exposed patches of the body beside {FEWEST} joints"
+"""Why gains cannot be told."""
+GRID = 33
+"""Points a side at which a lens is looked at."""
+
+
+def lens_displacement(rig: Rig, source_rig: Rig) -> np.ndarray:
+    """[V] px of `frames/*`: how far each lens moves the picture of a point, at most.
+
+    Points lie on a grid over the whole picture, edges included, as far as the lens model is one-to-one.
+    """
+    out = np.zeros(len(rig))
+    for v in range(len(rig)):
+        k, distortion = rig.intrinsics[v], source_rig.distortion[v]
+        if not distortion.any():
+            continue
+        u = np.stack(np.meshgrid(*(np.linspace(0.0, n, GRID) for n in rig.size[v])), axis=-1).reshape(-1, 2)
+        ideal = (u - k[:2, 2]) @ np.linalg.inv(k[:2, :2]).T
+        ideal = ideal[np.linalg.norm(ideal, axis=1) <= reach(distortion)]
+        moved = (distort(ideal, distortion) - ideal) @ k[:2, :2].T
+        out[v] = np.linalg.norm(moved, axis=1).max(initial=0.0)
+    return out
+
+
+def crop_displacement(rig: Rig, source_rig: Rig, captured_size: np.ndarray, crops: np.ndarray) -> np.ndarray:
+    """[V] px of `frames/*`: how far crop and scale move the corner of a captured picture, at most."""
+    corners = captured_size[:, None, :] * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])  # [V, 4, 2]
+    moved = corners * crops[:, None, :1] + crops[:, None, 1:] - corners
+    return np.linalg.norm(moved * (rig.size / source_rig.size)[:, None], axis=-1).max(axis=-1)
+
+
+def _undistortion(evidence: Evidence, bound: float) -> Decision:
+    moved = lens_displacement(evidence.rig, evidence.source_rig)
+    worst = int(moved.argmax())
+    if not moved[worst]:
+        return Decision(False, 0.0, bound, "the calibration has no lens distortion")
+    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"the lens of {evidence.rig.names[worst]} moves a point by up to {moved[worst]:.2f} px")
+
+
+def _crop_scale(evidence: Evidence, bound: float) -> Decision:
+    moved = crop_displacement(evidence.rig, evidence.source_rig, evidence.captured_size, evidence.captured_to_calibrated)
+    worst = int(moved.argmax())
+    if not moved[worst]:
+        return Decision(False, 0.0, bound, "the captured pixels are the calibrated ones: no frames.crop")
+    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"frames.crop moves a corner of {evidence.rig.names[worst]} by up to {moved[worst]:.2f} px")
+
+
+def _crop_refusal(evidence: Evidence) -> str | None:
+    for name, captured, calibrated in zip(evidence.rig.names, evidence.captured_size, evidence.source_rig.size, strict=True):
+        if (captured != calibrated).any():
+            return f"effects.crop_scale is off, but pictures of {name} are {captured[0]}x{captured[1]} px and its calibration is for {calibrated[0]}x{calibrated[1]}; set it to auto"
+    return None
+
+
+def _no_comparison(evidence: Evidence) -> str | None:
+    """Why exposures cannot be compared."""
+    if len(evidence.sources) < 2:
+        return "there is a single source view"
+    if "joints3d" not in evidence.facts and len(evidence.joint_views) < 2:
+        return "joints, beside which cameras are compared, came with fewer than two source views"
+    return None
+
+
+def _exposure(evidence: Evidence, bound: float) -> Decision | None:
+    if "survey/colors" not in evidence.noted:
+        return None
+    found = match(evidence.noted["survey/colors"])
+    if found is None:
+        return Decision(False, None, bound, NO_LINK)
+    worst = int(found.proven.argmax())
+    proven, name = float(found.proven[worst]), evidence.source_rig.names[evidence.sources[worst]]
+    if proven == 0:
+        return Decision(False, 0.0, bound, "on patches of the body that cameras share, no difference is beyond the error of the measure")
+    return Decision(bool(proven > bound), proven, bound, f"on patches of the body that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least {proven:.2f} of them for certain")
+
+
+UNDISTORTION = Effect(
+    "undistortion",
+    "Undo the lens distortion of pictures, masks and joints.",
+    "largest displacement by a lens",
+    # A tenth of the 1 px to which calibrations and joints are good at best; resampling costs more sharpness than that.
+    0.1,
+    "px",
+    _undistortion,
+)
+CROP_SCALE = Effect(
+    "crop_scale",
+    "Bring captured pixels to the calibrated ones by frames.crop.",
+    "largest displacement by crop and scale",
+    0.1,
+    "px",
+    _crop_scale,
+    refusal=_crop_refusal,
+)
+EXPOSURE_MATCHING = Effect(
+    "exposure_matching",
+    "Multiply each source view's light by one gain a channel, so that cameras agree on the body's patches.",
+    "largest proven difference between cameras",
+    # Of equal cameras up to 0.1 stops are "proven" (a synthetic person, 128 to 256 px); 0.25 stops are just visible.
+    0.25,
+    "stops",
+    _exposure,
+    asks=("survey/colors",),
+    lacks=_no_comparison,
+)

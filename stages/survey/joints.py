@@ -1,0 +1,75 @@
+"""Joints of sampled frames as the survey wants them: of the largest person in runs of frames, and in space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.geometry.projection import project
+from stages.io import Inputs
+from stages.pose.people import subject
+from stages.pose.points import to_frames
+from stages.pose.triangulate import triangulate
+from stages.survey.motion import RUN
+from storage.joints import joint_set, to_set
+
+SCORE = 0.3
+"""Least score of a joint that is triangulated."""
+RESIDUAL = 0.02
+"""Reprojection error above which a view's joint is an outlier, as a share of the picture's longest side."""
+
+
+def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
+    """[17, 4] COCO-17 (x, y, z, score) of the subject in one source frame, world metres; triangulated, else as given in 3D.
+
+    2D joints are taken to be in captured pixels; only source views are looked at.
+    """
+    if "joints2d" not in inputs.facts:
+        given = inputs.source("joints3d")
+        return _known(to_set(np.asarray(given.read(number), dtype=np.float64), given.joint_set, "coco17"))
+    joints, sources = inputs.source("joints"), list(inputs.views.sources)
+    people = []
+    for v in sources:
+        found = np.asarray(joints.read(v, number), dtype=np.float64).reshape(-1, len(joint_set(joints.joint_set)), 3)
+        found = _known(to_set(found, joints.joint_set, "coco17"))
+        pixels, mapped = to_frames(found[..., :2], inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
+        people.append(np.concatenate([pixels, np.where(mapped, found[..., 2], 0.0)[..., None]], axis=-1))
+    rig = inputs.rig.subset(sources)
+    return triangulate(rig, subject(rig, people, SCORE, RESIDUAL), SCORE, RESIDUAL)
+
+
+def _known(joints: np.ndarray) -> np.ndarray:
+    """Joints [..., J, C] with everything 0 where a value is not finite."""
+    return np.where(np.isfinite(joints).all(axis=-1, keepdims=True), joints, 0.0)
+
+
+def runs_of_joints(inputs: Inputs, view: int, runs: list[np.ndarray]) -> np.ndarray:
+    """[R, 4, J, 3] the largest person's joints of one view in runs of consecutive frames, captured pixels.
+
+    Without 2D joints, given 3D joints as a camera without lens would see them.
+    """
+    if "joints2d" in inputs.facts:
+        joints = inputs.source("joints")
+        found = [[largest(joints.read(view, int(n))) for n in run] for run in runs]
+    else:
+        joints3d = inputs.source("joints3d")
+        found = [[_seen(inputs, view, joints3d.read(int(n))) for n in run] for run in runs]
+    return np.array(found) if found else np.zeros((0, RUN, 17, 3))
+
+
+def _seen(inputs: Inputs, view: int, joints: np.ndarray) -> np.ndarray:
+    """[J, 3] (u, v, score) of 3D joints [J, 4]; a joint that is not finite or behind the camera has score 0."""
+    known = np.isfinite(joints).all(axis=1)
+    pixels, depth = project(np.where(known[:, None], joints, 0.0)[:, :3], inputs.source_rig.intrinsics[view], inputs.source_rig.world_to_camera[view])
+    known &= depth > 0
+    return np.concatenate([np.where(known[:, None], pixels, 0.0), np.where(known, joints[:, 3], 0.0)[:, None]], axis=1)
+
+
+def largest(people: np.ndarray) -> np.ndarray:
+    """[J, 3] the person of [n, J, 3] with the largest sum of scores times diagonal of the joints' box; zeros of nobody."""
+    best, size = np.zeros(people.shape[1:]), 0.0
+    for person in np.where(np.isfinite(people).all(axis=-1, keepdims=True), people, 0.0):
+        known = person[person[:, 2] > 0]
+        extent = float(known[:, 2].sum() * np.linalg.norm(np.ptp(known[:, :2], axis=0))) if len(known) else 0.0
+        if extent > size:
+            best, size = person, extent
+    return best

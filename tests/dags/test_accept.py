@@ -1,0 +1,140 @@
+"""Accepting keeps bytes and re-keys receipts: only after changes that may be harmless, and never silently."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dags import fingerprint
+from dags.accept import accept
+from dags.explain import why
+from dags.plan import State
+from storage.errors import UserError
+from storage.receipts import Receipt, ReceiptKey, read_receipt
+from tests.pipeline import NAME, Pipeline, assert_same_content, content
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    return finished.copy(tmp_path / "archive")
+
+
+@pytest.fixture
+def edited(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> Pipeline:
+    """The code of depth is another one."""
+    real = fingerprint.code_digest
+    monkeypatch.setattr(fingerprint, "code_digest", lambda run: "e" * 32 if run.startswith("stages.depth") else real(run))
+    return archive
+
+
+def depth(pipeline: Pipeline, partition: int = 0) -> Receipt:
+    found = read_receipt(pipeline.context().sequence, ReceiptKey("depth", partition, None, None))
+    assert found is not None
+    return found
+
+
+def test_after_acceptance_all_is_fresh_and_no_byte_changed(edited: Pipeline, finished: Pipeline) -> None:
+    before = depth(edited)
+    said = accept(edited.plan(), "depth", "a renamed variable")
+    assert "accepted 3 of 3 stale outputs of depth: code of depth changed" in said[0]
+    assert edited.plan().all_fresh
+    assert edited.ran() == {}
+    assert_same_content(content(edited), content(finished))
+    after = depth(edited)
+    assert after.outputs == before.outputs
+    assert after.fingerprint != before.fingerprint
+    (note,) = after.facts["accepted"]
+    assert note["from"] == before.fingerprint
+    assert note["reason"] == "a renamed variable"
+    assert note["by"]
+    assert note["when"]
+    assert any("code of depth changed" in c for c in note["changed"])
+
+
+def test_settings_may_be_accepted_and_each_acceptance_is_kept(archive: Pipeline) -> None:
+    first, second = archive.with_settings("depth.max_angle=64"), archive.with_settings("depth.max_angle=63")
+    accept(first.plan(), "depth", "no pair is that wide")
+    accept(second.plan(), "depth", "nor that wide")
+    assert second.plan().all_fresh
+    assert [n["reason"] for n in depth(archive).facts["accepted"]] == ["no pair is that wide", "nor that wide"]
+    assert [n["changed"] for n in depth(archive).facts["accepted"]] == [["depth.max_angle 66.0 -> 64.0"], ["depth.max_angle 64.0 -> 63.0"]]
+
+
+def test_why_shows_the_acceptance(archive: Pipeline) -> None:
+    changed = archive.with_settings("depth.max_angle=64")
+    accept(changed.plan(), "depth", "no pair is that wide")
+    plan = changed.plan()
+    text = "\n".join(why(plan, next(t for t in plan.verdicts if t.stage == "depth")))
+    assert "no pair is that wide (depth.max_angle 66.0 -> 64.0; fingerprint was" in text
+
+
+def test_why_tells_what_differs_at_every_stale_step(archive: Pipeline) -> None:
+    plan = archive.with_settings("depth.pairs=1", "gaussians.footprint=0.6").plan()
+    lines = why(plan, next(t for t in plan.verdicts if t.stage == "rendering"))
+    text = "\n".join(lines)
+    assert "params: pairs: 2 -> 1" in text
+    assert "params: footprint: 0.5 -> 0.6" in text
+    assert text.count("last made") == 3, "rendering, gaussians and depth"
+
+
+def test_a_missing_shard_is_refused(edited: Pipeline) -> None:
+    next(p for p in (edited.root / NAME / "depth/depth/c").rglob("*") if p.is_file()).unlink()
+    before = edited.plan().book.receipts
+    with pytest.raises(UserError, match=r"shard depth/depth/\S+ is missing .* cannot be accepted, run again"):
+        accept(edited.plan(), "depth", "why not")
+    assert edited.plan().book.receipts == before, "nothing is written when one is refused"
+
+
+def test_changed_inputs_are_refused(archive: Pipeline) -> None:
+    for file in (archive.root / NAME / "_receipts/frames").rglob("*.json"):
+        receipt = json.loads(file.read_text())
+        for output in receipt["outputs"]:
+            output["digest"] = "0" * 32
+        file.write_text(json.dumps(receipt))
+    with pytest.raises(UserError, match=r"depth p0000: inputs changed, not only version, code, params .*run it instead"):
+        accept(archive.plan(), "depth", "looks alike")
+
+
+def test_changed_frames_and_cameras_are_refused(archive: Pipeline) -> None:
+    with pytest.raises(UserError, match="cameras"):
+        accept(archive.with_settings("views.sources=[cam00, cam01, cam02, cam03]").plan(), "pose", "looks alike")
+
+
+def test_behind_a_stale_stage_nothing_can_be_accepted(archive: Pipeline) -> None:
+    changed = archive.with_settings("depth.pairs=1", "gaussians.footprint=0.6")
+    with pytest.raises(UserError, match="what it reads of depth is not fresh; accept or run that first"):
+        accept(changed.plan(), "gaussians", "looks alike")
+    accept(changed.plan(), "depth", "looks alike")
+    accept(changed.plan(), "gaussians", "looks alike")
+    assert changed.plan().all_fresh
+
+
+def test_what_was_never_made_stays_to_be_made(edited: Pipeline) -> None:
+    (edited.root / NAME / "_receipts/depth/p000001.json").unlink()
+    said = accept(edited.plan(), "depth", "a renamed variable")
+    assert "accepted 2 of 3" in said[0]
+    assert "1 outputs of depth were never made" in said[1]
+    states = {t.partition: v.state for t, v in edited.plan().verdicts.items() if t.stage == "depth"}
+    assert states == {0: State.FRESH, 1: State.STALE, 2: State.FRESH}
+
+
+def test_dropped_inputs_do_not_stand_in_the_way(archive: Pipeline) -> None:
+    """Their contents are known by their digests; making them again would be what acceptance is to save."""
+    from dags.keep import Keeper
+
+    kept = archive.with_settings("run.keep=as_declared")
+    Keeper([kept.plan()]).sweep()
+    changed = kept.with_settings("depth.max_angle=64")
+    assert changed.plan().counts("frames")[State.FRESH] < 21, "the plan would make pictures again"
+    accept(changed.plan(), "depth", "no pair is that wide")
+    assert changed.plan().all_fresh
+
+
+def test_a_reason_is_asked_for_and_fresh_or_unneeded_stages_are_left_alone(archive: Pipeline) -> None:
+    with pytest.raises(UserError, match="--reason must say why"):
+        accept(archive.plan(), "depth", "  ")
+    with pytest.raises(UserError, match="does not need survey"):
+        accept(archive.plan(), "survey", "x")
+    assert "nothing to accept" in accept(archive.plan(), "depth", "x")[0]

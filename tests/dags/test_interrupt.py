@@ -1,0 +1,89 @@
+"""Ctrl-C: a run ends in order at the first one, at once at the second one, and the next run goes on from there."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dags.plan import State
+from storage.lease import living
+from tests.pipeline import NAME, Pipeline
+
+
+def started(pipeline: Pipeline, scheduler: str, receipts: int) -> subprocess.Popen:
+    """A run in a process group of its own, with some receipts written."""
+    process = pipeline.start("--scheduler", scheduler, "--set", "run.workers=2", stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+    deadline = time.monotonic() + 120
+    while len(list((pipeline.root / NAME / "_receipts").rglob("*.json"))) < receipts:
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return process
+
+
+@pytest.mark.parametrize("scheduler", ["serial", "local"])
+def test_ctrl_c_ends_a_run_in_order(scheduler: str, person_folder: Path, tmp_path: Path) -> None:
+    pipeline = Pipeline(tmp_path / "archive", person_folder)
+    pipeline.register()
+    process = started(pipeline, scheduler, 9)
+    family = psutil.Process(process.pid).children(recursive=True)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+    said = process.communicate(timeout=60)[0]
+    assert process.returncode == 130, said
+    assert "Ctrl-C once more ends at once" in said
+    assert "interrupted; what is done is kept, the next run goes on from here" in said
+    assert " done, " in said
+    assert "Traceback" not in said, said
+    psutil.wait_procs(family, timeout=30)
+    assert not list(living(pipeline.root / NAME / "_receipts")), "no lease is left that anybody would wait for"
+    plan = pipeline.plan()
+    assert not plan.all_fresh
+    assert plan.counts("frames")[State.FRESH], "what was done counts"
+
+
+HANGING = """
+import sys, time
+import stages.frames.run as frames
+def run(inputs, params):
+    print("in the kernel", flush=True)
+    time_is_up = time.monotonic() + 100
+    import ctypes
+    while time.monotonic() < time_is_up:
+        try:
+            ctypes.CDLL(None).usleep(100_000_000)  # one C call; the interpreter cannot raise within
+        except KeyboardInterrupt:
+            pass
+    yield
+frames.run = run
+from dags.cli import main
+sys.argv = ["posegaussian", *sys.argv[1:]]
+main()
+"""
+
+
+def test_a_second_ctrl_c_ends_a_run_whose_kernel_does_not_listen(finished: Pipeline, tmp_path: Path) -> None:
+    pipeline = Pipeline(tmp_path / "archive", finished.folder)
+    pipeline.register()
+    words = ["run", "--archive", str(pipeline.root)]
+    for a in pipeline.assignments:
+        words += ["--set", a]
+    process = subprocess.Popen([sys.executable, "-c", HANGING, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "in the kernel" in line:
+            break
+    else:
+        raise AssertionError("the run ended by itself")
+    process.send_signal(signal.SIGINT)
+    for line in process.stdout:
+        if "Ctrl-C once more ends at once" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=30) == 130

@@ -1,0 +1,161 @@
+"""What a run is expected to take: bytes that are written, memory that is taken, seconds from history; refusal before the start."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dags import memory, projection
+from dags.memory import Peak
+from dags.orders import RESERVED, load, needs_of
+from dags.plan import Selection, State
+from dags.pools import local_pools, refusals
+from dags.projection import History, project
+from dags.tables import projection_table, seconds_text
+from dags.tasks import tasks
+from stages.registry import STAGES
+from storage.archive import Archive
+from storage.errors import ConfigError
+from storage.ledger import rebuild
+from tests.pipeline import NAME, Pipeline
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    """A copy of the finished archive with its ledger."""
+    copy = finished.copy(tmp_path / "archive")
+    rebuild(Archive.open(str(copy.root)))
+    return copy
+
+
+def history(pipeline: Pipeline) -> History:
+    return History.read(Archive.open(str(pipeline.root)))
+
+
+def test_projected_bytes_are_those_of_the_blocks_that_are_written(finished: Pipeline) -> None:
+    """Without history bytes are uncompressed: exactly what the arrays of the finished archive hold."""
+    import zarr
+
+    plan = finished.plan()
+    for stage in STAGES:
+        done = [t for t in tasks(plan.context) if t.stage == stage.name]
+        if not done or stage.name == "metrics":
+            continue
+        arrays = {o.array for t in done for o in plan.book.receipts[t].outputs}
+        views = len(plan.context.active_views)
+        whole = [zarr.open_array(finished.root / NAME / a, mode="r") for a in arrays]
+        held = sum(a.nbytes // (a.shape[1] if "view" in stage.over else 1) * (views if "view" in stage.over else 1) for a in whole) if "time" in stage.over else None
+        if held is not None:
+            assert sum(load(plan.context, t).raw_bytes for t in done) == held, stage.name
+        for t in done:
+            assert plan.book.receipts[t].facts["raw_bytes"] == load(plan.context, t).raw_bytes
+
+
+def test_history_turns_bytes_and_work_into_disk_and_seconds(archive: Pipeline) -> None:
+    plan = archive.plan(selection=Selection(start="frames"))
+    found = {p.stage: p for p in project(plan, history(archive))}
+    assert set(found) == {t.stage for t, v in plan.verdicts.items() if v.state is not State.FRESH}
+    for stage, p in found.items():
+        receipts = [r for t, r in plan.book.receipts.items() if t.stage == stage]
+        on_disk = sum(f.size for r in receipts for o in r.outputs for f in o.files)
+        assert p.replaced == on_disk
+        if stage != "metrics":  # tables have no projected size
+            assert p.compressed
+            # The same tasks again: the ratio gives back what they took, up to rounding.
+            assert p.disk == pytest.approx(on_disk, rel=1e-3, abs=2)
+        assert p.same
+        assert p.seconds == pytest.approx(sum(r.facts["seconds"] for r in receipts), rel=1.0), "a median stands for the mean"
+
+
+def test_without_history_seconds_are_unknown_and_bytes_an_upper_bound(archive: Pipeline) -> None:
+    plan = archive.plan(selection=Selection(start="frames"))
+    with_history = {p.stage: p for p in project(plan, history(archive))}
+    for p in project(plan, History()):
+        assert p.seconds is None
+        assert not p.compressed
+        assert p.disk >= with_history[p.stage].disk or p.stage == "metrics"
+    assert seconds_text(None) == "unknown"
+    assert projection_table(project(plan, History())).row_count == len(with_history) + 1
+
+
+def test_seconds_of_other_settings_are_marked_and_work_scales_them(archive: Pipeline) -> None:
+    changed = archive.with_settings("depth.pairs=1")
+    depth = next(p for p in project(changed.plan(), history(archive)) if p.stage == "depth")
+    assert depth.seconds is not None
+    assert not depth.same
+    half = archive.with_settings("frames.size=24")
+    before = next(p for p in project(archive.plan(selection=Selection(start="frames")), history(archive)) if p.stage == "depth")
+    after = next(p for p in project(half.plan(), history(archive)) if p.stage == "depth")
+    assert before.seconds is not None
+    assert after.seconds == pytest.approx(before.seconds / 4, rel=1e-6), "a quarter of the pixels"
+
+
+def test_letting_go_lowers_the_projected_peak_of_long_sequences(archive: Pipeline) -> None:
+    short = archive.with_settings("run.keep=as_declared", "run.workers=1", "run.window=1", "run.scheduler=local")
+    longer = Pipeline(archive.root.with_name("fine"), archive.folder, short.settings, partition=1)
+    longer.register()
+    frames = {k: next(p for p in project(longer.with_settings(f"run.keep={k}").plan(), History()) if p.stage == "frames") for k in ("everything", "as_declared")}
+    assert frames["everything"].peak == frames["everything"].disk == frames["as_declared"].disk
+    # frames/color is 3 of the 8 bytes a pixel (mask 1, true depth 4); of six partitions three are there at a time.
+    assert frames["as_declared"].peak == pytest.approx(frames["everything"].disk * (1 - 3 / 8 * 3 / 6))
+
+
+def test_a_task_too_large_for_a_worker_is_refused_with_what_to_change(archive: Pipeline) -> None:
+    again = archive.with_settings("gaussians.footprint=0.6")
+    need = max(needs_of(again.context(), s, p).ram for s in STAGES if s.name in ("gaussians", "rendering", "metrics") for p in again.context().paths)
+    assert need > RESERVED
+    enough = again.with_settings(f"run.memory={need / 2**20 + 1}")
+    assert refusals([enough.plan()], local_pools(enough.configuration.default.run)) == []
+    little = again.with_settings(f"run.memory={need / 2**20 - 0.01}")
+    (sentence,) = refusals([little.plan()], local_pools(little.configuration.default.run))
+    assert "rendering of sequence person needs about" in sentence
+    assert "posegaussian reshard person --frames 1" in sentence
+    assert "frames.size" in sentence
+    with pytest.raises(ConfigError, match="rendering of sequence person"):
+        little.session.run_and_report([little.plan()], Selection())
+
+
+def test_more_bytes_than_the_disk_has_are_refused_before_the_start(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = archive.plan(selection=Selection(start="frames"))
+    assert projection.refusals([plan], Archive(archive.root), history(archive)) == [], "what is replaced makes room"
+    usage = shutil.disk_usage(archive.root)
+    monkeypatch.setattr(projection.shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    first = Pipeline(archive.root.with_name("first"), archive.folder)
+    first.register()
+    with pytest.raises(ConfigError, match=r"the run is projected to need .* more on disk, .* has 0.0 MB free; set run.keep to as_declared"):
+        first.session.run_and_report([first.plan()], Selection())
+    assert not list((first.root / NAME / "_receipts").rglob("*.json"))
+
+
+def test_receipts_carry_projected_beside_measured_memory(finished: Pipeline) -> None:
+    for receipt in finished.plan().book.receipts.values():
+        facts = receipt.facts
+        assert facts["projected_ram"] > RESERVED
+        assert facts["peak_rss"] > 2**26, "an interpreter with numpy has more than 64 MB"
+        assert facts["work"] > 0
+
+
+@pytest.mark.parametrize("record", ["kernel", "samples"])
+def test_the_peak_is_the_block_s_own_not_the_process_s(record: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if record == "samples":
+        monkeypatch.setattr(memory, "CLEAR", tmp_path / "no" / "such" / "file")
+    elif not memory.CLEAR.exists():
+        pytest.skip("this system does not let a process reset its peak")
+    size = 150 * 2**20
+
+    def peak_of(count: int) -> int:
+        with Peak() as peak:
+            a = np.ones(count // 8)
+            for _ in range(3):
+                a += 1
+            import time
+
+            time.sleep(3 * memory.SAMPLE_SECONDS)
+        return peak.bytes
+
+    large, small = peak_of(size), peak_of(2**20)
+    # A large block leaves no trace in the next one's peak; 20 MB for what the allocator keeps.
+    assert large - small > size - 20 * 2**20

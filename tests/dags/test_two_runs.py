@@ -1,0 +1,201 @@
+"""Two runs on one archive: each is told who works on what, nothing is computed twice, nobody's arrays are pulled away."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from dags.events import Event, TaskBlocked, TaskDone, TaskFailed, TaskFresh
+from dags.failures import Kind
+from dags.plan import Selection, State
+from dags.presence import folder
+from dags.session import Session
+from storage.errors import ArchiveError
+from storage.lease import Lease
+from storage.receipts import ReceiptKey, lease_file
+from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
+
+DEPTH = Selection(start="depth")
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    return finished.copy(tmp_path / "archive")
+
+
+def failures(events: list[Event]) -> list[TaskFailed]:
+    return [e for e in events if isinstance(e, TaskFailed)]
+
+
+def test_what_another_run_holds_is_left_to_it_by_name_and_the_rest_is_done(archive: Pipeline, finished: Pipeline) -> None:
+    sequence = archive.context().sequence
+    with Lease.take(lease_file(sequence, ReceiptKey("depth", 1, None, None)), "the-other-run", "cpu-7"):
+        events = archive.run(selection=DEPTH, expect_failure=True)
+    (held,) = failures(events)
+    assert (held.task.stage, held.task.partition, held.kind) == ("depth", 1, Kind.HELD.value)
+    assert f"run the-other-run, worker cpu-7 (process {os.getpid()}" in held.error
+    done = {(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskDone)}
+    assert {("depth", 0), ("depth", 2), ("gaussians", 0), ("rendering", 2)} <= done
+    blocked = {(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskBlocked)}
+    assert {("gaussians", 1), ("rendering", 1), ("metrics", 1)} <= blocked
+    assert not blocked & done
+    archive.run()
+    assert_same_content(content(archive), content(finished))
+
+
+def test_what_another_run_finished_in_the_meantime_is_taken_as_it_is(archive: Pipeline) -> None:
+    """The plan is made, then another run does all of it: this run computes nothing and goes on to the end."""
+    changed = archive.with_settings("gaussians.footprint=0.6")
+    from dags.run import Run
+    from dags.serial import SerialBackend
+
+    events: list[Event] = []
+    run = Run([changed.plan()], Selection(), SerialBackend(), [events.append])
+    judged = run.flight.add
+    first = True
+
+    def other_run_is_quicker(*task: object) -> None:
+        nonlocal first
+        if first:
+            first = False
+            changed.run()
+        judged(*task)  # type: ignore[arg-type]
+
+    run.flight.add = other_run_is_quicker  # type: ignore[method-assign]
+    run.go()
+    assert not [e for e in events if isinstance(e, TaskDone)]
+    assert {e.task.stage for e in events if isinstance(e, TaskFresh)} >= {"gaussians", "rendering", "metrics"}
+    assert ended(events).failed == 0
+
+
+def test_a_run_says_at_its_start_who_else_is_at_work(archive: Pipeline) -> None:
+    changed = archive.with_settings("gaussians.footprint=0.6")
+    code = f"import sys; from pathlib import Path; from storage.lease import Lease; Lease.take(Path({str(folder(archive.context().sequence) / 'other-run.lease')!r}), 'other-run', 'driver'); print('there', flush=True); sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        console = Console(file=io.StringIO(), width=400)
+        status = Session(changed.configuration, str(archive.root), console).run_and_report([changed.plan()], Selection())
+        other.communicate()
+    said = console.file.getvalue()  # type: ignore[attr-defined]
+    assert status == 0, said
+    assert f"person: run other-run, worker driver (process {other.pid} on " in said
+    assert "is at work here, too; what it holds is left to it" in said
+
+
+def test_two_runs_at_once_share_the_work_and_end_with_the_bytes_of_one(finished: Pipeline, tmp_path: Path) -> None:
+    pipeline = Pipeline(tmp_path / "archive", finished.folder)
+    pipeline.register()
+    other = pipeline.start(stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    deadline = time.monotonic() + 100
+    while not list((pipeline.root / NAME / "_receipts").rglob("*.json")):
+        assert other.poll() is None, other.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    mine = pipeline.run(expect_failure=True)
+    said = other.communicate(timeout=200)[0]
+    assert "Traceback" not in said, said
+    assert other.returncode == 0 or "held by run" in said, said
+    assert all(f.kind == Kind.HELD.value for f in failures(mine)), failures(mine)
+    assert other.returncode == 0 or not ended(mine).failed, "at least one of them sees the end of it"
+    done = [e.task for e in mine if isinstance(e, TaskDone)]
+    assert done, "the second run worked too"
+    log = "".join(f.read_text() for f in (pipeline.root / "_runs").rglob("events.jsonl"))
+    assert log.count('"task_done"') + len(done) == len(pipeline.plan().verdicts), "every task was computed once"
+    assert pipeline.plan().all_fresh
+    assert_same_content(content(pipeline), content(finished))
+
+
+SLEEPER = """
+import sys, time
+from pathlib import Path
+import stages.depth.run as depth
+from dags.execute import Terms
+from dags.flight import Rules
+from dags.run import Run
+from dags.plan import Selection
+from dags.serial import SerialBackend
+from tests.pipeline import Pipeline
+
+root, folder, flag = map(Path, sys.argv[1:])
+real = depth.run
+def slow(inputs, params):
+    for i, block in enumerate(real(inputs, params)):
+        yield block
+        if i == 1 and inputs.partition.start == 2:
+            flag.touch()
+            time.sleep(0.5)
+depth.run = slow
+pipeline = Pipeline(root, folder, ["depth.consistency=0.9"])
+def tell(event):
+    print(type(event).__name__, getattr(event, "task", None), getattr(event, "error", ""), flush=True)
+only = Selection(only=frozenset({"depth"}))
+Run([pipeline.plan(selection=only)], only, SerialBackend(), [tell], rules=Rules(Terms("sleeper", lease=1.0))).go()
+"""
+
+
+def state(root: Path) -> dict[str, tuple[int, int]]:
+    """{file: (inode, time of change)} of every file of the sequence but leases."""
+    return {str(p): (p.stat().st_ino, p.stat().st_mtime_ns) for p in sorted((root / NAME).rglob("*")) if p.is_file() and p.suffix not in (".lease", ".partial")}
+
+
+def test_a_writer_suspended_past_its_lease_and_woken_writes_nothing(archive: Pipeline, tmp_path: Path) -> None:
+    archive = archive.with_settings("depth.consistency=0.9")
+    flag = tmp_path / "asleep"
+    writer = subprocess.Popen([sys.executable, "-c", SLEEPER, str(archive.root), str(archive.folder), str(flag)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    try:
+        deadline = time.monotonic() + 100
+        while not flag.exists():
+            assert writer.poll() is None, writer.communicate()[0]
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        writer.send_signal(signal.SIGSTOP)
+        time.sleep(1.2)  # past its lease
+        archive.run(selection=Selection(only=frozenset({"depth"})), expect_failure=True)
+        assert archive.plan().counts("depth") == {State.FRESH: 3}
+        before, whole = state(archive.root), content(archive)
+    finally:
+        writer.send_signal(signal.SIGCONT)
+    said = writer.communicate(timeout=100)[0]
+    assert writer.returncode == 0, said
+    assert "TaskRetried" in said, said
+    assert "stops and writes nothing more" in said, said
+    assert "TaskDone" not in said.partition("TaskRetried")[2], "what the other run had finished was taken as it is"
+    assert state(archive.root) == before
+    assert_same_content(content(archive), whole)
+
+
+def test_arrays_are_not_replaced_under_another_run(archive: Pipeline) -> None:
+    before = content(archive)
+    sequence = archive.context().sequence
+    with Lease.take(folder(sequence) / "the-other-run.lease", "the-other-run", "driver"):
+        events = archive.with_settings("frames.size=32").run(expect_failure=True)
+        assert_same_content(content(archive), before)
+    (refused,) = failures(events)
+    assert "must be replaced for these settings, but run the-other-run" in refused.error
+    assert ended(events).done == 0
+
+
+def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    import stages.gaussians.run as gaussians
+
+    real = gaussians.run
+
+    def overtaken(inputs: object, params: object) -> object:
+        yield from real(inputs, params)  # type: ignore[arg-type]
+        monkeypatch.setattr(gaussians, "run", real)
+        archive.with_settings("depth.consistency=0.5").run(selection=Selection(only=frozenset({"depth"})), expect_failure=True)
+
+    monkeypatch.setattr(gaussians, "run", overtaken)
+    events = archive.run(selection=Selection(start="gaussians"), expect_failure=True)
+    errors = {f.error for f in failures(events)}
+    assert any("by another run while gaussians read it" in e for e in errors), errors
+    assert ArchiveError.__name__ not in "".join(errors)

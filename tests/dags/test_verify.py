@@ -1,0 +1,133 @@
+"""`verify`: whatever happens to a file behind a receipt's back is found, named, and made anew after a repair."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from dags.session import Session
+from dags.verify import verify
+from storage.errors import ShardCorrupt
+from storage.lease import Lease
+from storage.receipts import ReceiptKey, lease_file
+from tests.pipeline import NAME, Pipeline, assert_same_content, content
+
+SHARD = "depth/depth/c/1/2/0/0"
+"""Partition 1 of view cam02."""
+
+
+@pytest.fixture
+def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
+    return finished.copy(tmp_path / "archive")
+
+
+def say(pipeline: Pipeline, repair: bool = False) -> tuple[int, str]:
+    console = Console(file=io.StringIO(), width=400)
+    status = verify(Session(pipeline.configuration, str(pipeline.root), console), [NAME], repair)
+    return status, console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def flip(file: Path) -> None:
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
+HARMS = {
+    "missing": (lambda f: f.unlink(), "missing"),
+    "emptied": (lambda f: f.write_bytes(b""), "emptied"),
+    "truncated": (lambda f: f.write_bytes(f.read_bytes()[:-7]), "truncated to "),
+    "bit flipped": (flip, "bits changed"),
+}
+
+
+def test_an_undisturbed_archive_has_no_fault(archive: Pipeline) -> None:
+    status, said = say(archive)
+    assert status == 0, said
+    assert "no faults" in said
+
+
+def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_anew(archive: Pipeline, finished: Pipeline) -> None:
+    shards = ["depth/depth/c/1/2/0/0", "gaussians/scale/c/2/3/0/0/0", "smoothing/heatmaps/c/0/1/0/0/0", "frames/color/c/1/4/0/0/0"]
+    for shard, (do, _) in zip(shards, HARMS.values(), strict=True):
+        do(archive.root / NAME / shard)
+    status, said = say(archive)
+    assert status == 1
+    names = archive.context().views.names
+    for shard, (_, cause) in zip(shards, HARMS.values(), strict=True):
+        array, _, place = shard.partition("/c/")
+        partition, view = place.split("/")[:2]
+        assert f"{array}, partition {partition}, view {names[int(view)]}: {shard}: {cause}" in said
+    assert said.count("--repair would remove the receipt of") == 4
+    assert "receipt of depth p0001, so that the next run makes it anew" in said
+    seen = {v.task.stage for v in archive.plan().verdicts.values() if any("is missing or of another size" in r for r in v.reasons)}
+    assert seen == {"depth", "gaussians", "smoothing"}, "a plan compares names and sizes; the flipped bit only verify finds"
+    assert say(archive, repair=True)[0] == 1
+    assert archive.ran() == {"frames": 1, "smoothing": 1, "depth": 1, "gaussians": 1}
+    assert say(archive)[0] == 0
+    assert_same_content(content(archive), content(finished))
+
+
+def test_a_flipped_bit_is_never_read_as_data(archive: Pipeline) -> None:
+    """Wherever the bit lies that was flipped: in the data, in a chunk's checksum, in the index of the shard."""
+    from dags.results import Results
+
+    file = archive.root / NAME / SHARD
+    whole = file.read_bytes()
+    for place in range(0, len(whole), max(1, len(whole) // 16)):
+        data = bytearray(whole)
+        data[place] ^= 0x10
+        file.write_bytes(data)
+        with pytest.raises(ShardCorrupt, match="verify --sequence person --repair"):
+            Results(archive.context()).read("depth/depth", range(2, 4), 2)
+
+
+def test_a_table_a_receipt_and_a_left_over_are_verified_too(archive: Pipeline, finished: Pipeline) -> None:
+    root = archive.root / NAME
+    table = next(root.rglob("metrics/**/p000001.parquet"))
+    flip(table)
+    receipt = root / "_receipts/gaussians/p000002.json"
+    receipt.write_bytes(receipt.read_bytes()[:99])
+    left = root / "depth/depth/c/0/0/0" / "0.0123abcd.partial"
+    left.write_bytes(b"half a shard")
+    status, said = say(archive)
+    assert status == 1
+    assert f"partition 1: {table.relative_to(root)}: bits changed" in said
+    assert "_receipts/gaussians/p000002.json: its receipt cannot be read" in said
+    assert f"{left.relative_to(root)}: left over by a killed writer; harmless" in said
+    say(archive, repair=True)
+    assert not left.exists()
+    assert archive.ran() == {"gaussians": 1, "metrics": 1}
+    assert say(archive)[0] == 0
+    assert_same_content(content(archive), content(finished))
+
+
+def test_a_broken_array_record_is_written_anew(archive: Pipeline, finished: Pipeline) -> None:
+    (archive.root / NAME / "smoothing/heatmaps/zarr.json").write_text("{")
+    status, said = say(archive, repair=True)
+    assert status == 1
+    assert "smoothing/heatmaps: does not decode" in said
+    assert archive.ran() == {"smoothing": 3}
+    assert_same_content(content(archive), content(finished))
+
+
+def test_content_that_is_whole_but_not_what_was_promised_is_found(archive: Pipeline) -> None:
+    receipt = archive.root / NAME / "_receipts/depth/p000000.json"
+    data = json.loads(receipt.read_bytes())
+    data["outputs"][0]["digest"] = "0" * 32
+    receipt.write_text(json.dumps(data))
+    assert "its content is not the promised one" in say(archive)[1]
+
+
+def test_what_a_run_works_on_is_left_out(archive: Pipeline) -> None:
+    sequence = archive.context().sequence
+    (archive.root / NAME / SHARD).unlink()
+    with Lease.take(lease_file(sequence, ReceiptKey("depth", 1, None, None)), "a-run"):
+        status, said = say(archive, repair=True)
+        assert status == 0, said
+        assert "1 task(s) were left out, because a run works on them now" in said
+    assert (archive.root / NAME / "_receipts/depth/p000001.json").exists()

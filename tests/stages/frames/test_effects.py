@@ -1,0 +1,49 @@
+"""How far lenses and crops move pixels, against OpenCV's lens model and plain arithmetic."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from stages.capture.person import ring
+from stages.frames.effects import crop_displacement, lens_displacement
+from stages.frames.layout import frames_rig, switched
+from stages.frames.params import FramesParams
+
+
+def test_lens_displacement_is_the_largest_of_opencv_s_over_the_picture() -> None:
+    rig = ring(2, 200, 0)
+    lens = np.array([-0.2, 0.05, 0.001, -0.002, 0.01, 0, 0, 0.0])
+    source = replace(rig, distortion=np.stack([lens, np.zeros(8)]))
+    moved = lens_displacement(rig, source)
+    k = rig.intrinsics[0]
+    edge = np.stack(np.meshgrid(np.linspace(0, 200, 81), np.linspace(0, 200, 81)), axis=-1).reshape(-1, 2)
+    ideal = np.concatenate([(edge - k[:2, 2]) / k[[0, 1], [0, 1]], np.ones((len(edge), 1))], axis=1)
+    there = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), k, lens)[0].reshape(-1, 2)
+    assert moved[0] == pytest.approx(np.linalg.norm(there - edge, axis=1).max(), rel=1e-6)
+    assert moved[1] == 0.0
+
+
+def test_displacements_are_counted_in_pixels_that_are_worked_on() -> None:
+    source = replace(ring(1, 200, 0), distortion=np.array([[-0.2, 0, 0, 0, 0, 0, 0, 0.0]]))
+    half = frames_rig(source, FramesParams(size=100))
+    full = frames_rig(source, FramesParams())
+    assert lens_displacement(half, source)[0] == pytest.approx(lens_displacement(full, source)[0] / 2)
+    crops, size = np.array([[1.01, 0.0, -4.0]]), np.array([[200, 200]])
+    # The lower right corner moves by (2, -2), the upper right by (2, -4): the latter is the farthest.
+    assert crop_displacement(full, source, size, crops)[0] == pytest.approx(np.hypot(2, 4))
+    assert crop_displacement(half, source, size, crops)[0] == pytest.approx(np.hypot(2, 4) / 2)
+    assert crop_displacement(full, source, size, np.array([[1.0, 0, 0]]))[0] == 0.0
+
+
+def test_what_is_off_is_as_if_the_calibration_had_none() -> None:
+    source = replace(ring(2, 50, 0), distortion=np.full((2, 8), 0.1))
+    crops = np.array([[1.1, 2.0, 3.0], [1, 0, 0]])
+    lens, moved = switched(source, crops, frozenset({"undistortion", "crop_scale"}))
+    assert lens is source
+    assert moved is crops
+    lens, moved = switched(source, crops, frozenset())
+    assert not lens.distortion.any()
+    np.testing.assert_array_equal(moved, np.tile([1.0, 0, 0], (2, 1)))
+    np.testing.assert_array_equal(lens.intrinsics, source.intrinsics)
