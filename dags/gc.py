@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -237,7 +238,7 @@ def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete
 
 def table(found: Sequence[Item]) -> Table:
     """One row an item, the largest first within its kind."""
-    shown = Table()
+    shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column, justify in (("kind", "left"), ("sequence", "left"), ("what", "left"), ("bytes", "right"), ("made again by", "left")):
         shown.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for i in sorted(found, key=lambda i: (KINDS.index(i.kind), i.sequence, -i.bytes)):

@@ -26,6 +26,7 @@ from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
 from dags.run import Run
+from dags.status import every_standing
 from dags.tasks import Product
 from storage.archive import Archive, write_atomically
 from storage.errors import ArchiveError, ConfigError, UserError
@@ -155,6 +156,7 @@ class Session:
         from storage.ledger import rebuild
 
         rebuild(self.archive)
+        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
         return Outcome(ended, collector, folder, tuple(refused))
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:

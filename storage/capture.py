@@ -7,6 +7,7 @@ JSON in the sequence's attributes; `sources.py` makes lazy readers from it.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
@@ -48,6 +49,15 @@ class SourceFile:
             return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
         except OSError as e:
             raise SourceError(f"cannot read {p}: {e.strerror}") from e
+
+    @property
+    def touched(self) -> bool:
+        """Whether the file is gone, or its size or time is not that of the import; its content is not read."""
+        try:
+            stat = os.stat(self.path)
+        except OSError:
+            return True
+        return (stat.st_size, stat.st_mtime_ns) != (self.size, self.mtime_ns)
 
     def verify(self) -> None:
         """Raise SourceError when the file is gone or its content is not what was imported."""

@@ -107,6 +107,17 @@ def rebuild(archive: Archive) -> Path:
     return archive.root / LEDGER
 
 
+def failed(archive: Archive) -> list[tuple[Any, ...]]:
+    """KEY of every task that failed and was not finished since, by the end of the last run."""
+    import pyarrow.parquet as pq
+
+    file = archive.root / LEDGER
+    if not file.is_file():
+        return []
+    rows = pq.read_table(file, columns=[*KEY], filters=[("state", "=", "failed"), ("mended", "=", False)]).to_pylist()
+    return list(dict.fromkeys(tuple(r[k] for k in KEY) for r in rows))
+
+
 def read(archive: Archive) -> list[dict[str, Any]]:
     """All rows; an archive without a ledger has none."""
     import pyarrow.parquet as pq
