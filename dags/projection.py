@@ -29,6 +29,9 @@ from storage.archive import Archive
 from storage.spec import digest
 from storage.sweep import bytes_of
 
+COLUMNS = (*ledger.KEY, "state", "started", "seconds", "bytes", "raw_bytes", "work", "params", "effects")
+"""What of the ledger the rates are taken from."""
+
 RECENT = 500
 """Newest tasks of a stage that its history is taken from."""
 
@@ -64,7 +67,7 @@ class History:
     @classmethod
     def read(cls, archive: Archive) -> History:
         """From the ledgers of an archive and of its variants; what a variant took over counts once."""
-        rows = [row for a in (archive, *variants(archive)) for row in ledger.read(a)]
+        rows = [row for a in (archive, *variants(archive)) for row in ledger.read(a, COLUMNS)]
         return cls({(*(row[k] for k in ledger.KEY), row["state"], row["started"]): row for row in rows}.values())
 
     @property
