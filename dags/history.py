@@ -117,7 +117,7 @@ def failed_table(failed: Iterable[FailedTask]) -> Table:
     for column in ("sequence", "task", "when (UTC)", "blocks", "why"):
         table.add_column(column, justify="right" if column == "blocks" else "left", overflow="fold")
     for f in failed:
-        table.add_row(f.task.sequence, f.task.label(), f.when[:19].replace("T", " "), str(f.blocked or ""), escape(f.error))
+        table.add_row(f.task.sequence, f.task.label(), f.when[5:16].replace("T", " "), str(f.blocked or ""), escape(f.error))
     return table
 
 

@@ -185,7 +185,7 @@ class Session:
         """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted."""
         for p in plans:
             self.say([f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()])
-            self.say(p.notes, "yellow")
+            self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
@@ -207,7 +207,7 @@ class Session:
         failures, refused = outcome.collector.failures, outcome.refused
         if failures or refused:
             self.console.print(failures_table(failures, refused, cameras))
-        self.say(tables.grouped(outcome.collector.blocked), "red")
+        self.say(tables.grouped(outcome.collector.blocked_sentences(cameras)), "red")
         held = [f for f in failures if f.kind == Kind.HELD.value]
         if held:
             self.say([f"{len(held)} task(s) were left to another run, which works on them now; run again when it has ended"])

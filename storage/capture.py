@@ -69,7 +69,8 @@ class SourceFile:
         if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
             return
         if stat.st_size != self.size or SourceFile.of(p).sha256 != self.sha256:
-            raise SourceError(f"source file {p} changed since it was imported ({self.size} -> {stat.st_size} bytes); import the capture again")
+            how = f"it has {stat.st_size} bytes, not {self.size}" if stat.st_size != self.size else "it has the same size and another content"
+            raise SourceError(f"source file {p} changed since it was imported: {how}; put the old one back or import the capture again")
 
 
 @dataclass(frozen=True)
