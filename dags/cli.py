@@ -18,6 +18,7 @@ from dags import tables
 from dags.plan import Selection
 from dags.session import Session
 from dags.tasks import Task
+from dags.wording import number
 from storage.errors import ConfigError, UserError
 
 app = typer.Typer(
@@ -81,7 +82,7 @@ def import_capture(
     made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
     _say([*capture.notes, *said])
     numbers = capture.numbers
-    console.print(f"sequence {made.name}: {len(capture.rig)} cameras, {len(numbers)} frames ({numbers[0]}..{numbers[-1]}), partitions of {made.partition_frames} frames, in {session.archive_url}", markup=False, soft_wrap=True)
+    console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
 
 
 @app.command()

@@ -24,6 +24,7 @@ from dags.execute import Order, execute
 from dags.failures import Failure, Kind, failure
 from dags.pools import CPU, GPU, Pool, cpu_workers, gpu_workers, local_pools, pool_for
 from dags.tasks import Task
+from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ConfigError, SchedulerLost
 from storage.lease import read_lease
@@ -167,8 +168,8 @@ class DaskBackend:
 
     def _sentence(self) -> str:
         cpu, gpu = self._workers.pools.get(CPU), self._workers.pools.get(GPU)
-        placed = f"GPU work is pinned to {gpu.workers} GPU worker(s)" if gpu else "no worker has a GPU: rendering runs on the CPU workers"
-        return f"running on {self._address or 'this machine'} with {cpu.workers if cpu else 0} CPU worker(s); {placed}"
+        placed = f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}" if gpu else "no worker has a GPU: rendering runs on the CPU workers"
+        return f"running on {self._address or 'this machine'} with {number(cpu.workers if cpu else 0, 'CPU worker')}; {placed}"
 
     @property
     def pools(self) -> dict[str, Pool]:

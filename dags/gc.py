@@ -33,6 +33,7 @@ from dags.reshard import leftovers
 from dags.session import Session
 from dags.tasks import PRODUCERS, Task
 from dags.variants import FOLDER as VARIANTS
+from dags.wording import number
 from stages.registry import stage as stage_named
 from storage.archive import Archive
 from storage.archive import Sequence as Group
@@ -117,7 +118,7 @@ def _arrays(plan: Plan) -> Iterator[Item]:
             for task, outputs in tasks.items():
                 plan.book.receipts[task] = drop_outputs(sequence, plan.book.receipts[task], outputs)
 
-        yield Item("arrays", sequence.name, f"{array}, {len(tasks)} tasks", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop)
+        yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop)
 
 
 def _cost(plan: Plan, tasks: list[Task]) -> str:

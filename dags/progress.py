@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.history import stamped
 from dags.tasks import Task
+from dags.wording import number
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0
@@ -137,6 +138,5 @@ class WarningCollector:
         found = []
         for (by, why), tasks in self.blocked.items():
             stages = ", ".join(dict.fromkeys(t.stage for t in tasks))
-            count = f"{len(tasks)} tasks" if len(tasks) > 1 else "1 task"
-            found.append(f"blocked: {by.sequence}: {count} of {stages}: {by.label(cameras.get(by.sequence, ()))} {why}")
+            found.append(f"blocked: {by.sequence}: {number(len(tasks), 'task')} of {stages}: {by.label(cameras.get(by.sequence, ()))} {why}")
         return found

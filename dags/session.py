@@ -28,6 +28,7 @@ from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCol
 from dags.run import Run
 from dags.status import every_standing
 from dags.tasks import Product
+from dags.wording import number
 from storage.archive import Archive, write_atomically
 from storage.errors import ArchiveError, ConfigError, UserError
 
@@ -210,7 +211,7 @@ class Session:
         self.say(tables.grouped(outcome.collector.blocked_sentences(cameras)), "red")
         held = [f for f in failures if f.kind == Kind.HELD.value]
         if held:
-            self.say([f"{len(held)} task(s) were left to another run, which works on them now; run again when it has ended"])
+            self.say([f"{number(len(held), 'task')} left to another run, which works there now; run again when it has ended"])
         names = dict.fromkeys([f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused])
         if names:
             self.say([" ".join(["retry with:", retry_command(self.archive, names, outcome.folder.name), *(f"--only {s}" for s in sorted(selection.only))])])

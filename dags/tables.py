@@ -12,6 +12,7 @@ from rich.table import Table
 from dags.plan import Plan, State
 from dags.projection import Projection, gigabytes
 from dags.status import Numbers
+from dags.wording import number
 from stages.registry import STAGES
 
 MOST_REASONS = 4
@@ -41,11 +42,6 @@ def plan_table(plan: Plan) -> Table:
         of_dropped = [str(plan.dropped(stage.name) or "")] if dropped else []
         table.add_row(stage.name, str(counts.total()), *(str(counts[s] or "") for s in states), *of_dropped, escape("; ".join(_counted(reasons))))
     return table
-
-
-def number(count: int, noun: str) -> str:
-    """`1 frame`, `3 frames`."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _counted(reasons: Counter[str]) -> list[str]:

@@ -26,6 +26,7 @@ from dags.plan import Book, Selection, make_plan
 from dags.session import Session
 from dags.tasks import Task
 from dags.variants import others, share, variant
+from dags.wording import number
 from dags.yaml_marks import parse_value
 from stages.contract import extra
 from stages.registry import STAGES
@@ -248,7 +249,7 @@ def machine(threads_each: int) -> str:
     if info.is_file():
         named = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
         model = named[0] if named else model
-    return f"{model}, {os.cpu_count()} cores, {threads_each} thread(s) a task, host {platform.node()}"
+    return f"{model}, {os.cpu_count()} cores, {number(threads_each, 'thread')} a task, host {platform.node()}"
 
 
 def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:

@@ -86,7 +86,7 @@ def test_without_a_gpu_rendering_falls_to_the_cpu_workers_with_a_sentence() -> N
 def test_every_gpu_task_runs_on_a_gpu_worker_and_nothing_else_does(archive: Pipeline, finished: Pipeline) -> None:
     """Stand-ins for devices: named, tagged and scheduled like GPU workers, computing on the CPU."""
     backend = DaskBackend(RunSettings(workers=1, gpus=1, window=3))
-    assert "GPU work is pinned to 1 GPU worker(s)" in backend.sentences[0]
+    assert "GPU work is pinned to 1 GPU worker" in backend.sentences[0]
     assert backend.free(GPU) == backend.free(CPU) == 3, "a window for each pool"
     archive.run(selection=RENDERING, backend=backend)
     found = workers_of(archive, "rendering", "metrics")
