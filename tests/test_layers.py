@@ -104,5 +104,5 @@ def test_a_wheel_holds_the_three_packages_and_their_settings_alone() -> None:
     assert {top(package) for package in found} == set(PACKAGES)
     assert {f.parent for f in of(*PACKAGES)} == {ROOT.joinpath(*package.split(".")) for package in found}, "a folder has no __init__.py"
     data = {f for package, globs in settings["package-data"].items() for pattern in globs for f in ROOT.joinpath(*package.split(".")).glob(pattern)}
-    others = {f for folder in PACKAGES for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix not in (".py", ".pyc")}
+    others = {f for folder in PACKAGES for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"}
     assert others == data, "files that would be missing from the wheel"
