@@ -6,6 +6,8 @@ from typing import Literal
 
 from stages.contract import Params, setting
 
+Backend = Literal["auto", "reference", "cpu"]
+
 
 class RenderingParams(Params):
     """Which pictures, from how many views, how exactly."""

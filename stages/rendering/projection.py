@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from stages.rendering.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
@@ -28,9 +29,11 @@ class Projected:
     depth: torch.Tensor  # [K]
     """Distance along the optical axis, metres."""
     opacity: torch.Tensor  # [K]
-    """Alpha at the centre."""
+    """Alpha at the centre, after compensation."""
     color: torch.Tensor  # [K, 3]
     """As in the input."""
+    normal: torch.Tensor  # [K, 3]
+    """Third axis in camera axes, turned towards the camera."""
     masked: int
     """Gaussians left out because an input or their projection was not finite."""
 
@@ -58,20 +61,36 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
         front = (_camera_axis(g.mean, camera, 2) > cutoffs.near) & (g.opacity >= cutoffs.alpha_min)
         index, g = finite[front], _rows(g, front)
         s = _on_screen(g, camera, cutoffs)
-        reach = 2 * torch.log((g.opacity / cutoffs.alpha_min).clamp(min=1.0))
+        thick = s.det > cutoffs.variance_min * (s.a + s.c)
+        opacity = _shown(g.opacity, s, cutoffs)
+        reach = 2 * torch.log((opacity / cutoffs.alpha_min).clamp(min=1.0))
         extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01  # float32 rounding at 8k px
-        sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(extent).all(dim=1)
-        keep = sane & (s.det > cutoffs.variance_min * (s.a + s.c))
+        sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(s.a) & torch.isfinite(s.c)
+        keep = sane & thick & (opacity >= cutoffs.alpha_min)
         keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
         keep &= (s.v + extent[:, 1] >= PIXEL_CENTRE) & (s.v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
         masked = len(gaussians) - len(finite) + int((~sane).sum())
     g = _rows(gaussians, index[keep])
     s = _on_screen(g, camera, cutoffs)
-    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, g.opacity, g.color, masked)
+    opacity = _shown(g.opacity, s, cutoffs)
+    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, opacity, g.color, _normal(g, camera), masked)
+
+
+def _shown(opacity: torch.Tensor, s: _Screen, cutoffs: Cutoffs) -> torch.Tensor:
+    """[N] opacity times sqrt(det / det with the low pass), bounded below, where that is asked for."""
+    return opacity * torch.sqrt((s.sharp / s.det).clamp(min=cutoffs.compensation_min**2)) if cutoffs.compensation else opacity
+
+
+def _normal(g: Gaussians, camera: Camera) -> torch.Tensor:
+    """[N, 3] third axes in camera axes, turned towards the camera."""
+    w = _pose(camera, g.mean)
+    n = torch.stack([w[i, 0] * g.rotation[:, 0, 2] + w[i, 1] * g.rotation[:, 1, 2] + w[i, 2] * g.rotation[:, 2, 2] for i in range(3)], dim=1)
+    away = _dot(n, torch.stack([_camera_axis(g.mean, camera, i) for i in range(3)], dim=1)).detach() > 0
+    return torch.where(away[:, None], -n, n)
 
 
 class _Screen(NamedTuple):
-    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2 and its determinant, each [N]."""
+    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2, its determinant and that before the low pass, each [N]."""
 
     u: torch.Tensor
     v: torch.Tensor
@@ -80,23 +99,33 @@ class _Screen(NamedTuple):
     b: torch.Tensor
     c: torch.Tensor
     det: torch.Tensor
+    sharp: torch.Tensor
 
 
 def _on_screen(g: Gaussians, camera: Camera, cutoffs: Cutoffs) -> _Screen:
     x, y, z = (_camera_axis(g.mean, camera, i) for i in range(3))
-    k = camera.intrinsics
-    u = float(k[0, 0]) * (x / z) + float(k[0, 1]) * (y / z) + float(k[0, 2])
-    v = float(k[1, 1]) * (y / z) + float(k[1, 2])
+    k = _tensor(camera.intrinsics, g.mean)
+    u = k[0, 0] * (x / z) + k[0, 1] * (y / z) + k[0, 2]
+    v = k[1, 1] * (y / z) + k[1, 2]
     m0, m1 = _jacobian_rows(g, camera, cutoffs, x / z, y / z, z)
     a, b, c = _dot(m0, m0), _dot(m0, m1), _dot(m1, m1)
     n = torch.linalg.cross(m0, m1)
-    det = _dot(n, n) + cutoffs.low_pass * (a + c) + cutoffs.low_pass**2
-    return _Screen(u, v, z, a + cutoffs.low_pass, b, c + cutoffs.low_pass, det)
+    sharp = _dot(n, n)
+    det = sharp + cutoffs.low_pass * (a + c) + cutoffs.low_pass**2
+    return _Screen(u, v, z, a + cutoffs.low_pass, b, c + cutoffs.low_pass, det, sharp)
+
+
+def _tensor(values: np.ndarray | torch.Tensor, like: torch.Tensor) -> torch.Tensor:
+    return torch.as_tensor(values, dtype=like.dtype, device=like.device)
+
+
+def _pose(camera: Camera, like: torch.Tensor) -> torch.Tensor:
+    return _tensor(camera.world_to_camera, like)
 
 
 def _camera_axis(mean: torch.Tensor, camera: Camera, i: int) -> torch.Tensor:
     """[N] one camera coordinate, written out: no matrix product whose summation order depends on threads."""
-    r = camera.world_to_camera[i].tolist()
+    r = _pose(camera, mean)[i]
     return r[0] * mean[:, 0] + r[1] * mean[:, 1] + r[2] * mean[:, 2] + r[3]
 
 
@@ -106,17 +135,17 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 
 def _jacobian_rows(g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx, cy."""
-    k = camera.intrinsics
-    fx, skew, cx, fy, cy = (float(k[i]) for i in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
+    k = _tensor(camera.intrinsics, g.mean)
+    fx, cx, fy, cy = (float(k.detach()[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))  # the limits carry no gradient
     margin_x, margin_y = cutoffs.frustum_margin * 0.5 * camera.width / fx, cutoffs.frustum_margin * 0.5 * camera.height / fy
     xz = xz.clamp(-cx / fx - margin_x, (camera.width - cx) / fx + margin_x)
     yz = yz.clamp(-cy / fy - margin_y, (camera.height - cy) / fy + margin_y)
     axes = g.rotation * g.scale[:, None, :]  # [N, 3 world, 3 axes]
-    w = camera.world_to_camera[:3, :3].tolist()
-    b = [w[i][0] * axes[:, 0] + w[i][1] * axes[:, 1] + w[i][2] * axes[:, 2] for i in range(3)]  # 3 x [N, 3 axes]
+    w = _pose(camera, g.mean)
+    b = [w[i, 0] * axes[:, 0] + w[i, 1] * axes[:, 1] + w[i, 2] * axes[:, 2] for i in range(3)]  # 3 x [N, 3 axes]
     dx = (b[0] - xz[:, None] * b[2]) / z[:, None]
     dy = (b[1] - yz[:, None] * b[2]) / z[:, None]
-    return fx * dx + skew * dy, fy * dy
+    return k[0, 0] * dx + k[0, 1] * dy, k[1, 1] * dy
 
 
 def _whitening(a: torch.Tensor, b: torch.Tensor, c: torch.Tensor, det: torch.Tensor) -> torch.Tensor:

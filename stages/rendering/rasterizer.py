@@ -1,179 +1,104 @@
-"""The reference rasterizer: front-to-back compositing of projected Gaussians over tiles, in plain vectorised torch.
+"""Gaussians and cameras in, pictures out: the one way to the back ends.
 
-For every pixel, with Gaussians sorted by depth (ties by index), alpha_i = min(opacity_i exp(-q_i), alpha_max), skipped
-below alpha_min, and T_i = prod_{j<i} (1 - alpha_j): color = sum_i T_i alpha_i color_i, premultiplied on black. It is
-differentiated by autograd. The result does not depend on the tile size, nor on the number of threads: every operation
-is elementwise, and on the CPU no operand is large enough for torch to split it between threads.
+`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba in float32. Both composite by the
+same definition with the same cut-offs (`reference.py` states it) and are differentiable in the Gaussians and the cameras.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import get_args
 
 import torch
 
-from stages.rendering.projection import Projected, project
-from stages.rendering.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
+from stages.rendering import reference
+from stages.rendering.params import Backend
+from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
 
-TILE = 4
-"""Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and 0.75 with 16."""
-CHUNK = 8
-"""Gaussians of a tile that are fetched at once; between chunks finished tiles are laid aside."""
-BATCH_PIXELS = {"cpu": 2**15, "cuda": 2**21}
-"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector code may
-hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
-BATCH_PAIRS = 2**22
-"""(tile, Gaussian) pairs listed at once; a region with more is halved."""
+EXTRAS = ("depth", "normal")
+"""Pictures beside colour and alpha."""
+SHAPES = {"mean": (3,), "rotation": (3, 3), "scale": (3,), "opacity": (), "color": (3,)}
+"""Of one Gaussian."""
 
 
-class Rendering(NamedTuple):
-    """One picture, premultiplied on black."""
+@dataclass(frozen=True)
+class Drawing:
+    """How to draw."""
 
-    color: torch.Tensor  # [h, w, 3]
-    """sum T alpha color, sRGB."""
-    alpha: torch.Tensor  # [h, w]
-    """sum T alpha, coverage 0..1."""
-    depth: torch.Tensor  # [h, w]
-    """sum T alpha z, metres; divide by alpha for the mean depth."""
-    masked: int
-    """Gaussians left out because they were not finite."""
-
-
-class _Region(NamedTuple):
-    """A rectangle of tiles, half open."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @property
-    def tiles(self) -> int:
-        return (self.x1 - self.x0) * (self.y1 - self.y0)
-
-    def halves(self) -> tuple[_Region, _Region]:
-        if self.x1 - self.x0 >= self.y1 - self.y0:
-            middle = (self.x0 + self.x1) // 2
-            return self._replace(x1=middle), self._replace(x0=middle)
-        middle = (self.y0 + self.y1) // 2
-        return self._replace(y1=middle), self._replace(y0=middle)
+    cutoffs: Cutoffs = field(default_factory=Cutoffs)
+    """Thresholds."""
+    backend: Backend = "auto"
+    """`auto`: `cpu` for float32 Gaussians on the CPU, else `reference`."""
+    threads: int = 1
+    """Threads of the `cpu` back end; the result does not depend on it."""
 
 
-def rasterize(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs | None = None, tile: int = TILE) -> Rendering:
-    """Render Gaussians into one camera, in the dtype and on the device of the Gaussians.
+def rasterize(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str] = (), drawing: Drawing | None = None) -> Rendering:
+    """Render Gaussians into C cameras of one size.
 
-    Any N, picture size and tile size are valid; an empty scene gives zeros. Gaussians that are not finite are masked and
-    counted. Memory is bounded by `BATCH_PAIRS` and `BATCH_PIXELS` when no gradient is recorded.
+    extras: any of `EXTRAS`, drawn only when asked for. Any N and any picture size are valid; an empty scene gives zeros.
+    Gaussians that are not finite are masked and counted and reach neither a picture nor a gradient. Opacities and colours
+    are not checked for their range. Raises ValueError for what no back end can draw; it names the argument, its value and
+    what to do.
     """
-    cutoffs = cutoffs or Cutoffs()
-    p = project(gaussians, camera, cutoffs)
-    features, boxes = _sorted_by_depth(p, camera, tile)
-    across, down = -(-camera.width // tile), -(-camera.height // tile)
-    picture = features.new_zeros((across * down, 5, tile * tile))
-    # an empty part keeps the picture in autograd's graph when nothing is seen: gradients are zero then, not an error
-    parts, places = [features[:0, :5, None].expand(0, 5, tile * tile)], [torch.zeros(0, dtype=torch.int64, device=picture.device)]
-    for region, lists, starts, counts in _tile_lists(boxes, _Region(0, 0, across, down), tile):
-        columns = torch.arange(region.x0, region.x1, device=picture.device)
-        rows = torch.arange(region.y0, region.y1, device=picture.device)
-        tiles = (rows[:, None] * across + columns).reshape(-1)  # [B]
-        done, values = _composite(features, lists, starts, counts, _pixel_centres(tiles, across, tile, features), cutoffs)
-        places.append(tiles[done])
-        parts.append(values)
-    picture = picture.index_put((torch.cat(places),), torch.cat(parts))
-    picture = picture.reshape(down, across, 5, tile, tile).permute(0, 3, 1, 4, 2).reshape(down * tile, across * tile, 5)
-    picture = picture[: camera.height, : camera.width]
-    return Rendering(picture[..., :3], picture[..., 3], picture[..., 4], p.masked)
+    drawing = drawing or Drawing()
+    _check(gaussians, cameras, extras, drawing)
+    backend = resolve(drawing.backend, gaussians)
+    pictures = [_draw(gaussians, camera, extras, drawing, backend) for camera in cameras]
+    picture, alpha = torch.stack([p[0] for p in pictures]), torch.stack([p[1] for p in pictures])
+    depth = picture[..., 3] if "depth" in extras else None
+    normal = picture[..., 4:7] if "normal" in extras else None
+    return Rendering(picture[..., :3], alpha, depth, normal, tuple(p[2] for p in pictures), backend)
 
 
-def _sorted_by_depth(p: Projected, camera: Camera, tile: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Features [K, 11] = (u, v, whitening, opacity, color, z) by ascending depth, and tile boxes [K, 4] half open."""
-    order = torch.argsort(p.depth.detach(), stable=True)
-    features = torch.cat([p.mean, p.whitening, p.opacity[:, None], p.color, p.depth[:, None]], dim=1)[order]
-    with torch.no_grad():
-        mean, extent = p.mean[order], p.extent[order]
-        limit = mean.new_tensor([camera.width, camera.height])
-        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(torch.int64)  # pixel index whose centre is inside
-        last = torch.minimum(torch.floor(mean + extent - PIXEL_CENTRE).clamp(min=-1), limit - 1).to(torch.int64)
-        empty = (last < first).any(dim=1, keepdim=True)
-        low, high = first // tile, last // tile + 1
-        boxes = torch.cat([low, torch.where(empty, low, high)], dim=1)
-    return features, boxes
+def resolve(backend: Backend, gaussians: Gaussians) -> str:
+    """The back end that draws these Gaussians."""
+    if backend != "auto":
+        return backend
+    return "cpu" if gaussians.mean.device.type == "cpu" and gaussians.mean.dtype == torch.float32 else "reference"
 
 
-def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:
-    """Lists of Gaussians of every tile of the region, halving it until batches are small.
+def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: Drawing, backend: str) -> tuple[torch.Tensor, torch.Tensor, int]:
+    """(picture [h, w, 3, 4 or 7] = colour, depth, normal; alpha [h, w]; masked)."""
+    if backend == "cpu":
+        from stages.rendering import cpu
 
-    Yields (region, lists [M] indices grouped by tile and by depth within it, starts [B], counts [B]).
-    """
-    x0, x1 = (boxes[:, i].clamp(region.x0, region.x1) for i in (0, 2))
-    y0, y1 = (boxes[:, i].clamp(region.y0, region.y1) for i in (1, 3))
-    n = (x1 - x0) * (y1 - y0)
-    pairs = int(n.sum())
-    if pairs == 0:
-        return
-    batch = BATCH_PIXELS["cuda" if boxes.is_cuda else "cpu"]
-    if region.tiles > 1 and (pairs > BATCH_PAIRS or region.tiles * tile * tile > batch):
-        touching = boxes[n > 0]
-        index = torch.nonzero(n > 0)[:, 0]
-        for half in region.halves():
-            for leaf, lists, starts, counts in _tile_lists(touching, half, tile):
-                yield leaf, index[lists], starts, counts
-        return
-    owner = torch.repeat_interleave(torch.arange(len(n), device=n.device), n)  # [M], ascending depth
-    local = torch.arange(pairs, device=n.device) - torch.repeat_interleave(torch.cumsum(n, 0) - n, n)
-    across = (x1 - x0)[owner]
-    slot = (y0[owner] + local // across - region.y0) * (region.x1 - region.x0) + x0[owner] + local % across - region.x0
-    counts = torch.bincount(slot, minlength=region.tiles)
-    yield region, owner[torch.argsort(slot, stable=True)], torch.cumsum(counts, 0) - counts, counts
+        return cpu.render(gaussians, camera, drawing.cutoffs, 7 if "normal" in extras else 4 if "depth" in extras else 3, drawing.threads)
+    picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
+    return torch.cat([picture[..., :3], picture[..., 4:]], dim=2), picture[..., 3], masked
 
 
-def _pixel_centres(tiles: torch.Tensor, across: int, tile: int, like: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Columns and rows [B, tile^2] of the pixel centres of each tile, px."""
-    inside = torch.arange(tile * tile, device=tiles.device)
-    x = (tiles % across)[:, None] * tile + inside % tile
-    y = torch.div(tiles, across, rounding_mode="floor")[:, None] * tile + torch.div(inside, tile, rounding_mode="floor")
-    return x.to(like.dtype) + PIXEL_CENTRE, y.to(like.dtype) + PIXEL_CENTRE
-
-
-def _composite(
-    features: torch.Tensor, lists: torch.Tensor, starts: torch.Tensor, counts: torch.Tensor, centres: tuple[torch.Tensor, torch.Tensor], cutoffs: Cutoffs
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Blend the listed Gaussians of B tiles of P pixels front to back.
-
-    Returns (slots [B'], values [B', 5, P] = premultiplied colour, alpha, depth): tiles in the order they were finished,
-    a tile being finished when its list ends or when none of its pixels lets light through.
-    """
-    slots = torch.nonzero(counts)[:, 0]
-    x, y = centres[0][slots], centres[1][slots]
-    transmittance, total = torch.ones_like(x), x.new_zeros((len(x), 5, x.shape[1]))
-    done, values, first = [], [], 0
-    while len(slots):
-        step = first + torch.arange(CHUNK, device=lists.device)
-        listed = step < counts[slots, None]  # [B, CHUNK]
-        g = features[lists[(starts[slots, None] + step).clamp(max=len(lists) - 1)]]  # [B, CHUNK, 11]
-        for i in range(CHUNK):
-            transmittance, total = _blend(g[:, i, :, None], listed[:, i, None], x, y, transmittance, total, cutoffs)
-        first += CHUNK
-        alive = (counts[slots] > first) & (transmittance.detach() > cutoffs.transmittance_stop).any(dim=1)
-        if not bool(alive.all()):
-            done.append(slots[~alive])
-            values.append(total[~alive])
-            slots, x, y, transmittance, total = slots[alive], x[alive], y[alive], transmittance[alive], total[alive]
-    return torch.cat(done), torch.cat(values)
-
-
-def _blend(
-    g: torch.Tensor, listed: torch.Tensor, x: torch.Tensor, y: torch.Tensor, transmittance: torch.Tensor, total: torch.Tensor, cutoffs: Cutoffs
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """One Gaussian a tile, g [B, 11, 1], over its P pixels. The transmittance runs on past the stop: it never rises again,
-    so that everything behind the first dropped Gaussian is dropped with it.
-    """
-    dx, dy = x - g[:, 0], y - g[:, 1]
-    p, q = g[:, 2] * dx + g[:, 3] * dy, g[:, 4] * dx + g[:, 5] * dy
-    alpha = (g[:, 6] * torch.exp(-0.5 * (p * p + q * q))).clamp(max=cutoffs.alpha_max)
-    alpha = torch.where(listed & (alpha >= cutoffs.alpha_min), alpha, 0.0)
-    behind = transmittance * (1 - alpha)
-    weight = torch.where(behind > cutoffs.transmittance_stop, transmittance * alpha, 0.0)
-    payload = torch.cat([g[:, 7:10], torch.ones_like(g[:, :1]), g[:, 10:]], dim=1)  # [B, 5, 1]
-    return behind, total + weight[:, None, :] * payload
+def _check(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str], drawing: Drawing) -> None:
+    """Everything that cannot be drawn, before anything is."""
+    if isinstance(cameras, Camera) or not cameras:
+        raise ValueError(f"cameras = {cameras!r}: pass a list of one or more cameras, also for a single one")
+    sizes = sorted({(c.width, c.height) for c in cameras})
+    if len(sizes) > 1:
+        raise ValueError(f"cameras of {len(sizes)} sizes, {sizes[0]} and {sizes[1]} px: their pictures make no array; call once a size")
+    if min(sizes[0]) < 1:
+        raise ValueError(f"cameras of {sizes[0][0]} x {sizes[0][1]} px: a picture has at least one pixel")
+    for camera in cameras:
+        if tuple(camera.intrinsics.shape) != (3, 3) or tuple(camera.world_to_camera.shape) != (4, 4):
+            raise ValueError(f"camera.intrinsics {tuple(camera.intrinsics.shape)}, camera.world_to_camera {tuple(camera.world_to_camera.shape)}: (3, 3) and (4, 4) are needed")
+        for name, matrix in (("intrinsics", camera.intrinsics), ("world_to_camera", camera.world_to_camera)):
+            if not bool(torch.isfinite(torch.as_tensor(matrix)).all()):
+                raise ValueError(f"camera.{name} holds numbers that are not finite: {matrix.tolist()}; nothing can be drawn, mend the calibration")
+    for extra in extras:
+        if extra not in EXTRAS:
+            raise ValueError(f"extras has {extra!r}: choose from {', '.join(EXTRAS)}; colour and alpha are always drawn")
+    n, dtype, device = len(gaussians), gaussians.mean.dtype, gaussians.mean.device
+    for name, shape in SHAPES.items():
+        values = getattr(gaussians, name)
+        if tuple(values.shape) != (n, *shape):
+            raise ValueError(f"gaussians.{name} has shape {tuple(values.shape)}: {(n, *shape)} is needed beside {n} means")
+        if (values.dtype, values.device) != (dtype, device):
+            raise ValueError(f"gaussians.{name} is {values.dtype} on {values.device}, gaussians.mean is {dtype} on {device}: convert one of them")
+    if dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"gaussians.mean is {dtype}: convert the Gaussians to float32 or float64")
+    if drawing.backend not in get_args(Backend):
+        raise ValueError(f"drawing.backend = {drawing.backend!r}: choose from {', '.join(get_args(Backend))}")
+    if drawing.backend == "cpu" and (dtype, device.type) != (torch.float32, "cpu"):
+        raise ValueError(f"drawing.backend = 'cpu' with {dtype} Gaussians on {device}: it draws float32 on the CPU; convert them or choose 'reference'")
+    if drawing.threads < 1:
+        raise ValueError(f"drawing.threads = {drawing.threads}: at least 1")

@@ -55,8 +55,8 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
                 seen = lifted[view].seen_from(camera)
                 parts.append(replace(seen, opacity=seen.opacity * weight))
             if parts:
-                picture = rasterize(Gaussians.concatenate(parts), camera)
-                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(picture.color), quantise(picture.alpha)
+                picture = rasterize(Gaussians.concatenate(parts), [camera])
+                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(picture.color[0]), quantise(picture.alpha[0])
     yield Block("rendering/{path}/color", color)
     yield Block("rendering/{path}/alpha", alpha)
 

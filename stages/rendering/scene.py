@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -41,10 +42,10 @@ class Gaussians:
 class Camera:
     """One target camera without distortion."""
 
-    intrinsics: np.ndarray
-    """[3, 3] px, our pixel centres."""
-    world_to_camera: np.ndarray
-    """[4, 4] rigid, metres."""
+    intrinsics: np.ndarray | torch.Tensor
+    """[3, 3] px, our pixel centres; a tensor where its gradient is wanted."""
+    world_to_camera: np.ndarray | torch.Tensor
+    """[4, 4] rigid, metres; a tensor where its gradient is wanted."""
     width: int
     """px."""
     height: int
@@ -53,7 +54,8 @@ class Camera:
     @property
     def centre(self) -> np.ndarray:
         """[3] centre in the world, metres."""
-        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
+        pose = np.asarray(self.world_to_camera.detach().cpu() if isinstance(self.world_to_camera, torch.Tensor) else self.world_to_camera)
+        return -pose[:3, :3].T @ pose[:3, 3]
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,30 @@ class Cutoffs:
     """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so it is off."""
     variance_min: float = 1e-10
     """A Gaussian whose projection has det <= variance_min * (a + c), so a smallest variance about this in px^2, is culled."""
+    compensation: bool = False
+    """Whether opacity is lowered by what the low pass adds: sqrt(det / det with it), so that a Gaussian keeps its energy (gsplat)."""
+    compensation_min: float = 0.005
+    """Lower bound of that factor; no gradient below (gsplat)."""
     alpha_min: float = 1 / 255
     """A contribution below this alpha is skipped."""
     alpha_max: float = 0.99
     """Alpha is capped here, so that 1 - alpha stays away from zero."""
     transmittance_stop: float = 1e-4
     """The Gaussian that would bring the transmittance to this or below is dropped with all behind it: (1 - alpha_max)^2."""
+
+
+class Rendering(NamedTuple):
+    """C pictures, premultiplied on black."""
+
+    color: torch.Tensor  # [C, h, w, 3]
+    """sum T alpha color, sRGB."""
+    alpha: torch.Tensor  # [C, h, w]
+    """sum T alpha, coverage 0..1."""
+    depth: torch.Tensor | None  # [C, h, w]
+    """sum T alpha z, metres; divide by alpha for the mean depth. None unless asked for."""
+    normal: torch.Tensor | None  # [C, h, w, 3]
+    """sum T alpha n, n the third axis in camera axes, turned towards the camera. None unless asked for."""
+    masked: tuple[int, ...]
+    """Of each camera: Gaussians left out because they, or their projections, were not finite."""
+    backend: str
+    """What rendered them."""

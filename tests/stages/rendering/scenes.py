@@ -5,7 +5,9 @@ import math
 import numpy as np
 import torch
 
-from stages.rendering.scene import Camera, Gaussians
+from stages.rendering.params import Backend
+from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
 
 
 def camera(width: int = 48, height: int = 40, focal: float = 50.0, cx: float | None = None, cy: float | None = None) -> Camera:
@@ -37,3 +39,9 @@ def cloud(n: int, seed: int = 0, dtype: torch.dtype = torch.float64) -> Gaussian
 def turned_about_y(degrees: float) -> np.ndarray:
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def draw(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, backend: Backend = "auto", extras: tuple[str, ...] = ("depth",), threads: int = 1) -> Rendering:
+    """One camera's pictures without the axis of cameras; `masked` is a number."""
+    out = rasterize(g, [cam], extras, Drawing(cutoffs or Cutoffs(), backend, threads))
+    return Rendering(out.color[0], out.alpha[0], *(None if p is None else p[0] for p in (out.depth, out.normal)), out.masked[0], out.backend)  # type: ignore[arg-type]

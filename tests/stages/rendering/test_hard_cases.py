@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from stages.rendering.projection import project
-from stages.rendering.rasterizer import rasterize
 from stages.rendering.scene import Cutoffs, Gaussians
-from tests.stages.rendering.scenes import camera, cloud, gaussians, turned_about_y
+from tests.stages.rendering.scenes import camera, cloud, draw, gaussians, turned_about_y
 
 FIELDS = [f.name for f in dataclasses.fields(Gaussians)]
 
@@ -17,7 +16,7 @@ FIELDS = [f.name for f in dataclasses.fields(Gaussians)]
 def finite_with_gradient(g: Gaussians, **options: object) -> torch.Tensor:
     """The alpha picture, after checking that every output and every gradient is finite."""
     leaves = {name: getattr(g, name).clone().requires_grad_() for name in FIELDS}
-    out = rasterize(Gaussians(**leaves), camera(), **options)  # type: ignore[arg-type]
+    out = draw(Gaussians(**leaves), camera(), **options)  # type: ignore[arg-type]
     for part in out[:3]:
         assert torch.isfinite(part).all()
     (out.color.sum() + out.alpha.sum() + out.depth.sum()).backward()
@@ -50,7 +49,7 @@ def test_s2_limits_follow_the_principal_point() -> None:
     """Mirroring scene and principal point mirrors the picture."""
     g = gaussians([[0.9, 0.1, 1.0], [-0.2, 0, 1.0]], 0.1)
     mirrored = dataclasses.replace(g, mean=g.mean * torch.tensor([-1.0, 1, 1]))
-    right, left = rasterize(g, camera(cx=14.4)), rasterize(mirrored, camera(cx=48 - 14.4))
+    right, left = draw(g, camera(cx=14.4)), draw(mirrored, camera(cx=48 - 14.4))
     torch.testing.assert_close(right.alpha, left.alpha.flip(1), atol=1e-12, rtol=0)
 
 
@@ -86,7 +85,7 @@ def test_s6_no_alpha_above_its_opacity() -> None:
     g = dataclasses.replace(cloud(200, dtype=torch.float32), opacity=torch.full((200,), 0.3))
     for i in range(0, 200, 20):
         one = Gaussians(*(getattr(g, name)[i : i + 1] for name in FIELDS))
-        assert float(rasterize(one, camera()).alpha.max()) <= np.float32(0.3)
+        assert float(draw(one, camera()).alpha.max()) <= np.float32(0.3)
 
 
 def test_s7_a_stack_of_opaque_gaussians() -> None:
@@ -117,8 +116,8 @@ def test_s13_not_finite_is_masked_and_counted(name: str, bad: float) -> None:
     poisoned = dataclasses.replace(g, **{name: getattr(g, name).clone()})
     getattr(poisoned, name)[7, ...] = bad
     rest = [i for i in range(20) if i != 7]
-    clean = rasterize(Gaussians(*(getattr(g, n)[rest] for n in FIELDS)), camera())
-    out = rasterize(poisoned, camera())
+    clean = draw(Gaussians(*(getattr(g, n)[rest] for n in FIELDS)), camera())
+    out = draw(poisoned, camera())
     assert out.masked == 1
     assert torch.equal(out.color, clean.color)
     finite_with_gradient(poisoned)

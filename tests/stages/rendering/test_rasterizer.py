@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering import rasterizer
-from stages.rendering.rasterizer import Rendering, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
-from tests.stages.rendering.scenes import camera, cloud, gaussians
+from stages.rendering import reference
+from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 
 NO_CUTS = Cutoffs(alpha_min=1e-12, alpha_max=1.0, transmittance_stop=0.0)
 SMOOTH = Cutoffs(alpha_min=1e-9, alpha_max=1.0, transmittance_stop=0.0)
@@ -45,7 +44,7 @@ def plain_loop(g: Gaussians, cam: Camera, cutoffs: Cutoffs) -> np.ndarray:
 
 def test_equals_the_definition_written_as_a_loop() -> None:
     cam, g = camera(13, 9, 14.0), cloud(30)
-    out = rasterize(g, cam)
+    out = draw(g, cam)
     picture = torch.cat([out.color, out.alpha[..., None], out.depth[..., None]], dim=2).numpy()
     np.testing.assert_allclose(picture, plain_loop(g, cam, Cutoffs()), atol=1e-12)
 
@@ -54,7 +53,7 @@ def test_equals_the_definition_written_as_a_loop() -> None:
 def test_centroid_of_one_gaussian_lies_where_it_projects(u: float, v: float, cx: float, cy: float) -> None:
     """S16, S17: also with the principal point at 0.3 of the width."""
     cam, z = camera(cx=cx, cy=cy), 2.0
-    out = rasterize(gaussians([(u - cx) / 50 * z, (v - cy) / 50 * z, z], scale=0.05), cam, NO_CUTS)
+    out = draw(gaussians([(u - cx) / 50 * z, (v - cy) / 50 * z, z], scale=0.05), cam, NO_CUTS)
     rows, columns = torch.meshgrid(torch.arange(40) + 0.5, torch.arange(48) + 0.5, indexing="ij")
     total = out.alpha.sum()
     assert abs(float((out.alpha * columns).sum() / total) - u) < 1e-4
@@ -64,7 +63,7 @@ def test_centroid_of_one_gaussian_lies_where_it_projects(u: float, v: float, cx:
 def test_profile_and_energy_of_one_gaussian() -> None:
     """Law: alpha = o exp(-d^2 / 2 s^2) with s = f scale / z px, and its sum is 2 pi s^2 o (to the tail cut off at 1e-12)."""
     cam = camera()
-    out = rasterize(gaussians([0, 0, 2.0], scale=0.06, opacity=0.7), cam, NO_CUTS)
+    out = draw(gaussians([0, 0, 2.0], scale=0.06, opacity=0.7), cam, NO_CUTS)
     s = 50 * 0.06 / 2
     d2 = (torch.arange(48) + 0.5 - 24) ** 2 + ((torch.arange(40) + 0.5 - 20) ** 2)[:, None]
     torch.testing.assert_close(out.alpha, 0.7 * torch.exp(-d2.double() / (2 * s * s)), atol=1e-11, rtol=0)
@@ -77,8 +76,8 @@ def test_nearer_gaussian_covers_farther_one_in_whatever_order() -> None:
     cam = camera(1, 1, 50.0)
     near, far = [0.0, 0.0, 1.0], [0.0, 0.0, 3.0]
     colors = torch.tensor([[1.0, 0, 0], [0, 0, 1.0]], dtype=torch.float64)
-    out = rasterize(gaussians([near, far], 0.5, 0.6, colors), cam)
-    swapped = rasterize(gaussians([far, near], 0.5, 0.6, colors.flip(0)), cam)
+    out = draw(gaussians([near, far], 0.5, 0.6, colors), cam)
+    swapped = draw(gaussians([far, near], 0.5, 0.6, colors.flip(0)), cam)
     torch.testing.assert_close(out.color[0, 0], torch.tensor([0.6, 0, 0.4 * 0.6], dtype=torch.float64), atol=1e-12, rtol=0)
     assert same(out, swapped)
 
@@ -88,16 +87,16 @@ def test_permutation_changes_nothing() -> None:
     g = cloud(200)
     order = torch.randperm(200, generator=torch.Generator().manual_seed(1))
     shuffled = Gaussians(*(getattr(g, f.name)[order] for f in dataclasses.fields(g)))
-    assert same(rasterize(g, camera()), rasterize(shuffled, camera()))
+    assert same(draw(g, camera()), draw(shuffled, camera()))
 
 
 def test_equal_depths_are_blended_in_the_order_of_the_input() -> None:
     """S15: ties are broken by index, in every tile."""
     mean = torch.tensor([[0.0, 0, 2.0]]).repeat(5, 1)
     colors = torch.eye(5, 3, dtype=torch.float64)
-    out = rasterize(gaussians(mean, 0.5, 0.5, colors), camera())
+    out = draw(gaussians(mean, 0.5, 0.5, colors), camera())
     assert out.color[20, 24, 0] > 1.9 * out.color[20, 24, 1] > 3.6 * out.color[20, 24, 2] > 0
-    assert same(out, rasterize(gaussians(mean, 0.5, 0.5, colors), camera()))
+    assert same(out, draw(gaussians(mean, 0.5, 0.5, colors), camera()))
 
 
 def test_background_is_transmittance_times_its_colour() -> None:
@@ -105,7 +104,7 @@ def test_background_is_transmittance_times_its_colour() -> None:
     g, cam = cloud(60), camera()
     cut = Cutoffs(alpha_max=1.0, transmittance_stop=-1.0)
     sheet = gaussians([0, 0, 1e3], 1e6, 1.0, (1.0, 1.0, 1.0))
-    black, white = rasterize(g, cam, cut), rasterize(Gaussians.concatenate([g, sheet]), cam, cut)
+    black, white = draw(g, cam, cut), draw(Gaussians.concatenate([g, sheet]), cam, cut)
     torch.testing.assert_close(white.color, black.color + (1 - black.alpha)[..., None], atol=1e-6, rtol=0)  # the sheet's alpha is exp(-1e-9)
     assert bool((black.color <= black.alpha[..., None] + 1e-12).all())
 
@@ -116,7 +115,7 @@ def test_gradient_equals_finite_differences(name: str) -> None:
     weights = torch.as_tensor(np.random.default_rng(0).normal(size=(10, 11, 5)))
 
     def loss(values: torch.Tensor) -> torch.Tensor:
-        out = rasterize(dataclasses.replace(g, **{name: values}), cam, SMOOTH)
+        out = draw(dataclasses.replace(g, **{name: values}), cam, SMOOTH)
         return (torch.cat([out.color, out.alpha[..., None], out.depth[..., None]], dim=2) * weights).sum()
 
     values = getattr(g, name).clone().requires_grad_()
@@ -136,7 +135,7 @@ def test_gradient_at_the_alpha_cap(opacity: float) -> None:
     """S7, S8: one constant for forward and backward; above the cap the gradient is zero, below it is not."""
     value = torch.tensor([opacity], dtype=torch.float64, requires_grad=True)
     g = dataclasses.replace(gaussians([0, 0, 2.0], 0.5), opacity=value)
-    out = rasterize(g, camera(1, 1))
+    out = draw(g, camera(1, 1))
     out.alpha.sum().backward()
     assert float(out.alpha.detach()) == pytest.approx(min(opacity, 0.99))
     assert float(value.grad) == pytest.approx(1.0 if opacity < 0.99 else 0.0)
@@ -150,16 +149,16 @@ def test_gradient_survives_a_tile_in_which_nothing_blends() -> None:
     visible = gaussians([-0.6, 0.4, 2.0], 0.05)
     opacity = torch.tensor([0.02, 0.8], dtype=torch.float64, requires_grad=True)
     both = dataclasses.replace(Gaussians.concatenate([needle, visible]), opacity=opacity)
-    rasterize(both, camera()).alpha.sum().backward()
+    draw(both, camera()).alpha.sum().backward()
     alone = torch.tensor([0.8], dtype=torch.float64, requires_grad=True)
-    rasterize(dataclasses.replace(visible, opacity=alone), camera()).alpha.sum().backward()
+    draw(dataclasses.replace(visible, opacity=alone), camera()).alpha.sum().backward()
     assert opacity.grad is not None
     assert opacity.grad[1] == alone.grad[0]
 
 
 def test_float32_follows_float64() -> None:
     """S20. Thresholds flip for single contributions of 1/255, so the share of pixels beyond 1e-4 is bounded beside the maximum."""
-    a, b = rasterize(cloud(300), camera()), rasterize(cloud(300, dtype=torch.float32), camera())
+    a, b = draw(cloud(300), camera()), draw(cloud(300, dtype=torch.float32), camera())
     difference = (a.color - b.color).abs().amax(dim=2)
     assert b.color.dtype == torch.float32
     assert float(difference.max()) < 1.5 / 255
@@ -167,28 +166,29 @@ def test_float32_follows_float64() -> None:
 
 
 @pytest.mark.parametrize("tile", [1, 3, 8, 16, 64])
-def test_tile_size_changes_no_bit(tile: int) -> None:
-    assert same(rasterize(cloud(150), camera(37, 29)), rasterize(cloud(150), camera(37, 29), tile=tile))
+def test_tile_size_of_the_reference_changes_no_bit(tile: int) -> None:
+    one, other = (reference.composite(cloud(150), camera(37, 29), Cutoffs(), t)[0] for t in (reference.TILE, tile))
+    assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("budgets", [(64, 10), (256, 2**22)])
-def test_memory_budgets_change_no_bit(budgets: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = rasterize(cloud(150), camera())
-    monkeypatch.setitem(rasterizer.BATCH_PIXELS, "cpu", budgets[0])
-    monkeypatch.setattr(rasterizer, "BATCH_PAIRS", budgets[1])
-    assert same(whole, rasterize(cloud(150), camera()))
+def test_memory_budgets_of_the_reference_change_no_bit(budgets: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = draw(cloud(150), camera())
+    monkeypatch.setitem(reference.BATCH_PIXELS, "cpu", budgets[0])
+    monkeypatch.setattr(reference, "BATCH_PAIRS", budgets[1])
+    assert same(whole, draw(cloud(150), camera()))
 
 
-def test_threads_change_no_bit() -> None:
+def test_threads_of_torch_change_no_bit_of_the_reference() -> None:
     """Float32, and enough Gaussians and pixels that torch would split its work."""
     g, cam = cloud(40_000, dtype=torch.float32), camera(300, 260, 300.0)
     g = dataclasses.replace(g, scale=g.scale * 0.05)
     before = torch.get_num_threads()
     try:
         torch.set_num_threads(1)
-        one = rasterize(g, cam)
+        one = draw(g, cam, backend="reference")
         torch.set_num_threads(3)
-        assert same(one, rasterize(g, cam))
+        assert same(one, draw(g, cam, backend="reference"))
     finally:
         torch.set_num_threads(before)
 
@@ -197,7 +197,7 @@ def test_threads_change_no_bit() -> None:
 def test_any_picture_size(size: tuple[int, int]) -> None:
     """S14."""
     g, cam, cut = cloud(20), camera(*size, focal=20.0), Cutoffs(frustum_margin=1e3)  # the loop knows no frustum
-    out = rasterize(g, cam, cut)
+    out = draw(g, cam, cut)
     assert out.color.shape == (size[1], size[0], 3)
     assert out.alpha.shape == out.depth.shape == (size[1], size[0])
     np.testing.assert_allclose(out.alpha.numpy(), plain_loop(g, cam, cut)[..., 3], atol=1e-12)
@@ -206,5 +206,5 @@ def test_any_picture_size(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("make", [lambda: cloud(0), lambda: gaussians([0, 0, -2.0]), lambda: gaussians([50.0, 0, 2.0]), lambda: gaussians([0, 0, 2.0], opacity=0.0)])
 def test_nothing_to_see_is_black(make: Callable[[], Gaussians]) -> None:
     """S14: no Gaussian, one behind, one aside, one without opacity."""
-    out = rasterize(make(), camera())
+    out = draw(make(), camera())
     assert float(out.color.abs().sum() + out.alpha.sum() + out.depth.sum()) == 0
