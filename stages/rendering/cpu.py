@@ -121,16 +121,19 @@ def _padded(array: np.ndarray, size: int, whole: int) -> np.ndarray:
     return tail
 
 
-def prepare(arrays: list[np.ndarray], task: Job) -> Lists:
-    """Project, list and sort. arrays: flat contiguous float32 in the order of ATTRIBUTES. Raises TooLarge."""
+def project(arrays: list[np.ndarray], task: Job) -> tuple[np.ndarray, int]:
+    """(records [N, RECORD] flat, masked). arrays: flat contiguous float32 in the order of ATTRIBUTES."""
     n = len(arrays[3])
     whole = n // WIDTH * WIDTH
     records = np.empty((whole + WIDTH) * RECORD, np.float32)
     masked = sum(share(task.threads, lambda a, b: cpu_projection.project(*arrays, task.view, records, a, b, a), _evenly(whole, task.threads, WIDTH))) if whole else 0
     tail = [_padded(a, size, whole) for a, size in zip(arrays, SIZES, strict=True)]
-    masked += cpu_projection.project(*tail, task.view, records, 0, WIDTH, whole)
-    records = records[: n * RECORD]
-    bits, reach = records.view(np.int32), float(task.cuts[2])
+    return records[: n * RECORD], masked + cpu_projection.project(*tail, task.view, records, 0, WIDTH, whole)
+
+
+def list_tiles(records: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists. Raises TooLarge."""
+    n, bits, reach = len(records) // RECORD, records.view(np.int32), float(task.cuts[2])
     counts, bases = np.zeros(task.tiles, np.int64), np.empty(n + 1, np.int64)
     total = cpu_tiles.count_tiles(records, bits, task.across, reach, counts, bases)
     if total > MOST_INTERSECTIONS:
@@ -139,9 +142,21 @@ def prepare(arrays: list[np.ndarray], task: Job) -> Lists:
     np.cumsum(counts, out=starts[1:])
     entries, owners = np.empty(total, np.uint64), np.empty(total, np.uint32)
     cpu_tiles.fill_tiles(records, bits, task.across, reach, starts[:-1].copy(), entries, owners)
-    order, slots, longest = np.empty(total, np.uint32), np.empty(total, np.uint32), int(counts.max(initial=0))
+    return bases, starts, entries, owners
+
+
+def sort_tiles(starts: np.ndarray, entries: np.ndarray, owners: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray]:
+    """(order [M], slots [M]): Gaussians and slots by tile and depth. entries are used up."""
+    order, slots, longest = np.empty(len(entries), np.uint32), np.empty(len(entries), np.uint32), int(np.diff(starts).max(initial=0))
     share(task.threads, lambda a, b: cpu_tiles.sort_tiles(starts, a, b, entries, np.empty(longest, np.uint64), owners, order, slots), _by_load(starts, task.threads))
-    return Lists(records, bases, starts, order, slots, masked)
+    return order, slots
+
+
+def prepare(arrays: list[np.ndarray], task: Job) -> Lists:
+    """Project, list and sort. Raises TooLarge."""
+    records, masked = project(arrays, task)
+    bases, starts, entries, owners = list_tiles(records, task)
+    return Lists(records, bases, starts, *sort_tiles(starts, entries, owners, task), masked)
 
 
 def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:

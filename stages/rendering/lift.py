@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -11,16 +13,18 @@ from stages.gaussians.frame import tangents
 from stages.rendering.scene import Camera, Gaussians
 from storage.rig import points_from_integer_centres
 
+Values: TypeAlias = np.ndarray | torch.Tensor
+
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """One frame of one source view, as the archive holds it."""
+    """One frame of one source view: arrays as the archive holds them, or tensors, whose gradients are kept."""
 
-    color: np.ndarray  # [h, w, 3] uint8
-    depth: np.ndarray  # [h, w] float32, metres, 0 = none
-    scale: np.ndarray  # [3, h, w] float16, metres
-    normal: np.ndarray  # [3, h, w] float16, camera axes
-    opacity: np.ndarray  # [2, h, w] float16, face-on and grazing
+    color: Values  # [h, w, 3] uint8, or a tensor of sRGB 0..1
+    depth: Values  # [h, w] float32, metres, 0 = none
+    scale: Values  # [3, h, w] float16, metres
+    normal: Values  # [3, h, w] float16, camera axes
+    opacity: Values  # [2, h, w] float16, face-on and grazing
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,34 +58,40 @@ class Lifted:
 
 
 def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device) -> Lifted:
-    """One Gaussian for every pixel that has depth and opacity.
+    """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 
     Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
-    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels that are not finite make
-    no Gaussian.
+    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not finite
+    make no Gaussian; the rasterizer masks what else is not. Nothing but sums, products, quotients and square roots of
+    single elements is taken, so the result does not depend on the number of threads.
     """
-    rows, columns = np.nonzero(np.isfinite(maps.depth) & (maps.depth > 0) & (maps.opacity[0] > 0))
-    pick = (slice(None), rows, columns)
+    depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
+    rows, columns = torch.nonzero(torch.isfinite(depth) & (depth > 0) & (opacity[0] > 0), as_tuple=True)
 
-    def tensor(values: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(values)).to(device, dtype)
+    def at(values: Values) -> tuple[torch.Tensor, ...]:
+        return tuple(torch.as_tensor(values).to(device)[:, rows, columns].to(dtype))
 
-    z = maps.depth[rows, columns].astype(np.float64)
-    u, v = points_from_integer_centres(np.stack([columns, rows], axis=1)).T
-    y = (v - intrinsics[1, 2]) / intrinsics[1, 1]
-    x = (u - intrinsics[0, 2] - intrinsics[0, 1] * y) / intrinsics[0, 0]
-    normal = maps.normal[pick].astype(np.float64)  # [3, N]
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), np.array([[0.0], [0.0], [-1.0]]))
-    first, second = tangents(*normal)
-    axes = [np.stack(a) for a in (first, second, tuple(normal))]  # 3 x [3, N], camera axes
-    r, t = world_to_camera[:3, :3], world_to_camera[:3, 3]
-    mean = _to_world(r, np.stack([x * z - t[0], y * z - t[1], z - t[2]]))
-    rotation = np.stack([_to_world(r, a) for a in axes], axis=2)  # [N, 3 world, 3 axes]
-    color = maps.color[rows, columns].astype(np.float64) / 255
-    return Lifted(tensor(mean), tensor(rotation), tensor(maps.scale[pick].T), tensor(maps.opacity[pick].T), tensor(color))
+    z, k = depth[rows, columns], intrinsics.tolist()
+    centre = float(points_from_integer_centres(np.zeros(())))
+    y = (rows.to(dtype) + (centre - k[1][2])) / k[1][1]
+    x = (columns.to(dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
+    normal = _unit(*at(maps.normal))
+    pose = world_to_camera.tolist()
+    mean = _to_world(pose, (x * z - pose[0][3], y * z - pose[1][3], z - pose[2][3]))
+    rotation = torch.stack([_to_world(pose, axis) for axis in (*tangents(*normal), normal)], dim=2)  # [N, 3 world, 3 axes]
+    color = torch.as_tensor(maps.color).to(device)[rows, columns]
+    color = color.to(dtype) / 255 if color.dtype == torch.uint8 else color.to(dtype)
+    return Lifted(mean, rotation, torch.stack(at(maps.scale), dim=1), torch.stack((opacity[0, rows, columns], opacity[1, rows, columns]), dim=1), color)
 
 
-def _to_world(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """[N, 3] = R^T v for v [3, N], written out: a matrix product's rounding may depend on the number of threads."""
-    return np.stack([rotation[0, i] * vectors[0] + rotation[1, i] * vectors[1] + rotation[2, i] * vectors[2] for i in range(3)], axis=1)
+def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The normal at unit length; one without a length faces the camera, and gets no gradient."""
+    squared = x * x + y * y + z * z
+    flat = squared == 0
+    length = torch.sqrt(torch.where(flat, 1.0, squared))
+    return x / length, y / length, torch.where(flat, -1.0, z / length)
+
+
+def _to_world(pose: list[list[float]], vector: Sequence[torch.Tensor]) -> torch.Tensor:
+    """[N, 3] = R^T v for v 3 x [N], written out: a matrix product's rounding may depend on the number of threads."""
+    return torch.stack([pose[0][i] * vector[0] + pose[1][i] * vector[1] + pose[2][i] * vector[2] for i in range(3)], dim=1)
