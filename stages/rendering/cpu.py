@@ -26,6 +26,7 @@ from stages.rendering.cpu_tiles import TILE_X, TILE_Y
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
 from stages.rendering.simd import WIDTH
 
+log = logging.getLogger(__name__)
 ATTRIBUTES = ("mean", "rotation", "scale", "opacity", "color")
 SIZES = (3, 9, 3, 1, 3)
 """float32 of each attribute of a Gaussian."""
@@ -187,16 +188,18 @@ def prepare_backward(arrays: list[np.ndarray], lists: Lists, task: Job, slots: n
     out = [np.empty((whole + WIDTH) * size, np.float32) for size in SIZES]
     kernel = cpu_projection_backward.project_backward
 
-    def part(first: int, stop: int, source: int, given: list[np.ndarray]) -> np.ndarray:
+    def part(first: int, stop: int, source: int, given: list[np.ndarray]) -> tuple[np.ndarray, int]:
         d_camera = np.zeros(CAMERA_GRADIENTS)
-        kernel(*given[:4], task.view, lists.bases, slots, task.channels, source, first, stop, *out, d_camera)
-        return d_camera
+        return d_camera, kernel(*given[:4], task.view, lists.bases, slots, task.channels, source, first, stop, *out, d_camera)
 
     # ranges of BLOCK, whatever the threads: the camera's sum is taken over the same parts in the same order
     parts = share(task.threads, lambda a, b: part(a, b, a, arrays), [*range(0, whole, BLOCK), whole]) if whole else []
     if whole < n:
         parts.append(part(whole, n, 0, [_padded(a, size, whole) for a, size in zip(arrays, SIZES, strict=True)]))
-    return [o[: n * size] for o, size in zip(out, SIZES, strict=True)], np.sum(np.array([np.zeros(CAMERA_GRADIENTS), *parts]), axis=0)
+    if dropped := sum(p[1] for p in parts):
+        log.warning("the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream gradients are too large", dropped)
+    camera = np.sum(np.array([np.zeros(CAMERA_GRADIENTS), *(p[0] for p in parts)]), axis=0)
+    return [o[: n * size] for o, size in zip(out, SIZES, strict=True)], camera
 
 
 class _Rasterize(torch.autograd.Function):
@@ -239,7 +242,7 @@ def announce() -> None:
     """Say, once a process and only where nothing is compiled yet, that the first picture takes longer."""
     folder, name = Path(cpu_projection.project.stats.cache_path), Path(cpu_projection.__file__).stem
     if not any(folder.glob(f"{name}.project-*.nbc")):
-        logging.getLogger(__name__).warning("compiling the renderer for this processor, once: about half a minute; kept in %s", folder)
+        log.warning("compiling the renderer for this processor, once: about half a minute; kept in %s", folder)
 
 
 def render(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> tuple[torch.Tensor, torch.Tensor, int]:

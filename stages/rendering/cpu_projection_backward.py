@@ -7,6 +7,7 @@ Frustum limits are constants: a Gaussian beyond one gets no gradient through the
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ from stages.rendering.cpu_projection import (
     _scaled,
     _three,
 )
-from stages.rendering.simd import WIDTH, both, choose, fma, gather, greatest, load, root, scatter, splat, spread, store
+from stages.rendering.simd import WIDTH, both, choose, fma, gather, greatest, load, root, scatter, some, splat, spread, store
 
 
 @njit(**KERNEL)
@@ -62,19 +63,50 @@ def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> N
 
 
 @njit(**KERNEL)
+def _overflowed(to: int, count: int, bad: Any, d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any) -> int:
+    """Set the gradients of those of the Gaussians to..to + count to 0 that hold a number beyond float32; bad [8] gets 1 for them. How many there are."""
+    zero = splat(0.0)
+    total = load(d_opacity, to) * zero
+    for k in range(3):
+        total = fma(load(d_mean, 3 * to + k * WIDTH), zero, fma(load(d_scale, 3 * to + k * WIDTH), zero, fma(load(d_color, 3 * to + k * WIDTH), zero, total)))
+    for k in range(9):
+        total = fma(load(d_rotation, 9 * to + k * WIDTH), zero, total)
+    store(bad, 0, zero)
+    if not some(total != zero):
+        return 0
+    found = 0
+    for i in range(to, to + count):
+        total_of = d_opacity[i]
+        for k in range(3):
+            total_of += abs(d_mean[3 * i + k]) + abs(d_scale[3 * i + k]) + abs(d_color[3 * i + k])
+        for k in range(9):
+            total_of += abs(d_rotation[9 * i + k])
+        if math.isfinite(total_of):
+            continue
+        found += 1
+        bad[i - to], d_opacity[i] = np.float32(1.0), np.float32(0.0)
+        for k in range(3):
+            d_mean[3 * i + k] = d_scale[3 * i + k] = d_color[3 * i + k] = np.float32(0.0)
+        for k in range(9):
+            d_rotation[9 * i + k] = np.float32(0.0)
+    return found
+
+
+@njit(**KERNEL)
 def project_backward(
     mean: Any, rotation: Any, scale: Any, opacity: Any, view: Any, bases: Any, slots: Any, channels: int, source: int, first: int, stop: int,
     d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any, d_camera: Any,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Gradients of Gaussians first..stop of the scene, whose attributes start at `source` of the arrays; they are written to their own places.
 
     Groups of eight are read and written whole, so the arrays are padded to a multiple of eight. d_camera
-    [CAMERA_GRADIENTS] float64 is added to, so call it with few Gaussians (BLOCK) at a time.
+    [CAMERA_GRADIENTS] float64 is added to, so call it with few Gaussians (BLOCK) at a time. Gradients beyond float32 become 0;
+    returns of how many Gaussians.
     """
     zero, one, two = splat(0.0), splat(1.0), splat(2.0)
     total = np.zeros(WIDTH * SLOT, np.float32)
     sum_of = np.zeros(CAMERA_GRADIENTS * WIDTH, np.float32)
-    g = np.zeros(CAMERA_GRADIENTS * WIDTH, np.float32)
+    g, bad, dropped = np.zeros(CAMERA_GRADIENTS * WIDTH, np.float32), np.zeros(WIDTH, np.float32), 0
     fx, fy, skew = spread(view, FX), spread(view, FY), spread(view, SKEW)
     w0 = spread(view, W), spread(view, W + 1), spread(view, W + 2)
     w1 = spread(view, W + 3), spread(view, W + 4), spread(view, W + 5)
@@ -192,8 +224,11 @@ def project_backward(
         store(g, 14 * WIDTH, du)
         store(g, 15 * WIDTH, fma(yz, dv, q1 - near_y * q2))
         store(g, 16 * WIDTH, dv)
+        dropped += _overflowed(to, n_valid, bad, d_mean, d_rotation, d_scale, d_opacity, d_color)
+        counted = both(hit, load(bad, 0) == zero)
         for k in range(CAMERA_GRADIENTS):
-            store(sum_of, k * WIDTH, load(sum_of, k * WIDTH) + choose(hit, load(g, k * WIDTH), zero))
+            store(sum_of, k * WIDTH, load(sum_of, k * WIDTH) + choose(counted, load(g, k * WIDTH), zero))
     for k in range(CAMERA_GRADIENTS):
         for j in range(WIDTH):
             d_camera[k] += np.float64(sum_of[k * WIDTH + j])
+    return dropped

@@ -78,8 +78,9 @@ class Cutoffs:
     """A contribution below this alpha is skipped."""
     alpha_max: float = 0.99
     """Alpha is capped here, so that 1 - alpha stays away from zero."""
-    transmittance_stop: float = 1e-4
-    """The Gaussian that would bring the transmittance to this or below is dropped with all behind it: (1 - alpha_max)^2."""
+    transmittance_stop: float = 0.9999e-4
+    """The Gaussian that would bring the transmittance to this or below is dropped with all behind it. Just below (1 - alpha_max)^2,
+    so that two Gaussians at the cap are both seen whatever the rounding: without the second a pixel is 1 % too dark."""
 
 
 class Rendering(NamedTuple):

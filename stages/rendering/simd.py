@@ -203,6 +203,7 @@ _operator(operator.gt, mask, lambda b, x, y: b.fcmp_ordered(">", x, y))
 _operator(operator.ge, mask, lambda b, x, y: b.fcmp_ordered(">=", x, y))
 _operator(operator.le, mask, lambda b, x, y: b.fcmp_ordered("<=", x, y))
 _operator(operator.lt, mask, lambda b, x, y: b.fcmp_ordered("<", x, y))
+_operator(operator.ne, mask, lambda b, x, y: b.fcmp_unordered("!=", x, y))
 _operator(operator.eq, mask, lambda b, x, y: b.fcmp_ordered("==", x, y))
 
 
