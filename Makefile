@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | crash: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-renderer | crash | extreme: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench crash clean
+.PHONY: demo test lint bench bench-renderer crash extreme clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -23,6 +23,14 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.renderer
+
+bench-renderer: $(STAMP)
+	$(BIN)/python -m benchmarks.renderer
+
+# Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
+extreme: $(STAMP)
+	$(BIN)/python -m tests.hard_cases.extreme
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

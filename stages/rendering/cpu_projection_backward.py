@@ -47,7 +47,10 @@ from stages.rendering.cpu_projection import (
     _scaled,
     _three,
 )
-from stages.rendering.simd import WIDTH, both, choose, fma, gather, greatest, load, root, scatter, some, splat, spread, store
+from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, load, root, scatter, some, splat, spread, store
+
+LARGEST = 1e30
+"""A camera's gradient is a sum over BLOCK Gaussians in float32: larger terms are left out and counted."""
 
 
 @njit(**KERNEL)
@@ -103,7 +106,7 @@ def project_backward(
     [CAMERA_GRADIENTS] float64 is added to, so call it with few Gaussians (BLOCK) at a time. Gradients beyond float32 become 0;
     returns of how many Gaussians.
     """
-    zero, one, two = splat(0.0), splat(1.0), splat(2.0)
+    zero, one, two, most = splat(0.0), splat(1.0), splat(2.0), splat(LARGEST)
     total = np.zeros(WIDTH * SLOT, np.float32)
     sum_of = np.zeros(CAMERA_GRADIENTS * WIDTH, np.float32)
     g, bad, dropped = np.zeros(CAMERA_GRADIENTS * WIDTH, np.float32), np.zeros(WIDTH, np.float32), 0
@@ -226,8 +229,12 @@ def project_backward(
         store(g, 16 * WIDTH, dv)
         dropped += _overflowed(to, n_valid, bad, d_mean, d_rotation, d_scale, d_opacity, d_color)
         counted = both(hit, load(bad, 0) == zero)
+        within = counted
         for k in range(CAMERA_GRADIENTS):
-            store(sum_of, k * WIDTH, load(sum_of, k * WIDTH) + choose(counted, load(g, k * WIDTH), zero))
+            within = both(within, both(load(g, k * WIDTH) < most, load(g, k * WIDTH) > zero - most))
+        dropped += count(counted) - count(within)
+        for k in range(CAMERA_GRADIENTS):
+            store(sum_of, k * WIDTH, load(sum_of, k * WIDTH) + choose(within, load(g, k * WIDTH), zero))
     for k in range(CAMERA_GRADIENTS):
         for j in range(WIDTH):
             d_camera[k] += np.float64(sum_of[k * WIDTH + j])
