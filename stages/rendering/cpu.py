@@ -6,6 +6,8 @@ no two write to the same place and every sum has a fixed order, so the result do
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import logging
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -19,7 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from stages.rendering import cpu_composite, cpu_projection, cpu_projection_backward, cpu_tiles
+from stages.rendering import cpu_composite, cpu_projection, cpu_projection_backward, cpu_tiles, simd
 from stages.rendering.cpu_composite import BLOCKS, PLACES
 from stages.rendering.cpu_projection import BLOCK, CAMERA_GRADIENTS, RECORD, SLOT, VIEW
 from stages.rendering.cpu_tiles import TILE_X, TILE_Y
@@ -30,6 +32,8 @@ log = logging.getLogger(__name__)
 ATTRIBUTES = ("mean", "rotation", "scale", "opacity", "color")
 SIZES = (3, 9, 3, 1, 3)
 """float32 of each attribute of a Gaussian."""
+CACHE = Path(cpu_projection.project.stats.cache_path)
+"""Where numba keeps compiled kernels."""
 LARGEST_SIDE = 32767
 """px: boxes are kept in 16 bits."""
 MOST_INTERSECTIONS = 2**32 - 1
@@ -237,18 +241,38 @@ def flat(values: torch.Tensor) -> np.ndarray:
     return values.detach().contiguous().numpy().reshape(-1)
 
 
+def forget_stale_kernels(folder: Path) -> None:
+    """Delete compiled kernels in numba's cache folder that were made from other sources.
+
+    numba notices only when the file of a kernel itself has changed, not when one has whose functions it inlines. A note
+    beside the cache holds the digest of all of them; where the folder cannot be written, numba keeps its cache elsewhere.
+    """
+    sources = [Path(str(m.__file__)) for m in (cpu_composite, cpu_projection, cpu_projection_backward, cpu_tiles, simd)]
+    digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()
+    note = folder / "renderer.digest"
+    if note.is_file() and note.read_text() == digest:
+        return
+    with contextlib.suppress(OSError):  # a read-only installation, or another process that does the same
+        for stale in [f for p in sources for f in folder.glob(f"{p.stem}.*.nb[ic]")]:
+            stale.unlink(missing_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        note.write_text(digest)
+
+
 @cache
-def announce() -> None:
+def announce(folder: Path) -> None:
     """Say, once a process and only where nothing is compiled yet, that the first picture takes longer."""
-    folder, name = Path(cpu_projection.project.stats.cache_path), Path(cpu_projection.__file__).stem
-    if not any(folder.glob(f"{name}.project-*.nbc")):
-        log.warning("compiling the renderer for this processor, once: about half a minute; kept in %s", folder)
+    if not any(folder.glob(f"{Path(str(cpu_projection.__file__)).stem}.project-*.nbc")):
+        log.warning("compiling the renderer for this processor, once: some ten seconds; kept in %s", folder)
 
 
 def render(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> tuple[torch.Tensor, torch.Tensor, int]:
     """(picture [h, w, channels], alpha [h, w], masked) of one camera. Gaussians are float32 on the CPU."""
-    announce()
+    announce(CACHE)
     task = job(camera, cutoffs, channels, threads)
     cameras = [m if isinstance(m, torch.Tensor) else torch.from_numpy(np.asarray(m, np.float64)) for m in (camera.intrinsics, camera.world_to_camera)]
     picture, alpha, masked = _Rasterize.apply(*(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, task)
     return picture, alpha, int(masked)
+
+
+forget_stale_kernels(CACHE)

@@ -15,24 +15,19 @@ import numpy as np
 from numba import njit
 
 from stages.rendering.cpu_projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, RED, SLOPE, SLOT, U, V
-from stages.rendering.cpu_tiles import CENTRE, SLACK, TILE_X, TILE_Y
+from stages.rendering.cpu_tiles import CENTRE, TILE_X, TILE_Y
 from stages.rendering.simd import (
     WIDTH,
     all_negative,
-    bits_set,
     both,
-    byte_ranges,
     choose,
     exp2_minus,
-    floor,
     fma,
-    greatest,
     least,
     load,
     lowest,
     minus_magnitude,
     prefetch,
-    root,
     some,
     splat,
     spread,
@@ -49,13 +44,11 @@ COLUMN = np.uint64(sum(1 << (BLOCKS_X * row) for row in range(BLOCKS_Y)))
 PLACES = np.array(
     [
         *(BLOCK_X * (b % BLOCKS_X) for b in range(BLOCKS)), *(BLOCK_Y * (b // BLOCKS_X) for b in range(BLOCKS)),
-        *(i % BLOCK_X + CENTRE for i in range(WIDTH)), *(i // BLOCK_X + CENTRE for i in range(WIDTH)), *(BLOCK_Y * i + CENTRE for i in range(BLOCKS_Y)),
+        *(i % BLOCK_X + CENTRE for i in range(WIDTH)), *(i // BLOCK_X + CENTRE for i in range(WIDTH)),
     ],
     np.float32,
 )  # fmt: skip
-"""Column and row of each block in its tile; of each pixel's centre in its block; the first row's centre in each row of blocks, px."""
-MANY = 6
-"""Blocks of a box from which it pays to leave out those that the ellipse does not reach."""
+"""Column and row of each block in its tile, then of each pixel's centre in its block, px."""
 AHEAD = 8
 """Records fetched ahead, because their order by depth is no order in memory: without it compositing takes twice as long."""
 NEVER = np.float32(3e38)
@@ -69,24 +62,6 @@ def _reached(bits: Any, r: int, left: int, top: int) -> Any:
     y0, y1 = np.uint64(max((y & 0xFFFF) - top, 0) // BLOCK_Y), np.uint64(min((y >> 16) - top, TILE_Y - 1) // BLOCK_Y)
     columns = ((np.uint64(2) << x1) - (np.uint64(1) << x0)) * COLUMN
     return columns & (EVERY << (np.uint64(BLOCKS_X) * y0)) & (EVERY >> (np.uint64(BLOCKS_X) * (np.uint64(BLOCKS_Y - 1) - y1)))
-
-
-@njit(**KERNEL)
-def _touched(records: Any, places: Any, r: int, left: int, top: int, reach: Any) -> Any:
-    """Blocks of the tile that hold a pixel centre inside the ellipse of alpha_min: its extent along both rows of each row of blocks."""
-    slope, down, zero, wide = spread(records, r + SLOPE), spread(records, r + DOWN), splat(0.0), splat(1e6)
-    half, limit = splat(1.0) / spread(records, r + ACROSS), reach - spread(records, r + LIFT)
-    x = splat(records[r + U] - np.float32(left))
-    y0 = load(places, 2 * BLOCKS + 2 * WIDTH) - splat(records[r + V] - np.float32(top))
-    y1 = y0 + splat(1.0)
-    p0, p1 = y0 * down, y1 * down
-    q0, q1 = limit - p0 * p0, limit - p1 * p1
-    h0, h1 = root(greatest(q0, zero)) * half, root(greatest(q1, zero)) * half
-    c0, c1 = fma(slope, y0, x), fma(slope, y1, x)
-    low = least(choose(q0 >= zero, c0 - h0, wide), choose(q1 >= zero, c1 - h1, wide))
-    high = greatest(choose(q0 >= zero, c0 + h0, zero - wide), choose(q1 >= zero, c1 + h1, zero - wide))
-    first, last = zero - floor(splat(CENTRE + SLACK) - low), floor(high + splat(SLACK - CENTRE))
-    return byte_ranges(floor(first * splat(1.0 / BLOCK_X)), floor(last * splat(1.0 / BLOCK_X)))
 
 
 @njit(**KERNEL)
@@ -143,8 +118,6 @@ def forward(channels: int, training: bool) -> Callable[..., None]:
                     prefetch(records, np.int64(order[j + AHEAD]) * RECORD)
                 r = np.int64(order[j]) * RECORD
                 todo = alive & _reached(bits, r, left, top)
-                if bits_set(todo) >= MANY:
-                    todo &= _touched(records, places, r, left, top, reach)
                 contributes = nothing
                 if todo == nothing:
                     continue

@@ -111,14 +111,6 @@ def _packed(builder: ir.IRBuilder, low: Any, high: Any) -> Any:
     return builder.bitcast(builder.or_(builder.fptosi(low, INTS), builder.shl(builder.fptosi(high, INTS), _ints(16))), VECTOR)
 
 
-def _byte_ranges(builder: ir.IRBuilder, first: Any, last: Any) -> Any:
-    edges = [_smaller(builder, builder.select(builder.fcmp_ordered(">", x, _constant(0.0)), x, _constant(0.0)), _constant(WIDTH - 1.0)) for x in (first, last)]
-    low, high = (builder.fptosi(x, INTS) for x in edges)
-    any_of = builder.and_(builder.fcmp_ordered("<=", first, last), builder.and_(builder.fcmp_ordered("<", first, _constant(WIDTH)), builder.fcmp_ordered(">=", last, _constant(0.0))))
-    bits = builder.select(any_of, builder.sub(builder.shl(_ints(2), high), builder.shl(_ints(1), low)), _ints(0))
-    return builder.bitcast(builder.trunc(bits, ir.VectorType(ir.IntType(8), WIDTH)), LONG)
-
-
 def _transposed(builder: ir.IRBuilder, *rows: Any) -> list[Any]:
     """Rows and columns of an 8x8 matrix exchanged, in three rounds of swapping blocks of 1, 2 and 4."""
     matrix = list(rows)
@@ -172,13 +164,11 @@ log2 = _pure(lanes, (lanes,), _log2, "log2 of normal positive numbers, within 2 
 minus_magnitude = _pure(lanes, (lanes,), _minus_magnitude, "-|a|.")
 all_negative = _pure(types.boolean, (lanes,), _all_negative, "Whether every lane has its sign bit set.")
 packed = _pure(lanes, (lanes,) * 2, _packed, "Bits of two integers of 0..32767: the first in the low half.")
-byte_ranges = _pure(types.uint64, (lanes,) * 2, _byte_ranges, "Byte i has those of its bits 0..7 set that lie from lane i of the first to lane i of the second, both included.")
 sums = _pure(lanes, (lanes,) * 8, _sums, "Lane i is the sum of the lanes of argument i.")
 choose = _pure(lanes, (mask, lanes, lanes), lambda b, k, x, y: b.select(k, x, y), "Lanes of the first where the condition holds, else of the second.")
 both = _pure(mask, (mask,) * 2, lambda b, x, y: b.and_(x, y), "Where both conditions hold.")
 some = _pure(types.boolean, (mask,), lambda b, k: b.icmp_unsigned("!=", b.bitcast(k, ir.IntType(WIDTH)), ir.Constant(ir.IntType(WIDTH), 0)), "Whether the condition holds in any lane.")
 count = _pure(types.int64, (mask,), lambda b, k: b.zext(b.ctpop(b.bitcast(k, ir.IntType(WIDTH))), LONG), "In how many lanes the condition holds.")
-bits_set = _pure(types.int64, (types.uint64,), lambda b, x: b.ctpop(x), "How many bits are set.")
 lowest = _pure(types.intp, (types.uint64,), lambda b, x: b.cttz(x, ir.Constant(BIT, 1)), "Index of the lowest set bit of a number that is not 0.")
 
 

@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from stages.rendering import simd
-from stages.rendering.simd import byte_ranges, load, splat, store, store_rows, sums
+from stages.rendering.simd import load, splat, store, store_rows, sums
 
 A = np.array([0.3, -1.5, 2.25, 7.0, -0.0, 120.0, 1e-3, 3.5], np.float32)
 B = np.array([1.0, -2.5, 2.25, 0.5, 4.0, 1e-6, -3.0, 3.0], np.float32)
@@ -83,14 +83,3 @@ def test_rows_are_columns_transposed() -> None:
     _rows(np.arange(8, dtype=np.float32), out)
     np.testing.assert_array_equal(out.reshape(8, 10)[:, :8], np.arange(8)[:, None] + 10 * np.arange(8))
     assert not out.reshape(8, 10)[:, 8:].any()
-
-
-@njit
-def _ranges(a: np.ndarray, b: np.ndarray) -> int:
-    return byte_ranges(load(a, 0), load(b, 0))
-
-
-def test_byte_ranges_are_cut_to_the_byte() -> None:
-    first, last = np.array([0, 3, -5, 7, 4, 8, -9, -3], np.float32), np.array([7, 4, 2, 7, 3, 9, -1, 90], np.float32)
-    wanted = [sum(1 << i for i in range(8) if a <= i <= b) for a, b in zip(first, last, strict=True)]
-    assert [_ranges(first, last) >> 8 * i & 255 for i in range(8)] == wanted
