@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import logging
 import math
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ import torch
 
 from stages.rendering import cpu_composite, cpu_projection, cpu_projection_backward, cpu_tiles, simd
 from stages.rendering.cpu_composite import BLOCKS, PLACES
-from stages.rendering.cpu_projection import BLOCK, CAMERA_GRADIENTS, RECORD, SLOT, VIEW
+from stages.rendering.cpu_projection import BLOCK, CAMERA_GRADIENTS, REACHES, RECORD, SLOT, VIEW
 from stages.rendering.cpu_tiles import TILE_X, TILE_Y
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
 from stages.rendering.simd import WIDTH
@@ -126,42 +127,70 @@ def _padded(array: np.ndarray, size: int, whole: int) -> np.ndarray:
     return tail
 
 
-def project(arrays: list[np.ndarray], task: Job) -> tuple[np.ndarray, int]:
-    """(records [N, RECORD] flat, masked). arrays: flat contiguous float32 in the order of ATTRIBUTES."""
+class _Scratch(threading.local):
+    """Arrays that do not outlive a call, kept for the thread's next one: asking the system for fresh memory took a tenth of the time."""
+
+    largest = 2**26
+    """Bytes; larger arrays are not kept."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[str, np.ndarray] = {}
+
+    def __call__(self, name: str, size: int, dtype: type) -> np.ndarray:
+        """An array of any content; the one of this name that the thread was given before is used up."""
+        kept = self.arrays.get(name)
+        if kept is None or len(kept) < size:
+            kept = np.empty(size + size // 8, dtype)
+            if kept.nbytes <= self.largest:
+                self.arrays[name] = kept
+        return kept[:size]
+
+
+scratch = _Scratch()
+
+
+def _new(name: str, size: int, dtype: type) -> np.ndarray:
+    return np.empty(size, dtype)
+
+
+def project(arrays: list[np.ndarray], task: Job, new: Callable[[str, int, type], np.ndarray] = _new) -> tuple[np.ndarray, np.ndarray, int]:
+    """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays: flat contiguous float32 in the order of ATTRIBUTES."""
     n = len(arrays[3])
     whole = n // WIDTH * WIDTH
-    records = np.empty((whole + WIDTH) * RECORD, np.float32)
-    masked = sum(share(task.threads, lambda a, b: cpu_projection.project(*arrays, task.view, records, a, b, a), _evenly(whole, task.threads, WIDTH))) if whole else 0
+    records, reaches = new("records", (whole + WIDTH) * RECORD, np.float32), scratch("reaches", (whole + WIDTH) * REACHES, np.float32)
+    masked = sum(share(task.threads, lambda a, b: cpu_projection.project(*arrays, task.view, records, reaches, a, b, a), _evenly(whole, task.threads, WIDTH))) if whole else 0
     tail = [_padded(a, size, whole) for a, size in zip(arrays, SIZES, strict=True)]
-    return records[: n * RECORD], masked + cpu_projection.project(*tail, task.view, records, 0, WIDTH, whole)
+    masked += cpu_projection.project(*tail, task.view, records, reaches, 0, WIDTH, whole)
+    return records[: n * RECORD], reaches[: n * REACHES].view(np.int32), masked
 
 
-def list_tiles(records: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def list_tiles(records: np.ndarray, reaches: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists. Raises TooLarge."""
-    n, bits, reach = len(records) // RECORD, records.view(np.int32), float(task.cuts[2])
+    n, reach = len(records) // RECORD, float(task.cuts[2])
     counts, bases = np.zeros(task.tiles, np.int64), np.empty(n + 1, np.int64)
-    total = cpu_tiles.count_tiles(records, bits, task.across, reach, counts, bases)
+    total = cpu_tiles.count_tiles(records, reaches, task.across, reach, counts, bases)
     if total > MOST_INTERSECTIONS:
         raise TooLarge(f"{total} intersections of {n} Gaussians with tiles of {TILE_X}x{TILE_Y} px, at most {MOST_INTERSECTIONS}: render smaller pictures or drop Gaussians that cover all of them")
     starts = np.zeros(task.tiles + 1, np.int64)
     np.cumsum(counts, out=starts[1:])
-    entries, owners = np.empty(total, np.uint64), np.empty(total, np.uint32)
-    cpu_tiles.fill_tiles(records, bits, task.across, reach, starts[:-1].copy(), entries, owners)
+    entries, owners = scratch("entries", total, np.uint64), scratch("owners", total, np.uint32)
+    cpu_tiles.fill_tiles(records, reaches, task.across, reach, starts[:-1].copy(), entries, owners)
     return bases, starts, entries, owners
 
 
-def sort_tiles(starts: np.ndarray, entries: np.ndarray, owners: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray]:
+def sort_tiles(starts: np.ndarray, entries: np.ndarray, owners: np.ndarray, task: Job, new: Callable[[str, int, type], np.ndarray] = _new) -> tuple[np.ndarray, np.ndarray]:
     """(order [M], slots [M]): Gaussians and slots by tile and depth. entries are used up."""
-    order, slots, longest = np.empty(len(entries), np.uint32), np.empty(len(entries), np.uint32), int(np.diff(starts).max(initial=0))
+    order, slots, longest = new("order", len(entries), np.uint32), new("slots", len(entries), np.uint32), int(np.diff(starts).max(initial=0))
     share(task.threads, lambda a, b: cpu_tiles.sort_tiles(starts, a, b, entries, np.empty(longest, np.uint64), owners, order, slots), _by_load(starts, task.threads))
     return order, slots
 
 
-def prepare(arrays: list[np.ndarray], task: Job) -> Lists:
-    """Project, list and sort. Raises TooLarge."""
-    records, masked = project(arrays, task)
-    bases, starts, entries, owners = list_tiles(records, task)
-    return Lists(records, bases, starts, *sort_tiles(starts, entries, owners, task), masked)
+def prepare(arrays: list[np.ndarray], task: Job, training: bool) -> Lists:
+    """Project, list and sort. Without training the lists last until the thread's next call. Raises TooLarge."""
+    new = _new if training else scratch
+    records, reaches, masked = project(arrays, task, new)
+    bases, starts, entries, owners = list_tiles(records, reaches, task)
+    return Lists(records, bases, starts, *sort_tiles(starts, entries, owners, task, new), masked)
 
 
 def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
@@ -176,8 +205,8 @@ def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
 
 
 def draw_backward(lists: Lists, task: Job, saved: Sequence[np.ndarray], up_picture: np.ndarray, up_alpha: np.ndarray) -> np.ndarray:
-    """[M, SLOT] flat gradient slots from what `draw` saved and the gradients of picture and alpha."""
-    slots = np.empty(len(lists.order) * SLOT, np.float32)
+    """[M, SLOT] flat gradient slots, which last until the thread's next call, from what `draw` saved and the gradients of picture and alpha."""
+    slots = scratch("gradients", len(lists.order) * SLOT, np.float32)
     kernel = cpu_composite.backward(task.channels)
     fixed = (lists.records, lists.order, lists.slots, lists.starts, PLACES, task.cuts)
     rest = (task.across, task.width, task.height, up_picture, up_alpha, *saved, slots)
@@ -213,7 +242,7 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx: Any, mean: torch.Tensor, rotation: torch.Tensor, scale: torch.Tensor, opacity: torch.Tensor, color: torch.Tensor, intrinsics: torch.Tensor, pose: torch.Tensor, task: Job) -> Any:
         arrays = [flat(t) for t in (mean, rotation, scale, opacity, color)]
         training = any(ctx.needs_input_grad)
-        lists = prepare(arrays, task)
+        lists = prepare(arrays, task, training)
         picture, alpha, *saved = draw(lists, task, training)
         if training:
             ctx.saved = (arrays, lists, task, saved)

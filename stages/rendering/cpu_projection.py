@@ -13,12 +13,14 @@ import numpy as np
 from numba import njit
 
 from stages.rendering.scene import PIXEL_CENTRE
-from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, least, load, log2, packed, root, splat, spread, store_rows
+from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, least, load, log2, packed, root, scatter, splat, spread, store_rows
 from stages.rendering.simd import floor as floor_of
 
 RECORD = 16
 U, V, SLOPE, ACROSS, DOWN, LIFT, RED, DEPTH, NORMAL, OPACITY, BOX_X, BOX_Y = 0, 1, 2, 3, 4, 5, 6, 9, 10, 13, 14, 15
 """Places in a record. BOX_X and BOX_Y are bits: first pixel in the low half, last in the high half."""
+REACHES = 3
+"""Beside its record, what lists are made of is kept again, close together: BOX_X, BOX_Y and the depth's bits."""
 EMPTY = 1
 """A box whose first pixel is 1 and whose last is 0."""
 (W, T, FX, SKEW, CX, FY, CY, LEFT, RIGHT, TOP, BOTTOM, NEAR, LOW_PASS, VARIANCE_MIN, ALPHA_MIN, REACH, LAST_X, LAST_Y, COMPENSATED, COMPENSATION_MIN) = (
@@ -152,8 +154,8 @@ def _finite(m: Any, r: Any, s: Any, o: Any, c: Any) -> Any:
 
 
 @njit(**KERNEL)
-def project(mean: Any, rotation: Any, scale: Any, opacity: Any, color: Any, view: Any, records: Any, first: int, stop: int, out: int) -> int:
-    """Write the records of Gaussians first..stop (a multiple of 8 of them) from record `out` on; returns how many are masked.
+def project(mean: Any, rotation: Any, scale: Any, opacity: Any, color: Any, view: Any, records: Any, reaches: Any, first: int, stop: int, out: int) -> int:
+    """Write the records and reaches of Gaussians first..stop (a multiple of 8 of them) from number `out` on; returns how many are masked.
 
     All arrays are flat and contiguous float32. Padding with zeros is finite and has no opacity, so it is not counted.
     """
@@ -189,5 +191,8 @@ def project(mean: Any, rotation: Any, scale: Any, opacity: Any, color: Any, view
         sign = choose(fma(n[0], x, fma(n[1], y, n[2] * z)) > zero, splat(-1.0), splat(1.0))
         at = (out + i - first) * RECORD
         store_rows(records, at, RECORD, u, v, b / cc, splat(SCALE) * root(cc / det), down, lift, c[0], c[1])
+        scatter(reaches, (out + i - first) * REACHES, REACHES, box_x)
+        scatter(reaches, (out + i - first) * REACHES + 1, REACHES, box_y)
+        scatter(reaches, (out + i - first) * REACHES + 2, REACHES, z)
         store_rows(records, at + 8, RECORD, c[2], z, n[0] * sign, n[1] * sign, n[2] * sign, o, box_x, box_y)
     return masked

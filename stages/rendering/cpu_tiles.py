@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from stages.rendering.cpu_projection import ACROSS, BOX_X, BOX_Y, DEPTH, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
+from stages.rendering.cpu_projection import ACROSS, DOWN, KERNEL, LIFT, REACHES, RECORD, SLOPE, U, V
 from stages.rendering.scene import PIXEL_CENTRE
 
 TILE_X, TILE_Y = 32, 16
@@ -50,26 +50,25 @@ def _columns(records: Any, r: int, row: int, x0: int, x1: int, reach: float) -> 
 
 
 @njit(**KERNEL)
-def _box(bits: Any, r: int) -> tuple[int, int, int, int]:
-    """Tiles (first column, last column, first row, last row) of a record's box."""
-    x, y = bits[r + BOX_X], bits[r + BOX_Y]
+def _box(reaches: Any, i: int) -> tuple[int, int, int, int]:
+    """Tiles (first column, last column, first row, last row) of a Gaussian's box."""
+    x, y = reaches[REACHES * i], reaches[REACHES * i + 1]
     return (x & 0xFFFF) // TILE_X, (x >> 16) // TILE_X, (y & 0xFFFF) // TILE_Y, (y >> 16) // TILE_Y
 
 
 @njit(**KERNEL)
-def count_tiles(records: Any, bits: Any, across: int, reach: float, counts: Any, bases: Any) -> int:
+def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: Any, bases: Any) -> int:
     """Fill counts [tiles] with the intersections of each tile and bases [N + 1] with each Gaussian's first slot; returns their number."""
     total = 0
     counts[:] = 0
     for i in range(len(bases) - 1):
         bases[i] = total
-        r = i * RECORD
-        if (bits[r + BOX_X] & 0xFFFF) > (bits[r + BOX_X] >> 16):
+        if (reaches[REACHES * i] & 0xFFFF) > (reaches[REACHES * i] >> 16):
             continue
-        x0, x1, y0, y1 = _box(bits, r)
+        x0, x1, y0, y1 = _box(reaches, i)
         exact = x1 - x0 >= EXACT or y1 - y0 >= EXACT
         for row in range(y0, y1 + 1):
-            first, last = _columns(records, r, row, x0, x1, reach) if exact else (x0, x1)
+            first, last = _columns(records, i * RECORD, row, x0, x1, reach) if exact else (x0, x1)
             for column in range(first, last + 1):
                 counts[row * across + column] += 1
             total += max(last - first + 1, 0)
@@ -78,18 +77,17 @@ def count_tiles(records: Any, bits: Any, across: int, reach: float, counts: Any,
 
 
 @njit(**KERNEL)
-def fill_tiles(records: Any, bits: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
+def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
     """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's Gaussian into owners [M]."""
     slot = 0
     for i in range(len(records) // RECORD):
-        r = i * RECORD
-        if (bits[r + BOX_X] & 0xFFFF) > (bits[r + BOX_X] >> 16):
+        if (reaches[REACHES * i] & 0xFFFF) > (reaches[REACHES * i] >> 16):
             continue
-        x0, x1, y0, y1 = _box(bits, r)
-        key = np.uint64(bits[r + DEPTH]) << np.uint64(32)
+        x0, x1, y0, y1 = _box(reaches, i)
+        key = np.uint64(reaches[REACHES * i + 2]) << np.uint64(32)
         exact = x1 - x0 >= EXACT or y1 - y0 >= EXACT
         for row in range(y0, y1 + 1):
-            first, last = _columns(records, r, row, x0, x1, reach) if exact else (x0, x1)
+            first, last = _columns(records, i * RECORD, row, x0, x1, reach) if exact else (x0, x1)
             for column in range(first, last + 1):
                 tile = row * across + column
                 entries[cursors[tile]] = key | np.uint64(slot)

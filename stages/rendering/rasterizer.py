@@ -46,10 +46,16 @@ def rasterize(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[
     _check(gaussians, cameras, extras, drawing)
     backend = resolve(drawing.backend, gaussians)
     pictures = [_draw(gaussians, camera, extras, drawing, backend) for camera in cameras]
-    picture, alpha = torch.stack([p[0] for p in pictures]), torch.stack([p[1] for p in pictures])
+    picture, alpha = (_stacked([p[i] for p in pictures]) for i in (0, 1))
     depth = picture[..., 3] if "depth" in extras else None
     normal = picture[..., 4:7] if "normal" in extras else None
-    return Rendering(picture[..., :3], alpha, depth, normal, tuple(p[2] for p in pictures), backend)
+    color = picture[..., :3] if extras else picture
+    return Rendering(color, alpha, depth, normal, tuple(p[2] for p in pictures), backend)
+
+
+def _stacked(pictures: list[torch.Tensor]) -> torch.Tensor:
+    """[C, ...]; a single picture is not copied."""
+    return pictures[0][None] if len(pictures) == 1 else torch.stack(pictures)
 
 
 def resolve(backend: Backend, gaussians: Gaussians) -> str:
@@ -66,7 +72,7 @@ def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: 
 
         return cpu.render(gaussians, camera, drawing.cutoffs, 7 if "normal" in extras else 4 if "depth" in extras else 3, drawing.threads)
     picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
-    return torch.cat([picture[..., :3], picture[..., 4:]], dim=2), picture[..., 3], masked
+    return torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3], picture[..., 3], masked
 
 
 def _check(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str], drawing: Drawing) -> None:
