@@ -13,7 +13,25 @@ import numpy as np
 from numba import njit
 
 from stages.rendering.scene import PIXEL_CENTRE
-from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, least, load, log2, packed, root, scatter, splat, spread, store_rows
+from stages.rendering.simd import (
+    WIDTH,
+    both,
+    choose,
+    count,
+    fma,
+    gather,
+    greatest,
+    least,
+    load,
+    load_rows,
+    log2,
+    packed,
+    root,
+    scatter,
+    splat,
+    spread,
+    store_rows,
+)
 from stages.rendering.simd import floor as floor_of
 
 RECORD = 16
@@ -55,10 +73,9 @@ def _three(array: Any, at: int) -> Any:
 
 @njit(**KERNEL)
 def _nine(array: Any, at: int) -> Any:
-    return (
-        gather(array, at, 9), gather(array, at + 1, 9), gather(array, at + 2, 9), gather(array, at + 3, 9), gather(array, at + 4, 9),
-        gather(array, at + 5, 9), gather(array, at + 6, 9), gather(array, at + 7, 9), gather(array, at + 8, 9),
-    )  # fmt: skip
+    """Lanes of nine consecutive columns of an [N, 9] array."""
+    r = load_rows(array, at, 9)
+    return r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], gather(array, at + 8, 9)
 
 
 @njit(**KERNEL)

@@ -47,7 +47,7 @@ from stages.rendering.cpu_projection import (
     _scaled,
     _three,
 )
-from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, load, root, scatter, some, splat, spread, store
+from stages.rendering.simd import WIDTH, both, choose, count, fma, gather, greatest, load, root, scatter, some, splat, spread, store, store_rows
 
 LARGEST = 1e30
 """A camera's gradient is a sum over BLOCK Gaussians in float32: larger terms are left out and counted."""
@@ -63,6 +63,13 @@ def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> N
                 low, high = low + load(slots, slot * SLOT), high + load(slots, slot * SLOT + WIDTH)
         store(total, i * SLOT, low)
         store(total, i * SLOT + WIDTH, high)
+
+
+@njit(**KERNEL)
+def _rotation_row(p: Any, q: Any, w: Any, e0: Any, e1: Any, dn: Any, hit: Any) -> Any:
+    """Gradients of a row of the rotation: p and q of J W, w of the camera's rotation."""
+    zero = splat(0.0)
+    return choose(hit, fma(p, e0[0], q * e1[0]), zero), choose(hit, fma(p, e0[1], q * e1[1]), zero), choose(hit, fma(p, e0[2], fma(q, e1[2], _dot(w, dn))), zero)
 
 
 @njit(**KERNEL)
@@ -188,12 +195,11 @@ def project_backward(
             seen = _row(view, 0, 3, r, 2), _row(view, 1, 3, r, 2), _row(view, 2, 3, r, 2)
             sign = choose(fma(seen[0], x, fma(seen[1], y, seen[2] * z)) > zero, zero - one, one)
             dn = gather(total, D_NORMAL, SLOT) * sign, gather(total, D_NORMAL + 1, SLOT) * sign, gather(total, D_NORMAL + 2, SLOT) * sign
-        for row in range(3):
-            p, q, w = (j0[0], j1[0], (w0[0], w1[0], w2[0])) if row == 0 else ((j0[1], j1[1], (w0[1], w1[1], w2[1])) if row == 1 else (j0[2], j1[2], (w0[2], w1[2], w2[2])))
-            place = 9 * to + 3 * row
-            scatter(d_rotation, place, 9, choose(hit, fma(p, e0[0], q * e1[0]), zero))
-            scatter(d_rotation, place + 1, 9, choose(hit, fma(p, e0[1], q * e1[1]), zero))
-            scatter(d_rotation, place + 2, 9, choose(hit, fma(p, e0[2], fma(q, e1[2], _dot(w, dn))), zero))
+        x0, x1, x2 = _rotation_row(j0[0], j1[0], (w0[0], w1[0], w2[0]), e0, e1, dn, hit)
+        y0, y1, y2 = _rotation_row(j0[1], j1[1], (w0[1], w1[1], w2[1]), e0, e1, dn, hit)
+        z0, z1, z2 = _rotation_row(j0[2], j1[2], (w0[2], w1[2], w2[2]), e0, e1, dn, hit)
+        store_rows(d_rotation, 9 * to, 9, x0, x1, x2, y0, y1, y2, z0, z1)
+        scatter(d_rotation, 9 * to + 8, 9, z2)
         # the two rows of J W: dL/dJ0 = R (S dM0)
         d_j0 = (_dot((r[0], r[1], r[2]), e0), _dot((r[3], r[4], r[5]), e0), _dot((r[6], r[7], r[8]), e0))
         d_j1 = (_dot((r[0], r[1], r[2]), e1), _dot((r[3], r[4], r[5]), e1), _dot((r[6], r[7], r[8]), e1))

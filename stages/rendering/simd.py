@@ -287,6 +287,19 @@ def store_rows(typing: Any, array: Any, index: Any, stride: Any, a: Any, b: Any,
 
 
 @intrinsic
+def load_rows(typing: Any, array: Any, index: Any, stride: Any) -> Any:
+    """Eight lanes: column j of 8 rows of 8, array[index + i stride + j]."""
+    kind = types.UniTuple(lanes, WIDTH)
+
+    def code(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> Any:
+        places = [builder.add(args[1], builder.mul(args[2], ir.Constant(LONG, i))) for i in range(WIDTH)]
+        rows = [builder.load(_vector_pointer(context, builder, signature.args[0], args[0], at), align=4) for at in places]
+        return context.make_tuple(builder, kind, _transposed(builder, *rows))
+
+    return kind(array, types.intp, types.intp), code
+
+
+@intrinsic
 def prefetch(typing: Any, array: Any, index: Any) -> Any:
     """Ask for the cache line of array[index]."""
 
