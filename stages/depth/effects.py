@@ -31,7 +31,7 @@ def hidden_width(evidence: Evidence) -> float:
 
 
 def _nothing_matched(evidence: Evidence) -> str | None:
-    if evidence.params.method != "sgbm":
+    if evidence.params.method not in ("sweep", "sgbm"):
         return f"depth.method is {evidence.params.method}: nothing is matched"
     return None if len(evidence.sources) > 1 else "there is a single source view: nothing is matched"
 

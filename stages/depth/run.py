@@ -7,8 +7,10 @@ from functools import cache
 
 import numpy as np
 
-from stages.depth.estimate import Frame, Geometry, Maps, estimate, estimate_open, has_silhouettes, hull_only
+from stages.depth.estimate import estimate, estimate_open
 from stages.depth.params import DepthParams, refusal
+from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
+from stages.depth.sweeping import sweep_hull, sweep_open
 from stages.io import Block, Inputs
 from storage.errors import UserError
 from storage.rig import Rig
@@ -32,7 +34,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
         return
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
-    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method == "sgbm" else {}
+    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method != "hull" else {}
     shape = _shape(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
@@ -56,7 +58,8 @@ def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, 
     views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
     if params.method == "hull":
         return hull_only(geometry(views, False), frame)
-    return (estimate if silhouettes else estimate_open)(geometry(views, silhouettes), frame, params, checked)
+    kernels = {"sgbm": (estimate, estimate_open), "sweep": (sweep_hull, sweep_open)}[params.method]
+    return kernels[not silhouettes](geometry(views, silhouettes), frame, params, checked)
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:
@@ -81,7 +84,7 @@ def check(block: Block, params: DepthParams) -> list[str]:
     wrong = ~(np.isfinite(data) & (data >= 0) & (data <= bound))
     if wrong.any():
         raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0, {bound:g}]")
-    if block.array != "depth/confidence" or params.method != "sgbm" or not data.any():
+    if block.array != "depth/confidence" or params.method not in ("sgbm", "sweep") or not data.any():
         return []
     matched = float((data >= 0.5).sum() / (data > 0).sum())
     if matched >= FEW_MATCHES:

@@ -21,7 +21,7 @@ STAGE = Stage(
     run="stages.depth.run:run",
     check="stages.depth.run:check",
     reads=(
-        Read("frames/color", when=lambda p, f: p.method == "sgbm"),
+        Read("frames/color", when=lambda p, f: p.method in ("sweep", "sgbm")),
         Read("frames/mask"),
         Read("truth/depth", when=lambda p, f: p.method == "truth"),
     ),
