@@ -129,7 +129,7 @@ def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
     belly = np.clip((body.pivot("chest")[2] - body.vertices[:, 2]) / 0.25, 0.0, 1.0) * (body.arms < 0.3)
     offset = garment.loose * (1.0 + 0.6 * belly + 0.2 * reach) + 0.003
     slack = offset * np.clip(0.3 + belly, 0.0, 1.0)
-    vertices = _shell(body, inside, offset, 14, 0.5 * garment.loose)
+    vertices = _shell(body, inside, offset, 34, 0.5 * garment.loose)
     return _cut(body, vertices, inside, BLANK, slack), inside
 
 
@@ -137,7 +137,7 @@ def _lower(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
     inside = lower_field(body, garment)
     down = np.clip(body.along(LEG) / body.limb_length(LEG, 2.0), 0.0, 1.0)
     offset = garment.loose * (0.7 + 1.2 * down) + 0.002
-    vertices = _shell(body, inside, offset, 14, 0.45 * garment.loose)
+    vertices = _shell(body, inside, offset, 20, 0.45 * garment.loose)
     return _cut(body, vertices, inside, BLANK, offset * down), inside
 
 
