@@ -22,6 +22,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.plan_scale
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
+	$(BIN)/python -m benchmarks.memory
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

@@ -3,7 +3,7 @@
     python -m benchmarks.overhead [--tasks 800] [--busy-tasks 96]
 
 Tasks are real in all but two things: the kernel computes nothing (or sleeps a second), and no shard is written. So what is
-measured is judging, ordering, Dask, lease, receipts and their checks. `fsync apart` runs with os.fsync switched off,
+measured is judging, ordering, Dask, lease, receipts and their checks; the first row is what Dask alone takes. `fsync apart` runs with os.fsync switched off,
 `with fsync` as always; their difference is what surviving a power cut costs. `ms a task` is what a task adds to a run's
 length, once a fifth of the tasks is done and the workers have imported what they need. The busy share is the sum of the
 sleeps over two workers times the time from the first task handed out to the last one done, imports and all.
@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 import os
+import pickle
+import queue
 import tempfile
 import time
 from collections.abc import Iterator
@@ -20,14 +22,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from distributed import Client
+
 import dags.cluster
 import dags.execute
 import dags.serial
 from benchmarks import synthetic
 from benchmarks.report import publish
+from dags.config import RunSettings
 from dags.events import Event, TaskDone, TaskFailed, TaskStarted
 from dags.execute import Order, StoreInputs
 from dags.plan import Selection
+from dags.pools import CPU
 from dags.run import Run
 from stages.contract import Stage
 from stages.io import Block
@@ -70,6 +76,11 @@ def task(order: Order, seconds: float, sync: bool) -> Receipt:
     return REAL(order)
 
 
+def packed(order: bytes, seconds: float, sync: bool) -> bytes:
+    """`task` as a Dask worker gets it."""
+    return pickle.dumps(task(pickle.loads(order), seconds, sync))
+
+
 def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, Any]:
     """Run about `count` tasks: how many, seconds from first start to last end, and milliseconds each once warm."""
     starts: list[float] = []
@@ -85,7 +96,8 @@ def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, A
             raise SystemExit(f"{event.error}\n{event.details}")
 
     function = partial(task, seconds=seconds, sync=sync)
-    dags.cluster.execute = dags.serial.execute = function  # type: ignore[assignment]
+    dags.serial.execute = function  # type: ignore[assignment]
+    dags.cluster.execute_packed = partial(packed, seconds=seconds, sync=sync)  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as folder:
         session = synthetic.make(Path(folder), max(1, round(count / synthetic.TASKS)), receipts=False, more=(f"run.scheduler={scheduler}", f"run.workers={WORKERS}"))
         plan = session.plan(synthetic.NAME, Selection())
@@ -95,12 +107,42 @@ def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, A
     return {"tasks": len(ends), "seconds": ends[-1] - starts[0], "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3}
 
 
+def nothing(order: bytes) -> bytes:
+    return order
+
+
+def bare_dask(count: int) -> dict[str, Any]:
+    """The same number of futures of eight kilobytes through the same cluster, with the same window and none of our code around them."""
+    settings = RunSettings(workers=WORKERS, gpus=0)
+    ended: queue.SimpleQueue[str] = queue.SimpleQueue()
+    ends = []
+    with dags.cluster.start_local(settings) as cluster, Client(cluster, set_as_default=False) as client:
+        client.wait_for_workers(WORKERS)
+
+        async def fetch(key: str, future: Any) -> None:
+            await future
+            ended.put(key)
+
+        flying: dict[str, Any] = {}
+        start = time.perf_counter()
+        for i in range(count):
+            if len(flying) == WORKERS * settings.window:
+                del flying[ended.get()]
+                ends.append(time.perf_counter())
+            key = f"nothing-{i}"
+            flying[key] = client.submit(nothing, bytes(8000), key=key, pure=False, resources={CPU: 1})
+            client.loop.add_callback(fetch, key, flying[key])
+    warm = count // 5
+    return {"tasks": count, "seconds": ends[-1] - start, "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", type=int, default=800)
     parser.add_argument("--busy-tasks", type=int, default=96)
     arguments = parser.parse_args()
-    rows = []
+    bare = bare_dask(arguments.tasks)
+    rows = [{"tasks are": f"bare Dask futures, {WORKERS} workers", **bare, "busy %": ""}]
     for name, scheduler, seconds, sync in (
         ("no-op, serial, fsync apart", "serial", 0.0, False),
         ("no-op, serial, with fsync", "serial", 0.0, True),

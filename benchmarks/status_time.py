@@ -3,12 +3,14 @@
     python -m benchmarks.status_time [--partitions 10000] [--repeats 5]
 
 The archive is synthetic: true receipts over empty shards (benchmarks/synthetic.py). The interpreter and the imports are
-part of the two commands; `status --help` shows their share.
+part of the commands; `status --help` shows their share. A run leaves the status worked out for the next `status`; after
+other changes the first one works it out.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import statistics
 import sys
 import tempfile
@@ -18,6 +20,7 @@ from pathlib import Path
 from benchmarks import synthetic
 from benchmarks.plan_time import seconds
 from benchmarks.report import publish
+from dags.status import CACHE
 from storage import ledger
 
 CLI = [sys.executable, "-m", "dags.cli"]
@@ -31,7 +34,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         session = synthetic.make(Path(folder), max(1, round(arguments.partitions / synthetic.TASKS)))
         given = ["--archive", folder, *(w for s in synthetic.SETTINGS for w in ("--set", s))]
-        timed = {name: seconds([*CLI, *words], arguments.repeats) for name, words in (("status", ["status", *given]), ("plan", ["plan", *given]), ("status --help (start alone)", ["status", "--help"]))}
+        ledger.rebuild(session.archive)
+        timed: dict[str, list[float]] = {"status, worked out": []}
+        for _ in range(arguments.repeats):
+            shutil.rmtree(Path(folder) / CACHE, ignore_errors=True)
+            timed["status, worked out"] += seconds([*CLI, "status", *given], 1)
+        timed |= {name: seconds([*CLI, *words], arguments.repeats) for name, words in (("status, after a run", ["status", *given]), ("plan", ["plan", *given]), ("status --help (start alone)", ["status", "--help"]))}
         timed["ledger rebuilt"] = []
         for _ in range(arguments.repeats):
             start = time.perf_counter()

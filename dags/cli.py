@@ -18,6 +18,7 @@ from dags import tables
 from dags.plan import Selection
 from dags.session import Session
 from dags.tasks import Task
+from dags.wording import number
 from storage.errors import ConfigError, UserError
 
 app = typer.Typer(
@@ -37,6 +38,7 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one
 OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
+PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
 SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
 
@@ -80,7 +82,7 @@ def import_capture(
     made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
     _say([*capture.notes, *said])
     numbers = capture.numbers
-    console.print(f"sequence {made.name}: {len(capture.rig)} cameras, {len(numbers)} frames ({numbers[0]}..{numbers[-1]}), partitions of {made.partition_frames} frames, in {session.archive_url}", markup=False, soft_wrap=True)
+    console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
 
 
 @app.command()
@@ -113,7 +115,8 @@ def plan(
     only: OnlyOption = None,
     start: FromOption = None,
     force: ForceOption = None,
-    path: Annotated[list[str] | None, typer.Option("--path", help='Camera path to plan for instead of the configured ones, for example "arc cam01 cam02".')] = None,
+    path: PathOption = None,
+    scheduler: SchedulerOption = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
     json: JsonOption = False,
 ) -> None:
@@ -121,10 +124,10 @@ def plan(
 
     Example: posegaussian plan --sequence 'walk*' --set smoothing.omega=0.7
     """
-    from dags.effects_table import effects_table
+    from dags.effects_table import effects_reasons, effects_table
     from dags.projection import project
 
-    session = _session(config, assignments, archive, machine=json)
+    session = _session(config, assignments, archive, scheduler, json)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), _selection(only, start, force))
     if picture:
         from dags.picture import write_picture
@@ -138,6 +141,7 @@ def plan(
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
+        _say(effects_reasons(p))
         _say(list(p.notes), "yellow")
         if p.all_fresh:
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
@@ -157,6 +161,7 @@ def run(
     only: OnlyOption = None,
     start: FromOption = None,
     force: ForceOption = None,
+    path: PathOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -166,8 +171,8 @@ def run(
     """
     session = _session(config, assignments, archive, scheduler, json)
     selection = _selection(only, start, force)
-    plans, failed = session.usable(session.names(sequence or ()), (), selection)
-    _say(failed, "red")
+    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
+    session.say(failed, "red")
     raise typer.Exit(session.run_and_report(plans, selection, failed))
 
 
@@ -188,8 +193,10 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
-    plans, failed = session.usable(session.names(sequence or ()), (), Selection())
-    console.print(tables.status_table(plans))
+    from dags.status import every_standing
+
+    standings, failed = every_standing(session, session.names(sequence or ()))
+    console.print(tables.status_table(standings))
     _say(failed, "red")
     raise typer.Exit(2 if failed else 0)
 
@@ -208,6 +215,7 @@ def why(
     Example: posegaussian why balance depth 3
     """
     from dags.explain import why as chain
+    from dags.history import still_failed
     from dags.plan import State
 
     session = _session(config, assignments, archive)
@@ -219,6 +227,9 @@ def why(
     chosen: list[Task] = [t for t in p.verdicts if t.stage == stage and partition in (None, t.partition)]
     if not chosen:
         raise ConfigError(f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted from 0")
+    for failure in still_failed(session.archive, [p.context.sequence.name]):
+        if failure.task in chosen:
+            _say([f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC: {failure.error}"], "red")
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     for t in stale or chosen[:1]:
         _say(chain(p, t))

@@ -7,8 +7,10 @@ worker died, or only waiting there.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
+import pickle
 import queue
 import signal
 import time
@@ -22,6 +24,7 @@ from dags.execute import Order, execute
 from dags.failures import Failure, Kind, failure
 from dags.pools import CPU, GPU, Pool, cpu_workers, gpu_workers, local_pools, pool_for
 from dags.tasks import Task
+from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ConfigError, SchedulerLost
 from storage.lease import read_lease
@@ -132,7 +135,7 @@ class DaskBackend:
         self._served = time.monotonic()
         self._cluster = start_local(settings) if self._address is None else None
         try:
-            self._client = Client(self._cluster or self._address, timeout="10s", set_as_default=False)
+            self._client = Client(self._cluster or self._address, timeout="5s", set_as_default=False)
         except OSError as e:
             raise ConfigError(f"run.scheduler: no scheduler answers at {self._address} ({e}); start one with `dask scheduler`, or use --scheduler local") from e
         try:
@@ -165,8 +168,8 @@ class DaskBackend:
 
     def _sentence(self) -> str:
         cpu, gpu = self._workers.pools.get(CPU), self._workers.pools.get(GPU)
-        placed = f"GPU work is pinned to {gpu.workers} GPU worker(s)" if gpu else "no worker has a GPU: rendering runs on the CPU workers"
-        return f"running on {self._address or 'this machine'} with {cpu.workers if cpu else 0} CPU worker(s); {placed}"
+        placed = f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}" if gpu else "no worker has a GPU: rendering runs on the CPU workers"
+        return f"running on {self._address or 'this machine'} with {number(cpu.workers if cpu else 0, 'CPU worker')}; {placed}"
 
     @property
     def pools(self) -> dict[str, Pool]:
@@ -218,9 +221,17 @@ class DaskBackend:
             where = {"resources": {CPU: 1}}
         elif GPU in self._workers.pools:
             where = {"workers": self._workers.cpu, "allow_other_workers": True}
-        future = self._client.submit(execute, order, key=f"{task.stage}-{order.terms.run}-{self._attempts:08d}", pure=False, **where)
+        future = self._client.submit(execute_packed, pickle.dumps(order), key=f"{task.stage}-{order.terms.run}-{self._attempts:08d}", pure=False, **where)
         self._tasks[future] = (task, order, pool)
-        future.add_done_callback(self._ended.put)
+        self._client.loop.add_callback(self._await, future)  # type: ignore[union-attr]  # it has a loop while it is open
+
+    async def _await(self, future: Any) -> None:
+        """Fetch a result on the client's own thread as soon as it is there: asked for by `next_done`, one after the other, fetching took longer than the work around a task."""
+        try:
+            outcome = await future
+        except (Exception, asyncio.CancelledError) as e:
+            outcome = e
+        self._ended.put((future, outcome))
 
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
         """The next finished future, its result or its error; raises SchedulerLost when nobody answers any more."""
@@ -228,7 +239,7 @@ class DaskBackend:
         while True:
             left = PATIENCE if end is None else min(PATIENCE, end - time.monotonic())
             try:
-                future = self._ended.get(timeout=max(0.0, left))
+                future, outcome = self._ended.get(timeout=max(0.0, left))
                 break
             except queue.Empty:
                 self._connected()
@@ -236,12 +247,11 @@ class DaskBackend:
                 if end is not None and time.monotonic() >= end:
                     return None
         task, order, _ = self._tasks.pop(future)
-        if future.status == "finished":
-            return task, future.result()
+        if isinstance(outcome, bytes):
+            return task, pickle.loads(outcome)
         if future.status in ("cancelled", "lost"):
             return task, Failure("the connection to the scheduler was lost while it ran", kind=Kind.TRANSIENT)
-        error = future.exception()
-        return task, _death(order) if type(error).__name__ == "KilledWorker" else failure(error)
+        return task, _death(order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
 
     def close(self, hard: bool = False) -> None:
         """Cancel what is in flight and, for a cluster of our own, end its workers: at once where hard.
@@ -262,6 +272,11 @@ class DaskBackend:
             nanny.close_gracefully(reason="interrupted")  # or it would start a new worker
             if nanny.pid is not None:
                 os.kill(nanny.pid, signal.SIGKILL)
+
+
+def execute_packed(order: bytes) -> bytes:
+    """`execute` between pickles: as one piece of bytes an order is a message of one part; as an object Dask would send each of its arrays as a part of its own."""
+    return pickle.dumps(execute(pickle.loads(order)))
 
 
 def _deafness() -> Any:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rich.markup import escape
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from dags.effects import Verdict
@@ -20,20 +20,30 @@ from storage.spec import digest
 
 
 def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
-    """One row an effect, then one a choice (where masks come from); `rows` of the ledger, for the seconds."""
+    """One row an effect, then one a choice (where masks come from), each with its reason below; `rows` of the ledger, for the seconds."""
     history = [r for r in rows if r.get("work") and r.get("seconds") is not None]
-    table = Table(title=f"{plan.context.sequence.name}: effects", title_justify="left")
-    for column, justify in (("effect", "left"), ("measured", "right"), ("bound", "right"), ("state", "left"), ("why", "left"), ("time", "right")):
-        table.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    table = Table(title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column, justify in (("effect", "left"), ("measured", "right"), ("bound", "right"), ("state", "left"), ("time", "right")):
+        table.add_column(column, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     for v in plan.context.effects.values():
-        table.add_row(v.effect.name, _measured(v), f"{v.effect.threshold:g} {v.effect.unit}", _state(v), escape(_why(v)), _time(v, seconds(plan, v, history)))
+        table.add_row(v.effect.name, _measured(v), f"{v.effect.threshold:g} {v.effect.unit}", _state(v), _time(v, seconds(plan, v, history)))
+    for name, answer, setting, _ in _choices(plan):
+        table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
+    return table
+
+
+def effects_reasons(plan: Plan) -> list[str]:
+    """`NAME state: why`, one sentence for every row of the table."""
+    return [f"{v.effect.name} {v.state}: {_why(v)}" for v in plan.context.effects.values()] + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
+
+
+def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
+    """(name, answer, setting, why) of every choice."""
     for stage in STAGES:
         for choice in stage.choices:
             params = plan.context.params(stage)
             answer, why = choice.resolve(params, plan.context.facts)
-            setting = getattr(params, choice.setting)
-            table.add_row(f"{stage.name}.{choice.setting}", "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", escape(why), "")
-    return table
+            yield f"{stage.name}.{choice.setting}", str(answer), str(getattr(params, choice.setting)), why
 
 
 def _measured(v: Verdict) -> str:
@@ -53,7 +63,7 @@ def _why(v: Verdict) -> str:
 def _time(v: Verdict, spent: float | None) -> str:
     if v.decision is None or spent is None:
         return "unknown"
-    amount = f"{abs(spent):.3g} s"
+    amount = f"{abs(spent):.2g} s"
     return f"spends {amount}" if v.decision.on == (spent >= 0) else f"saves {amount}"
 
 

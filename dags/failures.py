@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -119,7 +120,7 @@ def with_advice(failure: Failure, attempts: int) -> Failure:
 
 def failures_table(failures: Iterable[TaskFailed], refused: Iterable[str], cameras: Mapping[str, tuple[str, ...]]) -> Table:
     """One row a failed task or a refused sequence: where, of which class, why. `cameras` names the views of each sequence."""
-    table = Table(title="what failed", title_justify="left")
+    table = Table(title="what failed", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in ("sequence", "task", "class", "why"):
         table.add_column(column, overflow="fold")
     for sentence in refused:

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -32,6 +33,7 @@ from dags.reshard import leftovers
 from dags.session import Session
 from dags.tasks import PRODUCERS, Task
 from dags.variants import FOLDER as VARIANTS
+from dags.wording import number
 from stages.registry import stage as stage_named
 from storage.archive import Archive
 from storage.archive import Sequence as Group
@@ -116,7 +118,7 @@ def _arrays(plan: Plan) -> Iterator[Item]:
             for task, outputs in tasks.items():
                 plan.book.receipts[task] = drop_outputs(sequence, plan.book.receipts[task], outputs)
 
-        yield Item("arrays", sequence.name, f"{array}, {len(tasks)} tasks", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop)
+        yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop)
 
 
 def _cost(plan: Plan, tasks: list[Task]) -> str:
@@ -237,7 +239,7 @@ def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete
 
 def table(found: Sequence[Item]) -> Table:
     """One row an item, the largest first within its kind."""
-    shown = Table()
+    shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column, justify in (("kind", "left"), ("sequence", "left"), ("what", "left"), ("bytes", "right"), ("made again by", "left")):
         shown.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for i in sorted(found, key=lambda i: (KINDS.index(i.kind), i.sequence, -i.bytes)):

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -112,11 +113,11 @@ def retry_command(archive: Archive, sequences: Iterable[str], run: str | None = 
 
 def failed_table(failed: Iterable[FailedTask]) -> Table:
     """One row a failed task."""
-    table = Table()
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in ("sequence", "task", "when (UTC)", "blocks", "why"):
         table.add_column(column, justify="right" if column == "blocks" else "left", overflow="fold")
     for f in failed:
-        table.add_row(f.task.sequence, f.task.label(), f.when[:19].replace("T", " "), str(f.blocked or ""), escape(f.error))
+        table.add_row(f.task.sequence, f.task.label(), f.when[5:16].replace("T", " "), str(f.blocked or ""), escape(f.error))
     return table
 
 

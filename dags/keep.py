@@ -26,6 +26,7 @@ from dags.context import Context
 from dags.events import Event, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.plan import Plan, State
 from dags.tasks import PRODUCERS, Product, Task, inputs
+from dags.wording import number
 from storage.receipts import Output
 from storage.spec import ArraySpec, Keep
 from storage.sweep import bytes_of, drop_outputs
@@ -122,7 +123,7 @@ class Keeper:
     @property
     def sentences(self) -> list[str]:
         """What the user should know after the run."""
-        dropped = f"dropped {self.outputs} outputs that no task needs any more, {self.bytes / 1e6:.1f} MB; they are made again where something needs them (run.keep, keep)"
+        dropped = f"dropped {number(self.outputs, 'output')} that no task needs any more, {self.bytes / 1e6:.1f} MB; they are made again where something needs them (run.keep, keep)"
         return [*self._refused, *([dropped] if self.outputs else [])]
 
     def sweep(self) -> None:

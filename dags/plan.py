@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+import numpy as np
+
 from dags.context import Context
 from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
@@ -52,6 +54,10 @@ class Selection:
         for name in sorted({*self.only, *self.force, *([self.start] if self.start else [])}):
             if name not in known:
                 raise ConfigError(f"no stage {name!r}; the stages are {', '.join(known)}")
+        if self.only and (left := self.force - self.only):
+            raise ConfigError(f"--force {' '.join(sorted(left))} is left out by --only {' '.join(sorted(self.only))}; name it in both, or in neither")
+        if self.only and self.start and not any(self.forced(name) for name in self.only):
+            raise ConfigError(f"--from {self.start} is left out by --only {' '.join(sorted(self.only))}: no stage is in both")
 
     def forced(self, stage: str) -> str | None:
         """The option that reruns a stage though it is fresh, or None."""
@@ -297,6 +303,22 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         changed = [context.views.names[v] for v, d in now.items() if v in old and old[v] is not None and old[v] != d]
         if changed:
             found.append(f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from {s.name}` takes it anew")
+    found += _changed_sources(context)
+    for path in context.paths.values():
+        idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
+        if idle:
+            found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
     if "depth" not in context.unneeded() and context.settings.depth.method == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     return tuple(found)
+
+
+def _changed_sources(context: Context) -> list[str]:
+    """A sentence about files that are not what was imported; what was made from them stays as it is until they are imported again."""
+    capture = context.capture
+    streams = [s for kind in ("pictures", "masks", "joints", "depth") for s in capture.streams(kind)] + [capture.joints3d]
+    changed = list(dict.fromkeys(f.path for s in streams if s is not None for f in s.files if f.touched))
+    if not changed:
+        return []
+    more = f" and {len(changed) - 1} more source files" if len(changed) > 1 else ""
+    return [f"{changed[0]}{more} changed or went away since the import (size or time differ); what was made from the old content stays until `posegaussian import` takes the new one"]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Callable
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.history import stamped
+from dags.tasks import Task
+from dags.wording import number
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0
@@ -118,7 +120,8 @@ class WarningCollector:
         """Empty."""
         self.warnings: list[str] = []
         self.failures: list[TaskFailed] = []
-        self.blocked: list[str] = []
+        self.blocked: dict[tuple[Task, str], list[Task]] = defaultdict(list)
+        """By what they wait for, and why that is not done."""
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
@@ -127,5 +130,13 @@ class WarningCollector:
         elif isinstance(event, TaskFailed):
             self.failures.append(event)
         elif isinstance(event, TaskBlocked):
-            by = "failed" if any(f.task == event.by for f in self.failures) else "is stale and left out by --only"
-            self.blocked.append(f"blocked: {event.task.sequence} {event.task.label()}: {event.by.label()} {by}")
+            why = "failed" if any(f.task == event.by for f in self.failures) else "is stale and left out by --only"
+            self.blocked[event.by, why].append(event.task)
+
+    def blocked_sentences(self, cameras: Mapping[str, tuple[str, ...]]) -> list[str]:
+        """One sentence for everything that others wait for; `cameras` names the views of each sequence."""
+        found = []
+        for (by, why), tasks in self.blocked.items():
+            stages = ", ".join(dict.fromkeys(t.stage for t in tasks))
+            found.append(f"blocked: {by.sequence}: {number(len(tasks), 'task')} of {stages}: {by.label(cameras.get(by.sequence, ()))} {why}")
+        return found

@@ -21,12 +21,16 @@ from dags.orders import load, raw_bytes
 from dags.plan import Plan, State
 from dags.pools import cpu_workers
 from dags.tasks import Task
+from dags.variants import variants
 from stages.contract import Stage
 from stages.registry import STAGES
 from storage import ledger
 from storage.archive import Archive
 from storage.spec import digest
 from storage.sweep import bytes_of
+
+COLUMNS = (*ledger.KEY, "state", "started", "seconds", "bytes", "raw_bytes", "work", "params", "effects")
+"""What of the ledger the rates are taken from."""
 
 RECENT = 500
 """Newest tasks of a stage that its history is taken from."""
@@ -62,8 +66,9 @@ class History:
 
     @classmethod
     def read(cls, archive: Archive) -> History:
-        """From the ledger of an archive."""
-        return cls(ledger.read(archive))
+        """From the ledgers of an archive and of its variants; what a variant took over counts once."""
+        rows = [row for a in (archive, *variants(archive)) for row in ledger.read(a, COLUMNS)]
+        return cls({(*(row[k] for k in ledger.KEY), row["state"], row["started"]): row for row in rows}.values())
 
     @property
     def rows(self) -> list[Mapping[str, Any]]:

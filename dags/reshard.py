@@ -26,6 +26,7 @@ from dags.plan import Book, Plan, State, Verdict
 from dags.projection import gigabytes
 from dags.results import Results
 from dags.tasks import Product, Task, tasks
+from dags.wording import number
 from stages.registry import stage as stage_named
 from storage.archive import ATTRIBUTES, RESHARD, Sequence, sync_folder, write_atomically
 from storage.errors import ArchiveError
@@ -49,7 +50,7 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
     """
     sequence = plan.context.sequence
     if frames == sequence.partition_frames:
-        return [f"sequence {sequence.name} has partitions of {frames} frames already"]
+        return [f"sequence {sequence.name} has partitions of {number(frames, 'frame')} already"]
     lost = _given_up(plan)
     if lost and not give_up:
         raise ArchiveError(f"reshard: {'; '.join(lost)}; `posegaussian run` first, name the paths with --path, or pass --give-up to let it go")
@@ -59,7 +60,7 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
         presence.refuse_busy(sequence, "reshard")
         made = _build(plan, frames)
         switch(sequence)
-    return [f"sequence {sequence.name}: partitions of {frames} frames instead of {sequence.partition_frames}, {made} tasks keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
+    return [f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames}, {number(made, 'task')} keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
 
 
 def _given_up(plan: Plan) -> list[str]:
@@ -67,10 +68,10 @@ def _given_up(plan: Plan) -> list[str]:
     stale = [t for t, v in plan.verdicts.items() if v.state is not State.FRESH and t in plan.book.receipts]
     other = [t for t in plan.book.receipts if t not in plan.verdicts]
     paths = sorted({str(t.path) for t in other if t.path is not None})
-    said = [f"{len(stale)} tasks of {', '.join(dict.fromkeys(t.stage for t in stale))} are made but not fresh"] if stale else []
+    said = [f"{number(len(stale), 'task')} of {', '.join(dict.fromkeys(t.stage for t in stale))} are made but not fresh"] if stale else []
     said += [f"camera paths {', '.join(paths)} are rendered but not asked for"] if paths else []
     rest = [t for t in other if t.path is None]
-    return said + ([f"{len(rest)} tasks of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or not needed"] if rest else [])
+    return said + ([f"{number(len(rest), 'task')} of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or not needed"] if rest else [])
 
 
 def _refuse_dropped(plan: Plan) -> None:

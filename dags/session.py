@@ -26,7 +26,9 @@ from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
 from dags.run import Run
+from dags.status import every_standing
 from dags.tasks import Product
+from dags.wording import number
 from storage.archive import Archive, write_atomically
 from storage.errors import ArchiveError, ConfigError, UserError
 
@@ -155,6 +157,7 @@ class Session:
         from storage.ledger import rebuild
 
         rebuild(self.archive)
+        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
         return Outcome(ended, collector, folder, tuple(refused))
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
@@ -183,7 +186,7 @@ class Session:
         """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted."""
         for p in plans:
             self.say([f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()])
-            self.say(p.notes, "yellow")
+            self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
@@ -205,10 +208,10 @@ class Session:
         failures, refused = outcome.collector.failures, outcome.refused
         if failures or refused:
             self.console.print(failures_table(failures, refused, cameras))
-        self.say(tables.grouped(outcome.collector.blocked), "red")
+        self.say(tables.grouped(outcome.collector.blocked_sentences(cameras)), "red")
         held = [f for f in failures if f.kind == Kind.HELD.value]
         if held:
-            self.say([f"{len(held)} task(s) were left to another run, which works on them now; run again when it has ended"])
+            self.say([f"{number(len(held), 'task')} left to another run, which works there now; run again when it has ended"])
         names = dict.fromkeys([f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused])
         if names:
             self.say([" ".join(["retry with:", retry_command(self.archive, names, outcome.folder.name), *(f"--only {s}" for s in sorted(selection.only))])])

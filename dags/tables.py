@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
 from dags.plan import Plan, State
 from dags.projection import Projection, gigabytes
+from dags.status import Numbers
+from dags.wording import number
 from stages.registry import STAGES
 
 MOST_REASONS = 4
@@ -17,20 +20,27 @@ MOST_REASONS = 4
 
 
 def plan_table(plan: Plan) -> Table:
-    """One row a stage: tasks by state, how many of the fresh ones have dropped outputs, and the reasons with how many tasks they hold for."""
-    table = Table(title=f"{plan.context.sequence.name}: {plan.context.grid.frames} frames in {len(plan.context.grid.partitions)} partitions", title_justify="left")
-    for column, justify in (("stage", "left"), ("tasks", "right"), ("fresh", "right"), ("stale", "right"), ("undecided", "right"), ("dropped", "right"), ("why", "left")):
-        table.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    """One row a stage: tasks by state, how many of the fresh ones have dropped outputs, and the reasons with how many tasks they hold for.
+
+    States that no task has get no column.
+    """
+    partitions = len(plan.context.grid.partitions)
+    table = Table(title=f"{plan.context.sequence.name}: {number(plan.context.grid.frames, 'frame')} in {number(partitions, 'partition')}", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    states = [s for s in State if any(v.state is s for v in plan.verdicts.values())]
+    dropped = any(plan.dropped(s.name) for s in STAGES)
+    table.add_column("stage", no_wrap=True)
+    for column in ("tasks", *(s.value for s in states), *(["dropped"] if dropped else [])):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("why", overflow="fold")
     for stage in STAGES:
-        if stage.name in plan.unneeded:
-            table.add_row(stage.name, "-", "", "", "", "", f"not needed: {escape(plan.unneeded[stage.name])}")
-            continue
         counts = plan.counts(stage)
-        if not counts:
-            table.add_row(stage.name, "-", "", "", "", "", "not needed: no camera path with truth is asked for")
+        if stage.name in plan.unneeded or not counts:
+            reason = plan.unneeded.get(stage.name, "no camera path with truth is asked for")
+            table.add_row(stage.name, "-", *[""] * (len(states) + dropped), f"not needed: {escape(reason)}")
             continue
         reasons = Counter(r for v in plan.verdicts.values() if v.task.stage == stage.name and v.state is not State.FRESH for r in v.reasons)
-        table.add_row(stage.name, str(counts.total()), *(str(counts[s]) if counts[s] else "" for s in State), str(plan.dropped(stage.name) or ""), escape("; ".join(_counted(reasons))))
+        of_dropped = [str(plan.dropped(stage.name) or "")] if dropped else []
+        table.add_row(stage.name, str(counts.total()), *(str(counts[s] or "") for s in states), *of_dropped, escape("; ".join(_counted(reasons))))
     return table
 
 
@@ -42,7 +52,7 @@ def _counted(reasons: Counter[str]) -> list[str]:
 
 def projection_table(projections: Sequence[Projection]) -> Table:
     """One row a stage that has something to do: what it is expected to take at most."""
-    table = Table(title="projected, at most (undecided tasks count as if they ran)", title_justify="left")
+    table = Table(title="projected, at most (undecided tasks count as if they ran)", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column, justify in (("stage", "left"), ("tasks", "right"), ("disk", "right"), ("RAM a task", "right"), ("VRAM a task", "right"), ("time", "right")):
         table.add_column(column, justify=justify)  # type: ignore[arg-type]
     for p in projections:
@@ -62,26 +72,28 @@ def seconds_text(seconds: float | None) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def status_table(plans: Sequence[Plan]) -> Table:
-    """Sequence by stage: done of all; warnings, stale and undecided ones named."""
-    table = Table()
-    table.add_column("sequence")
+MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided": "u", "dropped": "d"}
+"""What a cell of the status table says besides done of all, shortened so that ten stages fit a terminal."""
+
+
+def status_table(standings: Mapping[str, Numbers]) -> Table:
+    """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or dropped."""
+    used = [word for word in MARKS if any(cell.get(word) for row in standings.values() for cell in row.values())]
+    table = Table(caption=", ".join(f"{MARKS[word]} {word}" for word in used) or None, caption_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("sequence", overflow="fold")
     for stage in STAGES:
-        table.add_column(stage.name)
-    for plan in plans:
-        table.add_row(plan.context.sequence.name, *(_cell(plan, s.name) for s in STAGES))
+        table.add_column(stage.name, overflow="fold", min_width=len(stage.name))
+    for name, row in standings.items():
+        table.add_row(escape(name), *(_cell(row[s.name]) for s in STAGES))
     return table
 
 
-def _cell(plan: Plan, stage: str) -> str:
-    if stage in plan.unneeded:
-        return "not needed"
-    counts = plan.counts(stage)
-    if not counts:
-        return "not needed"
-    warned = sum(1 for t, r in plan.book.receipts.items() if t.stage == stage and t in plan.verdicts and plan.verdicts[t].state is State.FRESH and r.warnings)
-    extras = [f"{n} {word}" for word, n in (("warned", warned), ("stale", counts[State.STALE]), ("undecided", counts[State.UNDECIDED]), ("dropped", plan.dropped(stage))) if n]
-    return f"{counts[State.FRESH]}/{counts.total()} done" + (f" ({', '.join(extras)})" if extras else "")
+def _cell(numbers: Mapping[str, int]) -> str:
+    """`12/12`, `9/12` over `1f 2b`, or `-` for what is not needed."""
+    if not numbers:
+        return "-"
+    extras = " ".join(f"{numbers[word]}{mark}" for word, mark in MARKS.items() if numbers[word])
+    return "\n".join([f"{numbers['done']}/{numbers['all']}", *([extras] if extras else [])])
 
 
 def grouped(sentences: Sequence[str], most: int = 12) -> list[str]:

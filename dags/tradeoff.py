@@ -16,10 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
-from dags import threads
+from dags import effects, threads
 from dags.config import Settings, merge
 from dags.context import Context
 from dags.events import Event, TaskDone, TaskFailed
@@ -27,10 +26,13 @@ from dags.plan import Book, Selection, make_plan
 from dags.session import Session
 from dags.tasks import Task
 from dags.variants import others, share, variant
+from dags.wording import number
+from dags.yaml_marks import parse_value
 from stages.contract import extra
 from stages.registry import STAGES
+from storage import ledger
+from storage.archive import Archive, write_atomically
 from storage.archive import Sequence as ArchiveSequence
-from storage.archive import write_atomically
 from storage.errors import ConfigError, UserError
 from storage.spec import digest
 
@@ -67,8 +69,9 @@ class Level:
 
 
 def declared_knobs() -> dict[str, list[Any]]:
-    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels."""
-    return {f"{s.name}.{key}": levels for s in STAGES for key, f in s.params.model_fields.items() if (levels := extra(f).get("quality_levels"))}
+    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels, and {`effects.NAME`: off, on}."""
+    settings = {f"{s.name}.{key}": levels for s in STAGES for key, f in s.params.model_fields.items() if (levels := extra(f).get("quality_levels"))}
+    return settings | {f"effects.{name}": ["off", "on"] for name in effects.declared()}
 
 
 def chosen_levels(context: Context, names: Sequence[str], texts: Sequence[str]) -> dict[str, list[Any]]:
@@ -87,7 +90,7 @@ def chosen_levels(context: Context, names: Sequence[str], texts: Sequence[str]) 
         name, separator, values = text.partition("=")
         if not separator or name not in chosen:
             raise ConfigError(f"--levels {text}: write it as KNOB=LEVEL,LEVEL for a knob named by --knob ({', '.join(chosen)})")
-        chosen[name] = [yaml.safe_load(v) for v in values.split(",")]
+        chosen[name] = [parse_value(v) for v in values.split(",")]
     if "frames.size" in chosen:
         chosen["frames.size"] = _sizes(context, chosen["frames.size"])
     return {name: list({repr(v): v for v in values}.values()) for name, values in chosen.items()}
@@ -233,6 +236,7 @@ def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[
     reference = max(levels, key=lambda level: int(level.context.rig.size.max())).context
     for level in levels:
         level.quality = quality(level.context, reference)
+        ledger.rebuild(Archive(level.context.sequence.root.parent))  # plans of this archive learn from these times, too
     return sorted(levels, key=lambda level: level.total), int(reference.rig.size.max())
 
 
@@ -245,7 +249,7 @@ def machine(threads_each: int) -> str:
     if info.is_file():
         named = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
         model = named[0] if named else model
-    return f"{model}, {os.cpu_count()} cores, {threads_each} thread(s) a task, host {platform.node()}"
+    return f"{model}, {os.cpu_count()} cores, {number(threads_each, 'thread')} a task, host {platform.node()}"
 
 
 def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:

@@ -43,6 +43,11 @@ def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: t
     return make_context(Sequence(root), settings, paths)
 
 
+def variants(archive: Archive) -> list[Archive]:
+    """The archives of all variants of an archive's sequences."""
+    return [Archive(folder) for folder in sorted((archive.root / FOLDER).glob("*")) if folder.is_dir()]
+
+
 def others(origin: Sequence) -> list[Sequence]:
     """The sequence itself and all its variants: where equal outputs may be found."""
     found = sorted((origin.root.parent / FOLDER).glob(f"*/{origin.name}/zarr.json"))

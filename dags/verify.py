@@ -6,6 +6,7 @@ from collections.abc import Sequence as Names
 
 from dags.session import Session
 from dags.tasks import Task
+from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ArchiveError, LeaseHeld
 from storage.verify import LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair
@@ -28,14 +29,14 @@ def verify(session: Session, names: Names[str], mend: bool) -> int:
 
 def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
     """Verify one sequence; returns the number of faults."""
-    count, number = Count(), 0
+    count, found = Count(), 0
     for fault in faults(sequence, count):
-        number += 1
+        found += 1
         session.say([f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"], "red")
-    session.say([f"{sequence.name}: {count.files} files, {count.bytes / 1e6:.1f} MB read, {number or 'no'} fault{'' if number == 1 else 's'}"])
+    session.say([f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read, {number(found, 'fault') if found else 'no faults'}"])
     if count.busy:
-        session.say([f"{sequence.name}: {len(count.busy)} task(s) were left out, because a run works on them now"], "yellow")
-    return number
+        session.say([f"{sequence.name}: {number(len(count.busy), 'task')} left out, because a run works there now"], "yellow")
+    return found
 
 
 def describe(sequence: Sequence, fault: Fault) -> str:

@@ -1,6 +1,7 @@
 """An archive is one folder (or file:// URL): a catalogue, and one Zarr v3 group for every sequence.
 
-This module creates and opens groups and arrays; it writes no data (`shards.py`) and knows no stage.
+This module creates and opens groups and arrays; it writes no data (`shards.py`) and knows no stage. zarr is imported where
+an array is touched: a plan and a status read records and receipts only, and start a third sooner without it.
 """
 
 from __future__ import annotations
@@ -17,8 +18,6 @@ from typing import Any, Literal
 from urllib.parse import unquote
 
 import numpy as np
-import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec
 
 from storage.capture import Capture
 from storage.errors import ArchiveError, BrokenRecord
@@ -47,6 +46,8 @@ def codecs(dtype: np.dtype) -> list[Any]:
     heatmaps 70 to 110 % more. At level 5 the zeros outside the mask's box are 3 and 1 % of the bytes
     (tests/storage/test_codecs.py), so fields are stored whole, as any Zarr reader expects them, and not cut to a box.
     """
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
     return [BloscCodec(cname="zstd", clevel=5 if dtype.kind == "f" else 1, shuffle="shuffle", typesize=dtype.itemsize), Crc32cCodec()]
 
 
@@ -148,6 +149,8 @@ class Archive:
 
         Raises ArchiveError for a name that cannot be a folder.
         """
+        import zarr
+
         if not name or name.startswith((".", "_")) or any(c in name for c in "/\\:"):
             raise ArchiveError(f"sequence name {name!r} cannot be a folder's name; use letters, digits, - and _")
         root = self.root / name
@@ -225,6 +228,8 @@ class Sequence:
 
     def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str) -> None:
         """Write a small array that is not partitioned, unless it already holds these values."""
+        import zarr
+
         if (self.root / name / "zarr.json").is_file():
             old = zarr.open_array(self.root / name, mode="r")
             if old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data):
@@ -236,6 +241,8 @@ class Sequence:
 
     def get(self, name: str) -> np.ndarray:
         """A small array, whole. Raises ArchiveError when it is not there."""
+        import zarr
+
         try:
             return np.asarray(zarr.open_array(self.root / name, mode="r")[...])
         except (FileNotFoundError, zarr.errors.ArrayNotFoundError) as e:
@@ -246,6 +253,8 @@ class Sequence:
 
         `{path}` in the name is replaced. Existing shards are kept when only the number of frames changed.
         """
+        import zarr
+
         name = spec.name.format(path=path)
         lengths, chunk, shard = layout(spec, shape, self.partition_frames)
         attributes: Any = {"unit": spec.unit, "meaning": spec.meaning, "keep": spec.keep}
@@ -272,6 +281,8 @@ class Sequence:
 
     def _change(self, spec: ArraySpec, shape: Shape, path: str) -> Literal["create", "grow", "shrink", "replace"] | None:
         """What `ensure_array` has to do."""
+        import zarr
+
         folder = self.root / spec.name.format(path=path)
         if not (folder / "zarr.json").is_file():
             return "create"

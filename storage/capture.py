@@ -7,6 +7,7 @@ JSON in the sequence's attributes; `sources.py` makes lazy readers from it.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
@@ -49,6 +50,15 @@ class SourceFile:
         except OSError as e:
             raise SourceError(f"cannot read {p}: {e.strerror}") from e
 
+    @property
+    def touched(self) -> bool:
+        """Whether the file is gone, or its size or time is not that of the import; its content is not read."""
+        try:
+            stat = os.stat(self.path)
+        except OSError:
+            return True
+        return (stat.st_size, stat.st_mtime_ns) != (self.size, self.mtime_ns)
+
     def verify(self) -> None:
         """Raise SourceError when the file is gone or its content is not what was imported."""
         p = Path(self.path)
@@ -59,7 +69,8 @@ class SourceFile:
         if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
             return
         if stat.st_size != self.size or SourceFile.of(p).sha256 != self.sha256:
-            raise SourceError(f"source file {p} changed since it was imported ({self.size} -> {stat.st_size} bytes); import the capture again")
+            how = f"it has {stat.st_size} bytes, not {self.size}" if stat.st_size != self.size else "it has the same size and another content"
+            raise SourceError(f"source file {p} changed since it was imported: {how}; put the old one back or import the capture again")
 
 
 @dataclass(frozen=True)

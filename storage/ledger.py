@@ -7,11 +7,12 @@ long, which memory, what failed. docs/ledger.md answers the usual ones in one qu
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from storage.archive import Archive, Sequence, write_atomically
+from storage.archive import Archive, write_atomically
+from storage.archive import Sequence as Group
 from storage.receipts import Receipt, scan_receipts
 from storage.spec import digest
 
@@ -97,7 +98,7 @@ def rebuild(archive: Archive) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [row(name, r) for name in archive.names() for r in scan_receipts(Sequence(archive.root / name))]
+    rows = [row(name, r) for name in archive.names() for r in scan_receipts(Group(archive.root / name))]
     rows += failures(archive, {tuple(r[k] for k in KEY): r["started"] or "" for r in rows})
     types = {"partition": pa.int64(), "view": pa.int64(), "seconds": pa.float64(), "bytes": pa.int64(), "warnings": pa.int64(), "peak_rss": pa.int64(), "projected_ram": pa.int64(), "raw_bytes": pa.int64(), "work": pa.int64(), "mended": pa.bool_()}
     schema = pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
@@ -107,9 +108,20 @@ def rebuild(archive: Archive) -> Path:
     return archive.root / LEDGER
 
 
-def read(archive: Archive) -> list[dict[str, Any]]:
-    """All rows; an archive without a ledger has none."""
+def failed(archive: Archive) -> list[tuple[Any, ...]]:
+    """KEY of every task that failed and was not finished since, by the end of the last run."""
     import pyarrow.parquet as pq
 
     file = archive.root / LEDGER
-    return pq.read_table(file).to_pylist() if file.is_file() else []
+    if not file.is_file():
+        return []
+    rows = pq.read_table(file, columns=[*KEY], filters=[("state", "=", "failed"), ("mended", "=", False)]).to_pylist()
+    return list(dict.fromkeys(tuple(r[k] for k in KEY) for r in rows))
+
+
+def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, Any]]:
+    """All rows, of some columns; an archive without a ledger has none."""
+    import pyarrow.parquet as pq
+
+    file = archive.root / LEDGER
+    return pq.read_table(file, columns=list(columns)).to_pylist() if file.is_file() else []

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import zarr
 
 from storage.archive import Sequence, sync_folder, write_atomically
 from storage.errors import ShardCorrupt, ShardMissing
@@ -43,6 +42,8 @@ def _missing_folders(path: Path) -> list[Path]:
 
 
 def _open(path: Path, mode: Literal["r", "r+"]) -> Any:
+    import zarr  # not above: see storage/archive.py
+
     # Without this a shard of zeros would not be written, and an absent shard must never mean zeros.
     with zarr.config.set({"array.write_empty_chunks": True}):
         return zarr.open_array(path, mode=mode)

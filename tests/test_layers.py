@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from functools import cache
 from pathlib import Path
 
 import pytest
+import setuptools
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("dags", "stages", "storage")
@@ -85,10 +87,22 @@ def test_packages_compute_nothing_at_import(file: Path) -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=name)
-def test_no_file_is_longer_than_500_lines(file: Path) -> None:
-    assert len(file.read_text(encoding="utf-8").splitlines()) <= 500
+def test_no_file_is_longer_than_500_lines_or_20_kilobytes(file: Path) -> None:
+    text = file.read_bytes()
+    assert len(text.splitlines()) <= 500
+    assert len(text) <= 20_000, f"{name(file)} has {len(text)} bytes"
 
 
 def test_tests_mirror_packages() -> None:
     for folder in {f.parent for f in of("tests")}:
         assert (folder / "__init__.py").is_file(), f"{name(folder)} has no __init__.py"
+
+
+def test_a_wheel_holds_the_three_packages_and_their_settings_alone() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    found = setuptools.find_packages(str(ROOT), include=settings["packages"]["find"]["include"])
+    assert {top(package) for package in found} == set(PACKAGES)
+    assert {f.parent for f in of(*PACKAGES)} == {ROOT.joinpath(*package.split(".")) for package in found}, "a folder has no __init__.py"
+    data = {f for package, globs in settings["package-data"].items() for pattern in globs for f in ROOT.joinpath(*package.split(".")).glob(pattern)}
+    others = {f for folder in PACKAGES for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"}
+    assert others == data, "files that would be missing from the wheel"

@@ -43,7 +43,7 @@ TEMPORAL_SMOOTHING = Effect(
     # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away and adds the
     # squared lag (1 - w)^2 v^2; the gain outweighs the loss from s / v = sqrt((1 - w) / w) / 2 on, 0.25 at the default w = 0.8.
     0.25,
-    "px per px",
+    "px/px",
     _smoothing,
     asks=("survey/motion",),
     lacks=_nothing_to_smooth,

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from dags import effects
-from dags.effects_table import effects_table, seconds
+from dags.effects_table import effects_reasons, effects_table, seconds
 from dags.events import EffectsDecided, TaskDone
 from dags.plan import Selection, State
 from dags.projection import History
@@ -190,10 +190,17 @@ def test_a_crop_that_sizes_need_cannot_be_switched_off(tmp_path: Path) -> None:
         p.with_settings("effects.crop_scale=off").plan()
 
 
+def test_the_documentation_lists_every_effect_with_its_measure_and_bound() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs/knobs.md").read_text()
+    for name, (e, _) in effects.declared().items():
+        assert f"| `{name}` | {e.measure} | {e.threshold:g} {e.unit} | {e.summary} |" in text
+
+
 def shown(p: Pipeline, rows: list[dict[str, object]] | None = None) -> str:
     out = io.StringIO()
-    Console(width=220, file=out).print(effects_table(p.plan(), rows or []))
-    return out.getvalue()
+    plan = p.plan()
+    Console(width=80, file=out).print(effects_table(plan, rows or []))
+    return "\n".join([out.getvalue(), *effects_reasons(plan)])
 
 
 def test_the_table_shows_every_effect_and_the_masks_with_state_and_reason(fresh: Pipeline, decided: Pipeline) -> None:

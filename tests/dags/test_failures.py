@@ -187,3 +187,20 @@ def test_a_sequence_that_cannot_even_be_planned_or_prepared_does_not_stop_the_ot
         assert file.stat().st_size
     assert len(list((root / "c/_receipts").rglob("*.json"))) == 10
     assert "10 done, 0 fresh, 1 failed, 9 blocked" in said
+
+
+def test_what_is_blocked_is_told_once_for_everything_it_waits_for() -> None:
+    from dags.events import TaskBlocked
+    from dags.progress import WarningCollector
+    from dags.tasks import Task
+
+    cause, left = Task("b", "survey", None, 1), Task("b", "pose", 0)
+    collector = WarningCollector()
+    collector(TaskFailed(cause, "no light", "", "deterministic"))
+    for task in (Task("b", "frames", 0, 0), Task("b", "frames", 0, 1), Task("b", "depth", 0)):
+        collector(TaskBlocked(task, cause))
+    collector(TaskBlocked(Task("b", "smoothing", 0), left))
+    assert collector.blocked_sentences({"b": ("cam00", "cam01")}) == [
+        "blocked: b: 3 tasks of frames, depth: survey cam01 failed",
+        "blocked: b: 1 task of smoothing: pose p0000 is stale and left out by --only",
+    ]

@@ -14,7 +14,10 @@ import pytest
 from dags import threads
 from dags.plan import Selection, State
 from stages.registry import STAGES
-from tests.pipeline import Pipeline, assert_same_content, content, film, receipts
+from storage import ledger
+from storage.archive import Archive
+from storage.receipts import scan_receipts
+from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
 @pytest.mark.parametrize("length", [1, 4, 6])
@@ -50,6 +53,11 @@ def test_one_thread_equals_two(finished: Pipeline, tmp_path: Path) -> None:
     assert_same_content(content(other), content(finished))
 
 
+def ledger_rows(pipeline: Pipeline) -> list[dict]:
+    archive = Archive.open(str(pipeline.root))
+    return [ledger.row(NAME, r) for r in scan_receipts(archive.sequence(NAME))]
+
+
 def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
     from dags.cluster import DaskBackend
     from dags.config import RunSettings
@@ -60,6 +68,9 @@ def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
     other.run(backend=DaskBackend(RunSettings(workers=2)))
     assert_same_content(content(other), content(finished))
     assert receipts(other) == receipts(finished)
+    circumstances = {"seconds", "started", "host", "worker", "peak_rss"}
+    mine, theirs = ({tuple(r[k] for k in ledger.KEY): {k: v for k, v in r.items() if k not in circumstances} for r in ledger_rows(p)} for p in (other, finished))
+    assert mine == theirs
 
 
 def test_append_then_run_equals_run_whole(person_folder: Path, tmp_path: Path) -> None:

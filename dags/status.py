@@ -1,0 +1,156 @@
+"""How a sequence stands: done, failed, blocked, stale by stage; remembered as long as nothing it follows from changed.
+
+A status follows from the settings, the capture's record, the code, the receipts and the presence of the shards. Making a
+plan of ten thousand receipts takes seconds; looking whether any file is another one takes a tenth of that. So the
+numbers are kept in `_cache/status/<sequence>.json`, with a digest of all they follow from, and the sizes of the shards.
+Deleting the folder costs one slower status.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dags.code import PACKAGES, ROOT
+from dags.plan import Plan, Selection, State
+from dags.tasks import Task, dependencies
+from stages.registry import STAGES
+from storage.archive import Sequence, write_atomically
+from storage.errors import UserError
+
+if TYPE_CHECKING:
+    from dags.session import Session
+
+CACHE = "_cache/status"
+"""Folder of what is remembered, below the archive's."""
+
+Numbers = dict[str, dict[str, int]]
+"""{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is not needed."""
+
+
+def standing(session: Session, name: str, failed: Iterable[tuple[Any, ...]] = ()) -> Numbers:
+    """The numbers of one sequence. Raises UserError when it cannot be planned.
+
+    `failed`: keys of the tasks that failed and were not finished since.
+    """
+    own = sorted((key for key in failed if key[0] == name), key=str)
+    sequence = session.archive.sequence(name)
+    file = session.archive.root / CACHE / f"{name}.json"
+    basis = _basis(session, sequence, own)
+    known = _remembered(file, basis, sequence)
+    if known is not None:
+        return known
+    plan = session.plan(name, Selection())
+    found = numbers(plan, frozenset(Task(*key) for key in own))
+    if not plan.book.problems:
+        shards = {f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files}
+        _remember(file, {"basis": basis, "numbers": found, "shards": shards})
+    return found
+
+
+def numbers(plan: Plan, failed: frozenset[Task] = frozenset()) -> Numbers:
+    """Count the tasks of a plan by stage."""
+    found: Numbers = {}
+    failed = frozenset(t for t in failed if t in plan.verdicts and plan.verdicts[t].state is not State.FRESH)
+    blocked = _blocked(plan, failed)
+    for stage in STAGES:
+        verdicts = [v for v in plan.verdicts.values() if v.task.stage == stage.name and stage.name not in plan.unneeded]
+        waiting = [v for v in verdicts if v.state is not State.FRESH and v.task not in failed and v.task not in blocked]
+        counted = {
+            "all": len(verdicts),
+            "done": sum(v.state is State.FRESH for v in verdicts),
+            "failed": sum(v.task in failed for v in verdicts),
+            "blocked": sum(v.task in blocked for v in verdicts),
+            "warned": sum(v.state is State.FRESH and bool(plan.book.receipts[v.task].warnings) for v in verdicts),
+            "stale": sum(v.state is State.STALE for v in waiting),
+            "undecided": sum(v.state is State.UNDECIDED for v in waiting),
+            "dropped": plan.dropped(stage.name),
+        }
+        found[stage.name] = counted if verdicts else {}
+    return found
+
+
+def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
+    """Tasks that wait for one that failed."""
+    blocked: set[Task] = set()
+    for task, verdict in plan.verdicts.items() if failed else ():
+        if verdict.state is not State.FRESH and task not in failed and any(d in failed or d in blocked for d in dependencies(plan.context, task)):
+            blocked.add(task)
+    return blocked
+
+
+def _basis(session: Session, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
+    """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
+    settings = session.configuration.for_sequence(sequence.name)
+    files = [sequence.root / "zarr.json", *_code(), *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    told = hashlib.blake2b(json.dumps([sys.version, settings.model_dump(mode="json"), failed]).encode(), digest_size=16)
+    for line in (*map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
+        told.update(line.encode())
+    return told.hexdigest()
+
+
+def _code() -> Iterator[Path]:
+    """Every source file of the program: what a plan says follows from all of them."""
+    for package in (*PACKAGES, "dags"):
+        yield from sorted((ROOT / package).rglob("*.py"))
+
+
+def _stamp(file: str) -> str:
+    try:
+        s = os.stat(file)
+    except OSError:
+        return f"{file} is gone\n"
+    return f"{file} {s.st_ino} {s.st_size} {s.st_mtime_ns}\n"
+
+
+def _listing(folder: str) -> Iterator[str]:
+    """A line for every receipt below a folder."""
+    try:
+        entries = sorted(os.scandir(folder), key=lambda e: e.name)
+    except FileNotFoundError:
+        return
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            yield from _listing(entry.path)
+        elif entry.name.endswith(".json"):
+            yield _stamp(entry.path)
+
+
+def _remembered(file: Path, basis: str, sequence: Sequence) -> Numbers | None:
+    """The numbers kept for this basis, if every shard is there with its size."""
+    try:
+        kept = json.loads(file.read_bytes())
+        if kept["basis"] != basis:
+            return None
+        root = str(sequence.root)
+        whole = all(os.stat(f"{root}/{key}").st_size == size for key, size in kept["shards"].items())
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return kept["numbers"] if whole else None
+
+
+def _remember(file: Path, kept: dict[str, Any]) -> None:
+    try:
+        write_atomically(file, json.dumps(kept).encode())
+    except OSError:
+        return  # an archive that can only be read has its status worked out every time
+
+
+def every_standing(session: Session, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
+    """({sequence: numbers}, a sentence for each that cannot be planned)."""
+    from storage import ledger
+
+    failed = ledger.failed(session.archive)
+    found: dict[str, Numbers] = {}
+    errors = []
+    for name in names:
+        try:
+            found[name] = standing(session, name, failed)
+        except UserError as e:
+            errors.append(f"{name}: {e}")
+    return found, errors
