@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -83,6 +83,27 @@ def import_capture(
     _say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def simulate(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of one that ships: demo, plain, fast_motion, self_occlusion, messy, sparse_6, dense_16, single_pair, two_people.")],
+    sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
+    threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Film a simulated scene with ground truth and register it; prints which effects are simulated, and why.
+
+    Example: posegaussian simulate messy --archive ./archive --sequence messy
+    """
+    from dags.simulate import scene_file
+    from dags.simulate import simulate as film_scene
+
+    path = scene_file(scene)
+    film_scene(_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
 
 
 @app.command()
@@ -349,7 +370,7 @@ def demo(
     frames: Annotated[int, typer.Option("--frames", help="Number of frames.", min=1, max=300)] = 24,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Film an analytic person with eight cameras, reconstruct her, and write novel views: the whole way in minutes.
+    """Film a simulated person with eight cameras, reconstruct her, and write novel views: the whole way in minutes.
 
     Example: posegaussian demo --output demo-output
     """
