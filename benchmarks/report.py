@@ -12,13 +12,15 @@ from typing import Any
 RESULTS = Path(__file__).with_name("results")
 
 
-def publish(name: str, rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> None:
-    """Print the rows as a table and write benchmarks/results/<name>.json."""
+def publish(name: str | None, rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> None:
+    """Print the rows as a table and write benchmarks/results/<name>.json, where there is a name."""
     columns = list(rows[0])
     cells = [[_text(row[c]) for c in columns] for row in rows]
     widths = [max(len(c), *(len(line[i]) for line in cells)) for i, c in enumerate(columns)]
     for line in [columns, *cells]:
         print("  ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)).rstrip())
+    if name is None:
+        return
     RESULTS.mkdir(exist_ok=True)
     machine = {"machine": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
     (RESULTS / f"{name}.json").write_text(json.dumps({"settings": dict(settings), "machine": machine, "rows": [dict(r) for r in rows]}, indent=1) + "\n")
