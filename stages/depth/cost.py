@@ -4,6 +4,9 @@ For the offset o, pixel q of the first view is taken to lie at inverse depth g(q
 around a pixel follows the guide, so a slanted surface is not compared as if it faced the camera. What a neighbour shows at
 those points is compared with the first picture over the window: zero-mean normalised cross-correlation, all channels together,
 and a share for the mean colour. No rectification: a pixel (x, y) at inverse depth r lands on A (x, y, 1) + r b of a neighbour, homogeneous.
+
+Speed comes from loops a compiler can turn into vector instructions: one row at a time, arrays cut to length beforehand, single
+precision, no branch; and from rows that are cut to where an offset is within the bounds at all.
 """
 
 from __future__ import annotations
@@ -18,99 +21,7 @@ FORBIDDEN = 255
 COLOR, COLOR_CAP = 0.3, 30.0
 """Share of the score that compares the windows' mean colours, which correlation ignores, and the difference at which it is 0
 (1/255): plain cloth has hardly any texture, but ends somewhere."""
-
-
-@njit(cache=True, nogil=True)
-def _warp_row(other: np.ndarray, size: np.ndarray, transfer: np.ndarray, y: int, x0: int, columns: tuple[int, int], mask: np.ndarray, guide: np.ndarray, offset: float, out: np.ndarray, seen: np.ndarray) -> None:
-    """One row of a neighbour as the first view would see it: out [channel, w], and whether the point is in the picture, seen [w]."""
-    for x in range(columns[0], columns[1]):
-        seen[x] = False
-        for c in range(out.shape[0]):
-            out[c, x] = 0.0
-        if not mask[x]:
-            continue
-        r = guide[x] + offset
-        a = transfer[0, 0] * (x + x0) + transfer[0, 1] * y + transfer[0, 2] + r * transfer[0, 3]
-        b = transfer[1, 0] * (x + x0) + transfer[1, 1] * y + transfer[1, 2] + r * transfer[1, 3]
-        w = transfer[2, 0] * (x + x0) + transfer[2, 1] * y + transfer[2, 2] + r * transfer[2, 3]
-        if w <= np.float32(1e-6):
-            continue
-        inverse = np.float32(1.0) / w
-        u, v = a * inverse, b * inverse
-        right, bottom = size[0] - np.float32(1.001), size[1] - np.float32(1.001)
-        seen[x] = u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1
-        u, v = min(max(u, np.float32(0)), right), min(max(v, np.float32(0)), bottom)
-        column, row = int(u), int(v)
-        s, t = u - np.float32(column), v - np.float32(row)
-        for c in range(out.shape[0]):
-            top = other[c, row, column] + s * (other[c, row, column + 1] - other[c, row, column])
-            low = other[c, row + 1, column] + s * (other[c, row + 1, column + 1] - other[c, row + 1, column])
-            out[c, x] = top + t * (low - top)
-
-
-@njit(cache=True, nogil=True)
-def _correlate_row(first: np.ndarray, ring: np.ndarray, y: int, radius: int, columns: tuple[int, int], count: np.ndarray, mean: np.ndarray, spread: np.ndarray, noise: float, color: float, sums: np.ndarray, out: np.ndarray) -> None:
-    """How alike the windows around one row are, 0..1: out [w]. `ring` [2 radius + 1, channel, w] holds the warped rows by row modulo its length."""
-    height, width = first.shape[1:]
-    left, right = max(columns[0] - radius, 0), min(columns[1] + radius, width)
-    covariance, variance, apart = sums[3], sums[4], sums[5]
-    apart[left:right] = np.float32(0)
-    covariance[left:right] = np.float32(0)
-    variance[left:right] = np.float32(0)
-    for c in range(first.shape[0]):
-        for n in range(3):
-            sums[n, left:right] = np.float32(0)
-        plain, square, product = sums[0], sums[1], sums[2]
-        for row in range(max(y - radius, 0), min(y + radius + 1, height)):
-            warped, own = ring[row % (2 * radius + 1), c], first[c, row]
-            for x in range(left, right):
-                plain[x] += warped[x]
-                square[x] += warped[x] * warped[x]
-                product[x] += own[x] * warped[x]
-        for x in range(columns[0], columns[1]):
-            a, b, p = np.float32(0), np.float32(0), np.float32(0)
-            for near in range(max(x - radius, 0), min(x + radius + 1, width)):
-                a += plain[near]
-                b += square[near]
-                p += product[near]
-            covariance[x] += p - mean[c, y, x] * a
-            variance[x] += b - a * a * count[y, x]
-            apart[x] += (mean[c, y, x] - a * count[y, x]) ** 2
-    for x in range(columns[0], columns[1]):
-        floor = noise / max(count[y, x], np.float32(1e-6))
-        match = covariance[x] / np.sqrt((spread[y, x] + floor) * (max(variance[x], np.float32(0)) + floor))
-        like = max(np.float32(0), np.float32(1) - np.sqrt(apart[x]) / color)
-        out[x] = np.float32(1 - COLOR) * max(match, np.float32(0)) + np.float32(COLOR) * like
-
-
-@njit(cache=True, nogil=True)
-def _combined(scores: np.ndarray, usable: np.ndarray, x: int, share: float) -> float:
-    """Mean of the best `share` of the usable neighbours' correlations at a column, at least one; -1 without any."""
-    views = scores.shape[0]
-    total = 0
-    for k in range(views):
-        total += usable[k, x]
-    if total == 0:
-        return -1.0
-    keep = max(int(np.ceil(share * total)), 1)
-    mean = 0.0
-    last, taken = np.inf, 0
-    # Selection by value, then index: `last` is the value taken last, ties are taken together.
-    while taken < keep:
-        best, ties = -np.inf, 0
-        for k in range(views):
-            if usable[k, x] and scores[k, x] < last:
-                if scores[k, x] > best:
-                    best, ties = scores[k, x], 1
-                elif scores[k, x] == best:
-                    ties += 1
-        if ties == 0:
-            break
-        ties = min(ties, keep - taken)
-        mean += ties * best
-        taken += ties
-        last = best
-    return mean / max(taken, 1)
+F = np.float32
 
 
 @njit(cache=True, nogil=True)
@@ -149,63 +60,206 @@ def cost_volume(
     0 = equal, WORST = uncorrelated and of another colour, or unseen, FORBIDDEN = out of bounds or not wanted.
     """
     channels, height, width = first.shape
-    views, depth = others.shape[0], len(offsets)
+    views, depth, length = others.shape[0], len(offsets), 2 * radius + 1
     volume = np.full((height, width, depth), np.uint8(FORBIDDEN), np.uint8)
-    count, mean, spread = _statistics(first, mask, radius)
-    spans = np.zeros((height, 2), np.int64)
-    for y in range(height):
-        spans[y, 0] = width
-        for x in range(width):
-            if mask[y, x]:
-                spans[y, 0], spans[y, 1] = min(spans[y, 0], x), x + 1
-    length = 2 * radius + 1
-    matrices = transfers.astype(np.float32)
-    own = first * mask
-    rings = np.zeros((views, length, channels, width), np.float32)
-    seen = np.zeros((views, length, width), np.bool_)
-    sums, scores = np.zeros((6, width), np.float32), np.zeros((views, width), np.float32)
-    usable = np.zeros((views, width), np.bool_)
+    own = np.zeros((channels, height, width + 2 * radius), F)
+    own[:, :, radius : radius + width] = first * mask
+    window = _statistics(own, mask, radius, F(noise * channels))
+    weight = mask.astype(F)
+    keep = np.array([max(np.ceil(share * n), 1.0) for n in range(views + 1)], F)
+    warped, places = np.zeros((channels, width + 2 * radius), F), np.zeros((2, width + 2 * radius), F)
+    rings, seen = np.zeros((views, length, 3, channels, width), F), np.zeros((views, length, width), F)
+    sums, scores, costs = np.zeros((6, width), F), np.zeros((views + 2, width), F), np.zeros(width, np.uint8)
+    spans, wide = np.zeros((height, 2), np.int64), np.zeros((height + 2 * radius, 2), np.int64)
     for d in range(depth):
+        _spans(mask, guide, low, high, offsets[d], spans)
+        _widened(spans, radius, wide)
         for step in range(height + radius):
-            y = step - radius
+            y, slot = step - radius, step % length
+            start, end = wide[step]
             for k in range(views):
-                if step < height:
-                    rings[k, step % length] = np.float32(0)
-                    _warp_row(others[k], sizes[k], matrices[k], step + corner[1], corner[0], (spans[step, 0], spans[step, 1]), mask[step], guide[step], offsets[d], rings[k, step % length], seen[k, step % length])
-                if y >= 0 and spans[y, 0] < spans[y, 1]:
-                    _correlate_row(own, rings[k], y, radius, (spans[y, 0], spans[y, 1]), count, mean, spread, np.float32(noise * channels), np.float32(COLOR_CAP * np.sqrt(channels)), sums, scores[k])
-            if y < 0:
+                if step >= height:
+                    rings[k, slot] = F(0)
+                elif start < end:
+                    _warp_row(others[k], sizes[k], transfers[k], (corner[0], step + corner[1]), (start, end), weight[step], guide[step], offsets[d], radius, places, warped, seen[k, slot])
+                    _sum_row(own, step, warped, (start, end), radius, places, rings[k, slot])
+            if y < 0 or spans[y, 0] >= spans[y, 1]:
                 continue
-            for x in range(spans[y, 0], spans[y, 1]):
-                r = guide[y, x] + offsets[d]
-                if not mask[y, x] or r < low[y, x] or r > high[y, x]:
-                    continue
-                for k in range(views):
-                    usable[k, x] = seen[k, y % length, x]
-                volume[y, x, d] = np.uint8(np.rint(WORST * (1 - min(max(_combined(scores, usable, x, share), 0.0), 1.0))))
+            for k in range(views):
+                _score_row(rings[k], window, y, (spans[y, 0], spans[y, 1]), min(y, radius) + 1 + radius, slot, F(COLOR_CAP * np.sqrt(channels)), seen[k, y % length], sums, scores[k])
+            _combine(scores, seen, y % length, (spans[y, 0], spans[y, 1]), keep, costs)
+            _put(costs, mask[y], guide[y], low[y], high[y], offsets[d], (spans[y, 0], spans[y, 1]), volume[y, :, d])
     return volume
 
 
 @njit(cache=True, nogil=True)
-def _statistics(first: np.ndarray, mask: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the window around each pixel: 1 / number of wanted pixels [h, w], mean [channel, h, w], summed squared deviation of all channels [h, w]."""
-    channels, height, width = first.shape
-    count = np.zeros((height, width), np.float32)
-    mean, spread = np.zeros(first.shape, np.float32), np.zeros((height, width), np.float32)
+def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: float) -> np.ndarray:
+    """[3 + channel, h, w] of the window around each wanted pixel: 1 / number of wanted pixels, the noise in all of them,
+    1 / root of the summed squared deviation of all channels and the noise, and the mean of each channel."""
+    channels, (height, width) = own.shape[0], mask.shape
+    out = np.zeros((3 + channels, height, width), np.float32)
     for y in range(height):
         for x in range(width):
             if not mask[y, x]:
                 continue
-            n = 0
+            spread, n = 0.0, 0
             for c in range(channels):
                 n, total, square = 0, 0.0, 0.0
                 for i in range(max(y - radius, 0), min(y + radius + 1, height)):
                     for j in range(max(x - radius, 0), min(x + radius + 1, width)):
-                        if mask[i, j]:
-                            n += 1
-                            total += first[c, i, j]
-                            square += first[c, i, j] ** 2
-                mean[c, y, x] = total / n
-                spread[y, x] += square - total * total / n
-            count[y, x] = 1.0 / n
-    return count, mean, spread
+                        n += mask[i, j]
+                        total += own[c, i, j + radius]
+                        square += own[c, i, j + radius] ** 2
+                out[3 + c, y, x] = total / n
+                spread += square - total * total / n
+            out[0, y, x], out[1, y, x], out[2, y, x] = 1.0 / n, noise * n, 1.0 / np.sqrt(max(spread, 0.0) + noise * n)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _spans(mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, spans: np.ndarray) -> None:
+    """Fill spans [h, 2] with the columns from the first to behind the last pixel of each row whose bounds hold the offset; (w, 0) where none."""
+    height, width = mask.shape
+    for y in range(height):
+        a, b = 0, width
+        while a < width and not (mask[y, a] and low[y, a] <= guide[y, a] + offset <= high[y, a]):
+            a += 1
+        while b > a and not (mask[y, b - 1] and low[y, b - 1] <= guide[y, b - 1] + offset <= high[y, b - 1]):
+            b -= 1
+        spans[y] = (a, b) if a < b else (width, 0)
+
+
+@njit(cache=True, nogil=True)
+def _widened(spans: np.ndarray, radius: int, wide: np.ndarray) -> None:
+    """Fill wide [>= h, 2] with the columns of each row that windows in rows up to `radius` away are summed at."""
+    height = spans.shape[0]
+    for y in range(height):
+        wide[y] = spans[y]
+        for i in range(max(y - radius, 0), min(y + radius + 1, height)):
+            wide[y, 0], wide[y, 1] = min(wide[y, 0], spans[i, 0]), max(wide[y, 1], spans[i, 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _warp_row(other: np.ndarray, size: np.ndarray, transfer: np.ndarray, at: tuple[int, int], span: tuple[int, int], weight: np.ndarray, guide: np.ndarray, offset: float, radius: int, places: np.ndarray, warped: np.ndarray, seen: np.ndarray) -> None:
+    """One row of a neighbour as the first view would see it, and whether each point is in its picture, seen [w] 0 or 1.
+
+    `warped` [channel, w + 2 radius] holds column x at x + radius, 0 where the weight is and beside the row. `at` is (x, y) of the row's first pixel in the first picture.
+    """
+    start, end = max(span[0] - radius, 0), min(span[1] + radius, len(guide))
+    n, wide = end - start, other.shape[2]
+    base, slope, along = np.empty(3, F), np.empty(3, F), np.empty(3, F)
+    for i in range(3):
+        base[i] = transfer[i, 0] * (at[0] + start) + transfer[i, 1] * at[1] + transfer[i, 2]
+        slope[i], along[i] = transfer[i, 0], transfer[i, 3]
+    a0, b0, w0, a1, b1, w1, a2, b2, w2 = base[0], base[1], base[2], slope[0], slope[1], slope[2], along[0], along[1], along[2]
+    right, bottom = F(size[0] - 1), F(size[1] - 1)
+    surface, inside, us, vs = guide[start:end], seen[start:end], places[0, :n], places[1, :n]
+    for i in range(n):
+        x, r = F(np.int32(i)), surface[i] + offset
+        w = w0 + x * w1 + r * w2
+        inverse = F(1) / max(w, F(1e-6))
+        u, v = (a0 + x * a1 + r * a2) * inverse, (b0 + x * b1 + r * b2) * inverse
+        inside[i] = F(1) if (w > F(1e-6)) & (u >= F(0)) & (v >= F(0)) & (u <= right) & (v <= bottom) else F(0)
+        us[i], vs[i] = min(max(u, F(0)), right - F(0.001)), min(max(v, F(0)), bottom - F(0.001))
+    for c in range(other.shape[0]):
+        flat, row, here = other[c].ravel(), warped[c, start + radius : end + radius], weight[start:end]
+        for i in range(n):
+            column, line = np.int32(us[i]), np.int32(vs[i])
+            s, t = us[i] - F(column), vs[i] - F(line)
+            p = np.int64(line) * wide + column
+            top = flat[p] + s * (flat[p + 1] - flat[p])
+            low = flat[p + wide] + s * (flat[p + wide + 1] - flat[p + wide])
+            row[i] = (top + t * (low - top)) * here[i]
+
+
+@njit(cache=True, nogil=True)
+def _add(total: np.ndarray, values: np.ndarray) -> None:
+    """One array [n] to another."""
+    for i in range(len(total)):
+        total[i] += values[i]
+
+
+@njit(cache=True, nogil=True)
+def _sum_row(own: np.ndarray, y: int, warped: np.ndarray, span: tuple[int, int], radius: int, products: np.ndarray, out: np.ndarray) -> None:
+    """Fill out [3, channel, w] with sums over 2 radius + 1 columns of a warped row, its square and its product with row y of own [channel, h, w + 2 radius]."""
+    start, end = span
+    out[:, :, start:end] = F(0)
+    for c in range(own.shape[0]):
+        other, mine, square, product = warped[c, start : end + 2 * radius], own[c, y, start : end + 2 * radius], products[0, start : end + 2 * radius], products[1, start : end + 2 * radius]
+        for i in range(len(other)):
+            square[i] = other[i] * other[i]
+            product[i] = other[i] * mine[i]
+        for shift in range(2 * radius + 1):
+            _add(out[0, c, start:end], warped[c, start + shift : end + shift])
+            _add(out[1, c, start:end], products[0, start + shift : end + shift])
+            _add(out[2, c, start:end], products[1, start + shift : end + shift])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _score_row(ring: np.ndarray, window: np.ndarray, y: int, span: tuple[int, int], rows: int, last: int, color: float, seen: np.ndarray, sums: np.ndarray, out: np.ndarray) -> None:
+    """How alike the windows around row y are, 0..1, -1 where unseen: out [w].
+
+    `ring` [2 radius + 1, 3, channel, w] holds the sums of the last rows, of which `rows` up to the slot `last` belong to the windows.
+    """
+    start, end = span
+    sums[:, start:end] = F(0)
+    covariance, variance, apart = sums[3, start:end], sums[4, start:end], sums[5, start:end]
+    count, floor, spread = window[0, y, start:end], window[1, y, start:end], window[2, y, start:end]
+    for c in range(ring.shape[2]):
+        plain, square, product, mean = sums[0, start:end], sums[1, start:end], sums[2, start:end], window[3 + c, y, start:end]
+        sums[:3, start:end] = F(0)
+        for back in range(rows):
+            slot = (last - back) % ring.shape[0]
+            _add(plain, ring[slot, 0, c, start:end])
+            _add(square, ring[slot, 1, c, start:end])
+            _add(product, ring[slot, 2, c, start:end])
+        for i in range(len(plain)):
+            covariance[i] += product[i] - mean[i] * plain[i]
+        for i in range(len(plain)):
+            variance[i] += square[i] - plain[i] * plain[i] * count[i]
+        for i in range(len(plain)):
+            apart[i] += (mean[i] - plain[i] * count[i]) * (mean[i] - plain[i] * count[i])
+    visible, score = seen[start:end], out[start:end]
+    for i in range(len(score)):
+        match = covariance[i] * spread[i] / np.sqrt(max(variance[i], F(0)) + floor[i])
+        score[i] = F(1 - COLOR) * max(match, F(0))
+    for i in range(len(score)):
+        found = score[i] + F(COLOR) * max(F(0), F(1) - np.sqrt(apart[i]) / color)
+        score[i] = found if visible[i] > F(0) else F(-1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _combine(scores: np.ndarray, seen: np.ndarray, slot: int, span: tuple[int, int], keep: np.ndarray, costs: np.ndarray) -> None:
+    """Costs [w] uint8 of the mean of the best of K neighbours' scores [K + 2, w], whose last two rows are scratch.
+
+    Of n neighbours that see a point in `seen` [K, slots, w], keep[n] count.
+    """
+    start, end = span
+    views = seen.shape[0]
+    for k in range(views - 1):
+        for j in range(views - 1 - k):
+            a, b = scores[j, start:end], scores[j + 1, start:end]
+            for i in range(len(a)):
+                better, worse = max(a[i], b[i]), min(a[i], b[i])
+                a[i], b[i] = better, worse
+    taken, mean, cost = scores[views, start:end], scores[views + 1, start:end], costs[start:end]
+    taken[:], mean[:] = F(0), F(0)
+    for k in range(views):
+        _add(taken, seen[k, slot, start:end])
+    for i in range(len(taken)):
+        taken[i] = keep[np.int32(taken[i])]
+    for k in range(views):
+        score, nth = scores[k, start:end], F(k)
+        for i in range(len(mean)):
+            mean[i] += score[i] if nth < taken[i] else F(0)
+    for i in range(len(cost)):
+        cost[i] = np.uint8(np.rint(F(WORST) * (F(1) - min(max(mean[i] / taken[i], F(0)), F(1)))))
+
+
+@njit(cache=True, nogil=True)
+def _put(costs: np.ndarray, mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, span: tuple[int, int], out: np.ndarray) -> None:
+    """Out [w] takes the costs of the wanted pixels whose bounds hold the offset."""
+    for x in range(span[0], span[1]):
+        r = guide[x] + offset
+        if mask[x] and low[x] <= r <= high[x]:
+            out[x] = costs[x]
