@@ -76,8 +76,3 @@ LOOKS: dict[str, Look] = {
     "hana": Look((226, 188, 158), (34, 26, 26), "long"),
     "ines": Look((176, 126, 94), (44, 30, 24), "bob"),
 }
-KEPT_SUBJECTS = ("emil", "fatima", "gao", "hana")
-KEPT_OUTFITS = ("grey", "dots", "floral", "camouflage")
-VALIDATION_SUBJECT = "ines"
-FIRST_KEPT_SEED = 9000
-"""From this seed on a scene shows the kept subjects and outfits, and only then: what is tuned or trained never sees them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from stages.capture.effects.base import generator
 from stages.capture.scene import Arc, Camera, Dome, Listed, Ring, Scene, Stereo
+from stages.geometry.projection import project
 from storage.rig import Rig, rigid
 
 
@@ -50,13 +52,13 @@ def _turns(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return 360.0 * np.arange(n) / n + rig.start, np.zeros(n)
 
 
-def make_rig(scene: Scene, subject_height: float) -> tuple[Rig, int]:
+def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
     """The true cameras of a scene, source cameras first, and how many of them are sources.
 
-    subject_height: metres at rest; half of it is what cameras look at. Held-out cameras given by number stand midway
+    span: metres above the ground from the subject's lowest to its highest point; cameras look at its middle. Held-out cameras given by number stand midway
     between neighbours, spread over the rig, with the lens of the rig.
     """
-    target = np.array([0.0, 0.0, subject_height / 2])
+    target, subject_height = np.array([0.0, 0.0, (span[0] + span[1]) / 2]), span[1] - span[0]
     rows: list[tuple[str, np.ndarray, np.ndarray, tuple[int, int]]] = []
     if isinstance(scene.rig, Listed):
         rows += [_listed(c, target, subject_height) for c in scene.rig.cameras]
@@ -77,6 +79,31 @@ def make_rig(scene: Scene, subject_height: float) -> tuple[Rig, int]:
             roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else scene.rig.roll
             poses[v] = pointed(centre, target, (0, 0, 1), roll)
     return Rig(tuple(r[0] for r in rows), np.stack([r[1] for r in rows]), np.zeros((n, 8)), poses, np.array([r[3] for r in rows], dtype=np.int64)), sources
+
+
+def framed(scene: Scene, poses: np.ndarray) -> tuple[Rig, int]:
+    """As `make_rig`, but the rig's `fill` is the least share of the height that the subject fills in any picture.
+
+    poses [M, V, 3] the subject's vertices in the world, metres, at the moments that count; they are in front of all cameras.
+    Cameras stand around the middle of the ground that the subject takes up; what they look at is raised or lowered until as
+    much is left free above as below.
+    """
+    assert not isinstance(scene.rig, Listed)
+    bounds = poses.reshape(-1, 3).min(axis=0), poses.reshape(-1, 3).max(axis=0)
+    middle, low, high = 0.5 * (bounds[0] + bounds[1]) * [1, 1, 0], float(bounds[0][2]), float(bounds[1][2])
+    for _ in range(4):
+        rig, sources = make_rig(scene, (low, high))
+        moved = rig.world_to_camera.copy()
+        moved[:, :3, 3] -= rig.rotations @ middle
+        rig = dataclasses.replace(rig, world_to_camera=moved)
+        rows = np.array([[(r.min(), r.max()) for p in poses for r in [project(p, rig.intrinsics[v], rig.world_to_camera[v])[0][:, 1]]] for v in range(len(rig))])
+        height, focal = scene.rig.size[1], rig.intrinsics[0, 1, 1]
+        factor = scene.rig.fill * height / np.ptp(rows, axis=2).min()
+        lower = (0.5 * (rows.min() + rows.max()) - 0.5 * height) * scene.rig.radius / focal
+        low, high = low - lower, high - lower
+    intrinsics = rig.intrinsics.copy()
+    intrinsics[:, (0, 1), (0, 1)] *= factor
+    return dataclasses.replace(rig, intrinsics=intrinsics), sources
 
 
 def _gaps(scene: Scene) -> list[tuple[float, float]]:

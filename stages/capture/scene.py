@@ -12,9 +12,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Discriminator, Field, Tag, create_model, field_validator, model_validator
 
+from stages.capture.casting import refusal
 from stages.capture.effects.registry import EFFECTS
 from stages.capture.motion_names import MOTION_NAMES
-from stages.capture.outfits import FIRST_KEPT_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, LOOKS, OUTFITS, VALIDATION_SUBJECT
+from stages.capture.outfits import LOOKS, OUTFITS
 from stages.contract import Params
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -84,6 +85,7 @@ class _Around(_Lens):
     height: float = Field(1.15, description="Height of the cameras above the ground.")
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
     start: float = Field(0.0, description="Degrees to the left of the subject's front where the first camera stands.")
+    framing: Literal["rest", "frames"] = Field("rest", description="What `fill` holds for: the subject at rest, or wherever it fills least in the frames filmed (focal null, level pictures).")
 
 
 class Ring(_Around):
@@ -195,17 +197,6 @@ class Scene(Params):
         return data
 
 
-def cast(scene: Scene) -> tuple[str, str]:
-    """(subject, outfit) of a scene with a baked person; `auto` follows from the seed. Kept ones only from FIRST_KEPT_SEED on."""
-    assert isinstance(scene.subject, Person)
-    kept = scene.seed >= FIRST_KEPT_SEED
-    subjects = KEPT_SUBJECTS if kept else tuple(n for n in LOOKS if n not in (*KEPT_SUBJECTS, VALIDATION_SUBJECT))
-    outfits = KEPT_OUTFITS if kept else tuple(n for n in OUTFITS if n not in KEPT_OUTFITS)
-    person, outfit = scene.subject.person, scene.subject.outfit
-    turn = scene.seed - FIRST_KEPT_SEED if kept else scene.seed
-    return (subjects[turn % 4] if person == "auto" else person), (outfits[(turn + turn // 4) % 4] if outfit == "auto" else outfit)
-
-
 BODY_RADIUS, BODY_HEIGHT = 0.35, 2.0
 """Within this cylinder about the origin a camera is taken to be inside a person, metres."""
 
@@ -214,10 +205,10 @@ def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
     """[(place in the file, sentence)] of what no single field can know."""
     out: list[tuple[tuple[str | int, ...], str]] = []
     if isinstance(scene.subject, Person):
-        kept = scene.seed >= FIRST_KEPT_SEED
-        for key, name, held in (("person", scene.subject.person, KEPT_SUBJECTS), ("outfit", scene.subject.outfit, KEPT_OUTFITS)):
-            if name in held and not kept:
-                out.append((("subject", key), f"{name} is kept for measuring and appears only in scenes with a seed from {FIRST_KEPT_SEED} on; this seed is {scene.seed}"))
+        named: list[tuple[tuple[str | int, ...], str]] = [(("subject", "person"), scene.subject.person), (("subject", "outfit"), scene.subject.outfit), (("motion", "name"), scene.motion.name)]
+        if scene.effects.second_person is not None:
+            named.append((("effects", "second_person", "motion"), scene.effects.second_person.motion))
+        out += [(place, why) for place, name in named for why in [refusal(scene.seed, name)] if why is not None]
         inside = (BODY_RADIUS, BODY_HEIGHT)
         if not isinstance(scene.rig, Listed) and scene.rig.radius <= inside[0]:
             out.append((("rig", "radius"), f"cameras {scene.rig.radius:g} m from the subject's axis are inside the body; more than {inside[0]:g} m is needed"))

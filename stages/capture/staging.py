@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.capture.actors import Actor, Performer
+from stages.capture.casting import cast
 from stages.capture.effects.base import Ruling, SceneEvidence, generator, ruled
 from stages.capture.effects.registry import EFFECTS
-from stages.capture.rigs import make_rig
-from stages.capture.scene import Person, Scene, cast
+from stages.capture.rigs import framed, make_rig
+from stages.capture.scene import Listed, Person, Scene
 from stages.capture.take import Take
 from stages.contract import resolve
 from stages.geometry.projection import project
@@ -38,7 +39,7 @@ class Staged:
 def play(scene: Scene) -> Performer:
     """The person of a scene."""
     assert isinstance(scene.subject, Person)
-    subject, outfit = cast(scene)
+    subject, outfit = cast(scene.seed, scene.subject.person, scene.subject.outfit)
     style = generator(scene.seed, "style").uniform(-1.0, 1.0, 4)
     return Performer(subject, outfit, scene.motion.name, scene.motion.speed, scene.motion.phase, style, scene.subject.heading)
 
@@ -60,12 +61,19 @@ def _fastest(actor: Actor, rig: Rig, frames: int, interval: float) -> float:
     return fastest
 
 
+def _filming(scene: Scene, actor: Actor) -> tuple[Rig, int]:
+    """The cameras, and how many of them are sources."""
+    if isinstance(scene.rig, Listed) or scene.rig.framing == "rest" or scene.rig.focal is not None:
+        return make_rig(scene, (0.0, float(np.ptp(actor.mesh.vertices[:, 2]))))
+    moments = np.unique(np.linspace(0, scene.frames - 1, min(scene.frames, 24)).astype(int)) / scene.frame_rate
+    return framed(scene, np.stack([actor.vertices(float(t)) for t in moments]))
+
+
 def stage(scene: Scene, subject: Actor | None = None) -> Staged:
     """Decide the effects and make the take. `subject` is the scan where the scene names one."""
     actor = play(scene) if subject is None else subject
     interval = 1.0 / scene.frame_rate
-    height = float(np.ptp(actor.mesh.vertices[:, 2]))
-    rig, sources = make_rig(scene, height)
+    rig, sources = _filming(scene, actor)
     evidence = SceneEvidence(None, _fastest(actor, rig, scene.frames, interval), float(rig.size.max()), len(rig), isinstance(scene.subject, Person))
     rulings = tuple(ruled(e, p, dataclasses.replace(evidence, params=p)) for e in EFFECTS for p in [getattr(scene.effects, e.name)])
     on: dict[str, list[Ruling]] = defaultdict(list)

@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
+from stages.capture.casting import casting
 from stages.capture.effects.base import EffectParams, SceneEffect, SceneEvidence, above, generator
 from stages.capture.motion_names import MOTION_NAMES
-from stages.capture.outfits import FIRST_KEPT_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, LOOKS, OUTFITS, VALIDATION_SUBJECT
 from stages.contract import Decision, Effect
 
 
@@ -36,11 +36,8 @@ def apply(params: Any, seed: int) -> Any:
     """The second person, drawn by the seed among the subjects and outfits that the scene's seed allows."""
     from stages.capture.actors import Performer
 
-    random = generator(seed, "second_person")
-    kept = seed >= FIRST_KEPT_SEED
-    subjects = KEPT_SUBJECTS if kept else tuple(n for n in LOOKS if n not in (*KEPT_SUBJECTS, VALIDATION_SUBJECT))
-    outfits = KEPT_OUTFITS if kept else tuple(n for n in OUTFITS if n not in KEPT_OUTFITS)
-    who, what = subjects[int(random.integers(4))], outfits[int(random.integers(4))]
+    random, allowed = generator(seed, "second_person"), casting(seed)
+    who, what = allowed.subjects[int(random.integers(len(allowed.subjects)))], allowed.outfits[int(random.integers(len(allowed.outfits)))]
     return Performer(who, what, params.motion, 1.0, 0.4, random.uniform(-1, 1, 4), params.heading, tuple(params.position))
 
 

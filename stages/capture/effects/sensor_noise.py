@@ -11,7 +11,7 @@ from stages.capture.effects.base import EffectParams, SceneEffect, SceneEvidence
 from stages.contract import Decision, Effect
 
 _MID_GREY = 0.18
-_SLOPE = 0.9 * 255
+_SLOPE = 255 * 1.055 / 2.4 * _MID_GREY ** (1 / 2.4 - 1)
 """Steps of 8 bit a unit of light at mid-grey: the sRGB curve's slope there."""
 
 

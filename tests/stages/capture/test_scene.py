@@ -11,9 +11,8 @@ import pytest
 from stages.capture import staging, take
 from stages.capture.effects import registry
 from stages.capture.effects.registry import EFFECTS
-from stages.capture.outfits import KEPT_OUTFITS, KEPT_SUBJECTS, LOOKS, VALIDATION_SUBJECT
 from stages.capture.rigs import make_rig
-from stages.capture.scene import Scene, cast, faults
+from stages.capture.scene import Scene
 from stages.capture.staging import stage
 from stages.capture.take import OF_CAMERAS, Shot
 from stages.contract import resolve
@@ -118,8 +117,8 @@ def test_truth_agrees_with_itself(plain: Shot) -> None:
     staged = stage(scene(rig={"cameras": 4, "size": [160, 200]}, motion="crossed_arms", held_out=0))
     rig, shots = staged.take.rig, [staged.take.shoot(1, v) for v in range(4)]
     for v, s in enumerate(shots):
-        assert ((s.true_mask == 255) <= (s.depth > 0)).all()
-        assert ((s.true_mask == 0) <= (s.depth == 0)).all()
+        # a gap between two fingers may pass between the four samples and show at the pixel's centre, or the other way round
+        assert ((s.true_mask == 255) & (s.depth == 0)).sum() + ((s.true_mask == 0) & (s.depth > 0)).sum() <= 4
         assert (s.color.max(axis=-1) <= s.true_mask.astype(int) + 1).all(), "premultiplied on black"
         lengths = np.linalg.norm(s.normal, axis=-1)
         np.testing.assert_allclose(lengths[s.depth > 0], 1.0, atol=1e-5)
@@ -148,19 +147,9 @@ def test_the_person_fills_the_share_of_the_picture_that_is_asked_for() -> None:
         assert 0.86 < (rows[-1] - rows[0] + 1) / 400 < 0.96
 
 
-def test_kept_subjects_appear_only_in_kept_seeds() -> None:
-    seen = {k: {cast(scene(seed=s)) for s in seeds} for k, seeds in (("low", range(1, 100)), ("kept", range(9000, 9008)))}
-    assert {p for p, _ in seen["kept"]} == set(KEPT_SUBJECTS)
-    assert {o for _, o in seen["kept"]} == set(KEPT_OUTFITS)
-    assert {p for p, _ in seen["low"]} == set(LOOKS) - {*KEPT_SUBJECTS, VALIDATION_SUBJECT}
-    assert not {o for _, o in seen["low"]} & set(KEPT_OUTFITS)
-    assert [f for f, _ in faults(scene(subject={"person": "gao", "outfit": "dots"}))] == [("subject", "person"), ("subject", "outfit")]
-    assert not faults(scene(seed=9000, subject={"person": "gao"}))
-
-
 def rig_of(**given: Any) -> tuple[Rig, int]:
     held_out = given.pop("held_out", 0)
-    return make_rig(scene(rig=given, held_out=held_out), 1.7)
+    return make_rig(scene(rig=given, held_out=held_out), (0.0, 1.7))
 
 
 def test_rigs() -> None:

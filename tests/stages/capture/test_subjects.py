@@ -7,12 +7,13 @@ import pytest
 
 from stages.capture.bake import bake, refuse_non_commercial
 from stages.capture.bodies import FOLDER, load_body
+from stages.capture.casting import KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT
 from stages.capture.dressing import dressed
 from stages.capture.mesh import clipped, skin
 from stages.capture.motion_names import MOTION_NAMES
 from stages.capture.motions import MOTIONS, bones_at
 from stages.capture.obj import parse_obj, scan_mesh, texture_name
-from stages.capture.outfits import KEPT_OUTFITS, KEPT_SUBJECTS, LOOKS, OUTFITS, VALIDATION_SUBJECT
+from stages.capture.outfits import LOOKS, OUTFITS
 from stages.capture.patterns import PATTERNS
 from stages.capture.scene import Scan
 from stages.capture.skeleton import BONES, CARRIERS, PARENTS
