@@ -51,9 +51,10 @@ def photometric_disagreement(rig: Rig, views: tuple[int, int], colors: tuple[np.
     points = unproject(depths[0].astype(np.float64), rig.intrinsics[first], rig.world_to_camera[first])[surface]
     pixels, z = project(points, rig.intrinsics[second], rig.world_to_camera[second])
     at = points_to_integer_centres(pixels).astype(np.float32)
-    seen = cv2.remap(depths[1].astype(np.float32), at[None, :, 0], at[None, :, 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)[0]
-    same = (z > 0) & (seen > 0) & (np.abs(seen - z) <= SAME_SURFACE * z)
-    there = cv2.remap(colors[1].astype(np.float32), at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+    inside = (z > 0) & (at >= -0.5).all(axis=1) & (at <= np.array(depths[1].shape[::-1]) - 0.5).all(axis=1)
+    seen = _sample(depths[1], at, cv2.INTER_NEAREST)
+    same = inside & (seen > 0) & (np.abs(seen - z) <= SAME_SURFACE * z)
+    there = _sample(colors[1], at, cv2.INTER_LINEAR)
     return np.abs(there[same] - colors[0][surface][same].astype(np.float32)).mean(axis=1)
 
 
@@ -79,9 +80,24 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     # The pixels found lie half a pixel inside the outline.
     start = np.stack([columns, rows], axis=1).astype(np.float32) - distance[rows, columns][:, None] * normal
     at = start[:, None] + steps[None, :, None] * normal[:, None]
-    profile = cv2.remap(color.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = _sample(color, at.reshape(-1, 2), cv2.INTER_LINEAR).reshape(*at.shape[:2], 3)
     change = np.linalg.norm(np.diff(profile, axis=1), axis=2) ** 2
     total = change.sum(axis=1)
     there = np.sqrt(change.max(axis=1)) >= EDGE
     middle = (steps[1:] + steps[:-1]) / 2
     return -(change[there] @ middle) / total[there]
+
+
+def _sample(picture: np.ndarray, points: np.ndarray, interpolation: int) -> np.ndarray:
+    """[n, ...] float32 values of a picture [h, w, ...] at points [n, 2] with integer centres, the nearest edge's outside.
+
+    OpenCV takes maps of fewer than 32767 columns.
+    """
+    count, width = len(points), 4096
+    grid = np.zeros((-(-count // width) * width, 2), np.float32)
+    grid[:count] = np.clip(points, -1e6, 1e6)
+    grid = grid.reshape(-1, width, 2)
+    if not count:
+        return np.zeros((0, *picture.shape[2:]), np.float32)
+    values = cv2.remap(picture.astype(np.float32), grid[..., 0], grid[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return values.reshape(-1, *picture.shape[2:])[:count]
