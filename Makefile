@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | crash: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | crash: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench crash clean
+.PHONY: demo test lint bench bench-quality crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -16,8 +16,11 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy storage dags stages/contract.py stages/io.py stages/registry.py
 
-bench: $(STAMP)
+# Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
+bench-quality: $(STAMP)
 	$(BIN)/python -m benchmarks.quality
+
+bench: $(STAMP)
 	$(BIN)/python -m benchmarks.plan_time
 	$(BIN)/python -m benchmarks.plan_scale
 	$(BIN)/python -m benchmarks.status_time
