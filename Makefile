@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench crash clean
+.PHONY: demo test lint bench bench-sweep crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -23,6 +23,10 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+
+# What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
+bench-sweep: $(STAMP)
+	$(BIN)/python -m benchmarks.sweep_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)
