@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | crash: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | crash: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality crash clean
+.PHONY: demo test lint bench bench-quality bench-sweep crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -26,6 +26,10 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+
+# What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
+bench-sweep: $(STAMP)
+	$(BIN)/python -m benchmarks.sweep_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

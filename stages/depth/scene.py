@@ -9,7 +9,8 @@ import numpy as np
 from stages.depth.fuse import MATCHED
 from stages.depth.params import DepthParams
 from stages.depth.sweep import Neighbours, nearest
-from stages.geometry.hull import foreground, searched_radius, visual_hull
+from stages.geometry.agreement import agreement
+from stages.geometry.hull import Silhouettes, foreground, searched_radius, visual_hull
 from stages.geometry.pairs import choose_pairs
 from stages.geometry.rectification import RectifiedPair, rectify
 from stages.geometry.subject import look_at_point
@@ -19,6 +20,8 @@ FINE, FINEST = 768, 1.5
 """Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer residuals, narrower windows."""
 RANGE = (0.6, 2.0)
 """Depths searched without masks, over the distance of the point the cameras look at."""
+BELIEVED = 0.3
+"""Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
 Maps = dict[int, tuple[np.ndarray, np.ndarray]]
 """Two maps [h, w] float32 by view."""
 
@@ -92,8 +95,14 @@ def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
 
 
 def hulls(geometry: Geometry, frame: Frame) -> Maps:
-    """Nearest and farthest depth of the hull by view, 0 where there is none."""
-    return {v: visual_hull(geometry.rig, v, frame.masks, geometry.centre, geometry.radius) for v in geometry.views}
+    """Nearest and farthest depth of the hull by view, 0 where there is none.
+
+    A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by the others.
+    """
+    silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
+    found = agreement(geometry.rig, frame.masks, silhouettes)
+    carving = silhouettes.kept(set(found.carving))
+    return {v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED) for v in geometry.views}
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:
