@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.depth.bounds import Bounds, around, between, shifted
-from stages.depth.fuse import complete, fuse, transfer
+from stages.depth.fuse import MATCHED, complete, fuse, transfer
 from stages.depth.params import DepthParams
 from stages.depth.rim import turn_away
 from stages.depth.sampling import beyond_silhouette, disagreement
@@ -75,7 +75,21 @@ def sweep_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
             guides = {v: complete(*matched[v], *limits[v])[0] for v in geometry.views}
             bounds = {v: around(guides[v], _motion(geometry, v, stage.reach), *limits[v]) for v in geometry.views}
         matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
-    return matched
+    return {v: (depth, doubted(depth, trust, float(geometry.neighbours[v].motion.max(initial=0.0)))) for v, (depth, trust) in matched.items()}
+
+
+def doubted(depth: np.ndarray, confidence: np.ndarray, motion: float) -> np.ndarray:
+    """Confidence [h, w] lowered towards MATCHED where depths within a window differ, which both views then see the same wrong way: an object grows by half a window.
+
+    `motion`: px of disparity for 1/metre. A range of n px over 5 x 5 pixels divides what exceeds MATCHED by 1 + (n - 1) / 10.
+    """
+    import cv2
+
+    window, known = np.ones((5, 5), np.uint8), depth > 0
+    inverse = np.where(known, 1 / np.where(known, depth, 1), 0).astype(np.float32)
+    spread = motion * (cv2.dilate(inverse, window) - cv2.erode(np.where(known, inverse, inverse.max()), window))
+    lowered = MATCHED + (confidence - MATCHED) / (1 + 0.1 * np.maximum(spread - 1, 0))
+    return np.where(known, lowered, confidence).astype(np.float32)
 
 
 def _picture(color: np.ndarray) -> np.ndarray:
