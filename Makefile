@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep crash clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -30,6 +30,9 @@ bench: $(STAMP)
 # What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 bench-sweep: $(STAMP)
 	$(BIN)/python -m benchmarks.sweep_time
+
+bench-motorcycle: $(STAMP)
+	$(BIN)/python -m benchmarks.motorcycle
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

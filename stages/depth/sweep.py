@@ -15,7 +15,7 @@ from storage.rig import Rig, to_integer_centres
 
 NOISE = 2.0
 """Standard deviation of the pictures' noise, 1/255: weaker texture does not count."""
-SMALL, LARGE = 10, 250
+SMALL, LARGE = 14, 250
 """Penalties of an offset that changes by one label and by more, where a window that does not correlate costs 200."""
 JUMP = 6.0
 """Px of disparity by which the guide may differ between neighbouring pixels of one surface."""

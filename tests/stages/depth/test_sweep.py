@@ -16,7 +16,7 @@ from stages.depth.params import DepthParams
 from stages.depth.rim import turn_away
 from stages.depth.scene import Frame, Geometry, hull_only
 from stages.depth.sweep import MOST, Neighbours, labels, nearest, sweep
-from stages.depth.sweeping import sweep_hull
+from stages.depth.sweeping import doubted, sweep_hull
 from storage.rig import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
@@ -181,3 +181,16 @@ def test_an_unmatched_frame_is_the_hull() -> None:
     params = DepthParams(method="sweep")
     maps = sweep_hull(Geometry.of(c.rig, tuple(range(4)), params), Frame(dict(enumerate(c.color[0])), dict(enumerate(c.mask[0]))), params)
     assert max(k.max() for _, k in maps.values()) <= np.float32(HULL)
+
+
+def test_matches_beside_a_jump_are_doubted_and_stay_matches() -> None:
+    depth = np.full((9, 12), 2.0, np.float32)
+    depth[:, 6:] = 1.0
+    depth[0, 0] = 0
+    trust = np.where(depth > 0, 0.9, 0).astype(np.float32)
+    found = doubted(depth, trust, 20.0)
+    np.testing.assert_array_equal(found[1:, [0, 3, 8, 11]], trust[1:, [0, 3, 8, 11]])
+    # 10 px of disparity between the two.
+    np.testing.assert_allclose(found[:, 4:8], MATCHED + 0.4 / 1.9, rtol=1e-6)
+    assert found[0, 0] == 0
+    assert not np.isnan(doubted(np.zeros_like(depth), np.zeros_like(depth), 20.0)).any()
