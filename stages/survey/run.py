@@ -13,7 +13,8 @@ from stages.survey.cover import people_cover
 from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import joints_in_space, runs_of_joints
 from stages.survey.motion import jitter_and_motion, run_starts
-from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
+from stages.survey.params import COLORS, MOTION, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.silhouettes import agreement_of_view
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
@@ -42,6 +43,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     if MOTION in inputs.facts:
         found = jitter_and_motion(runs_of_joints(inputs, view, run_starts(numbers, chosen))) if view in inputs.views.sources else (0.0, 0.0, 0)
         yield Block(MOTION, np.array(found, dtype=np.float64), view)
+    if SILHOUETTES in inputs.facts:
+        yield Block(SILHOUETTES, np.array([agreement_of_view(inputs, view, chosen)]), view)
 
 
 def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:

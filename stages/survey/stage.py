@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
+from stages.survey.params import COLORS, MOTION, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -31,6 +31,7 @@ STAGE = Stage(
         Read.source("pictures", views="own"),
         Read.source("joints", views="all", when=_joints),
         Read.source("joints3d", when=_joints3d),
+        Read.source("masks", views="sources", when=lambda p, f: "masks" in f and SILHOUETTES in f),
     ),
     writes=(
         ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that were looked at; -1 pads."),
@@ -60,6 +61,7 @@ STAGE = Stage(
             when=MOTION,
             noted=True,
         ),
+        ArraySpec(SILHOUETTES, ("view", "one"), "float64", "1", "Share of the rim of a view's masks that the other masks leave something of, mean of 5 frames; -1 where unknown.", when=SILHOUETTES, noted=True),
     ),
     over=("sequence", "view"),
     params=SurveyParams,
