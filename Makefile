@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | crash: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-effects | crash: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench crash clean
+.PHONY: demo test lint bench bench-effects crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -23,6 +23,10 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+
+# What every effect of the simulator costs, and what leaving it out saves.
+bench-effects: $(STAMP)
+	$(BIN)/python -m benchmarks.effects_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)
