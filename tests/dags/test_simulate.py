@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from rich.console import Console
 
 from dags.config import load_configuration
@@ -116,6 +117,23 @@ def test_the_sequence_is_planned_with_its_held_out_camera_and_its_truth(simulate
     np.testing.assert_allclose(uv[:, :2] / uv[:, 2:], joints2d[0, 1, :, :2], atol=1e-3)
     assert (read_picture(folder / "images" / "cam00" / "000000.png") > 0).any()
     assert judged(context.evidence, context.settings.effects)
+    held_out = {k: sequence.get(f"truth/held_out/{k}") for k in ("color", "depth", "mask", "intrinsics", "world_to_camera")}
+    np.testing.assert_array_equal(held_out["mask"], mask[:, 4:])
+    np.testing.assert_array_equal(held_out["color"][1, 0], read_picture(folder / "images" / "mid00" / "000001.png"))
+    np.testing.assert_array_equal(held_out["depth"] > 0, normal[:, 4:].any(axis=-1))
+    np.testing.assert_array_equal(held_out["intrinsics"], context.capture.rig.intrinsics[4:])
+    assert zarr.open_array(sequence.root / "truth/normal", mode="r").chunks == (1, 1, 64, 48, 3), "a picture at a time"
+    assert not [f for f in folder.rglob("*") if f.is_file() and f.suffix not in (".png", ".exr", ".json", ".yaml")], "nothing is left behind"
+
+
+def test_pictures_shot_in_parts_are_the_same_capture(simulated: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    archive, path = simulated
+    monkeypatch.setattr("dags.simulate.SHOTS_AT_ONCE", 2)
+    scene = read_scene(path)
+    truth = film(scene, stage_scene(scene, path.parent), tmp_path, threads=1)
+    for f in ("joints/cam02.json", "depth/cam01/000002.exr", "cameras.json"):
+        assert (tmp_path / f).read_bytes() == (archive / "_captures" / "kick" / f).read_bytes()
+    assert truth["normal"].any(axis=(2, 3, 4))[:, 4].all()
 
 
 def test_one_and_two_threads_write_the_same_bytes(simulated: tuple[Path, Path], tmp_path: Path) -> None:
