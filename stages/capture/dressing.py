@@ -25,6 +25,8 @@ TEXELS = 1024
 """Side of a layer's texture: about 2 mm a texel on the body."""
 TUCK = 0.03
 """Metres under a hem where skin or cloth below is no longer drawn."""
+WAIST = 0.09
+"""Metres that trousers reach up under the hem of a top."""
 
 def _smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: int) -> np.ndarray:
     """Laplacian smoothing over the vertices with weight > 0; each moves by `weight` of the way to its neighbours' mean."""
@@ -120,7 +122,7 @@ def upper_field(body: Body, garment: Garment) -> np.ndarray:
 def lower_field(body: Body, garment: Garment) -> np.ndarray:
     """[V] metres inside trousers: from the waist, well under a top's hem, along the legs."""
     leg = body.limb_length(LEG, garment.length) - body.along(LEG)
-    waist = body.pivot("left_thigh")[2] + 0.02 + 0.13 - body.vertices[:, 2]
+    waist = body.pivot("left_thigh")[2] + 0.02 + WAIST - body.vertices[:, 2]
     return np.where(body.arms > 0.3, -1.0, np.minimum(leg, waist))
 
 
@@ -129,7 +131,9 @@ def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
     reach = np.maximum(body.along(ARM), 0.0) / body.limb_length(ARM, 2.0)
     belly = np.clip((body.pivot("chest")[2] - body.vertices[:, 2]) / 0.25, 0.0, 1.0) * (body.arms < 0.3)
     offset = garment.loose * (1.0 + 0.6 * belly + 0.2 * reach) + 0.003
-    slack = offset * np.clip(0.3 + belly, 0.0, 1.0)
+    # where trousers are underneath there is less room to swing
+    over = np.clip((body.pivot("left_thigh")[2] + 0.06 + WAIST - body.vertices[:, 2]) / 0.04, 0.0, 1.0) * (body.arms < 0.3)
+    slack = offset * np.clip(0.3 + belly, 0.0, 1.0) * (1.0 - 0.7 * over)
     vertices = _shell(body, inside, offset, 34, 0.5 * garment.loose)
     return _cut(body, vertices, inside, BLANK, slack), inside
 
