@@ -47,5 +47,5 @@ def apply(params: Any, seed: int) -> Any:
 
 EFFECT = SceneEffect(
     Effect("second_person", "Let somebody else into the picture.", "other people", 0.0, "1", _decide),  # type: ignore[arg-type]
-    SecondPerson, "meshes", "stages.capture.effects.second_person:apply", 14.0,
+    SecondPerson, "meshes", "stages.capture.effects.second_person:apply", 35.0,
 )  # fmt: skip
