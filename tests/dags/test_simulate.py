@@ -14,7 +14,7 @@ from dags.session import Session
 from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
 from stages.capture.effects.registry import EFFECTS
 from storage.errors import ConfigError, SourceError
-from storage.media import read_mask, read_picture
+from storage.media import read_mask, read_picture, write_png
 
 SMALL = """\
 seed: 3
@@ -85,6 +85,28 @@ def test_a_missing_or_broken_scan_is_named(tmp_path: Path) -> None:
     (tmp_path / "body.obj").write_text("v 0 0 0\nv 1 x 3\n")
     with pytest.raises(SourceError, match=r"body\.obj: line 2"):
         stage_scene(scene, tmp_path)
+
+
+def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
+    """A plate 2 units high whose fit says scale 2 and an offset: y is up, red on its upper half, blue on its lower half."""
+    v = np.array([[-0.5, -1, 0], [0.5, -1, 0], [0.5, 1, 0], [-0.5, 1, 0]]) + np.array([30.0, -7.0, 4.0])
+    lines = ["mtllib scan.mtl", *(f"v {x} {y} {z}" for x, y, z in v), "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "f 1/1 2/2 3/3 4/4"]
+    (tmp_path / "scan.obj").write_text("\n".join(lines))
+    (tmp_path / "scan.mtl").write_text("newmtl a\nmap_Kd material0.png\n")
+    picture = np.zeros((64, 32, 3), np.uint8)
+    picture[:32, :, 0], picture[32:, :, 2] = 220, 220
+    write_png(tmp_path / "material0.png", picture)
+    scene = write(tmp_path, "subject: {obj: scan.obj, translation: [30, -7, 4], scale: 2}\nrig: {cameras: 4, size: [64, 96], fill: 0.5, radius: 3, height: 0.5}\n")
+    staged = stage_scene(read_scene(scene), tmp_path)
+    v = staged.take.actors[0].mesh.vertices
+    np.testing.assert_allclose((v.min(axis=0), v.max(axis=0)), ([0, -0.25, 0], [0, 0.25, 1]), atol=1e-12)
+    shot = staged.take.shoot(0, 0)
+    rows = np.nonzero(shot.true_mask[:, 32])[0]
+    assert len(rows) == pytest.approx(48, abs=2), "one metre fills half the height"
+    assert shot.color[rows[5], 32, 0] > 60 > shot.color[rows[5], 32, 2]
+    assert shot.color[rows[-5], 32, 2] > 60 > shot.color[rows[-5], 32, 0]
+    assert shot.joints2d is None
+    np.testing.assert_allclose(shot.depth[rows, 32], 3.0, atol=1e-5)
 
 
 @pytest.fixture(scope="module")
