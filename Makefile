@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | crash: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | crash: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle crash clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects crash clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -33,6 +33,10 @@ bench-sweep: $(STAMP)
 
 bench-motorcycle: $(STAMP)
 	$(BIN)/python -m benchmarks.motorcycle
+
+# What every effect of the simulator costs, and what leaving it out saves.
+bench-effects: $(STAMP)
+	$(BIN)/python -m benchmarks.effects_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

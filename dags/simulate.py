@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import tempfile
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 SCENES = Path(__file__).with_name("scenes")
 """Scene files that ship; a scene may be named without folder and suffix."""
+
+SHOTS_AT_ONCE = 32
+"""Pictures of one camera held in memory."""
 
 
 def scene_file(text: str) -> Path:
@@ -159,36 +163,51 @@ def effects_plan(name: str, scene: Scene, rulings: tuple[Ruling, ...]) -> Table:
 def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, np.ndarray]:
     """Shoot every picture and write the capture; returns the truth that goes into the archive.
 
-    Pictures do not depend on each other, so neither order nor threads change a byte.
+    Pictures do not depend on each other, so neither order nor threads change a byte. Memory holds the joints and SHOTS_AT_ONCE
+    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them.
     """
     from storage.exporters.images_layout import write_capture
 
     take, rig = staged.take, staged.written
     take.prepare()
-    n, joints = scene.frames, len(COCO17)
-    size = tuple(int(s) for s in rig.size.max(axis=0)[::-1])
-    truth: dict[str, np.ndarray] = {
-        "normal": np.zeros((n, len(rig), *size, 3), np.float16),
-        "mask": np.zeros((n, len(rig), *size), np.uint8),
-        "joints2d": np.zeros((n, len(rig), joints, 3), np.float32),
-        "joints3d": np.zeros((n, joints, 4), np.float32),
-    }
     folder.mkdir(parents=True, exist_ok=True)
+    truth = _room(scene.frames, staged, folder)
     with ThreadPoolExecutor(max(1, threads)) as pool:
         for v in range(len(rig)):
             numbers = np.nonzero(staged.valid[:, v])[0]
-            shots: list[Shot] = list(pool.map(lambda f, v=v: take.shoot(int(f), v), numbers))
-            _keep(truth, shots, v)
-            found = [s.joints2d for s in shots if s.joints2d is not None]
-            write_capture(folder, rig.subset([v]), np.stack([s.color for s in shots])[:, None], np.stack([s.mask for s in shots])[:, None], np.stack(found)[:, None] if found else None, np.stack([s.depth for s in shots])[:, None], scene.frame_rate, numbers)
-    largest = rig.size.max(axis=0)
-    write_capture(folder, rig, np.zeros((0, len(rig), largest[1], largest[0], 3), np.uint8), frame_rate=scene.frame_rate, numbers=[])
+            found: list[np.ndarray] = []
+            for part in np.split(numbers, range(SHOTS_AT_ONCE, len(numbers), SHOTS_AT_ONCE)):
+                shots: list[Shot] = list(pool.map(lambda f, v=v: take.shoot(int(f), v), part))
+                _keep(truth, shots, v, staged.sources)
+                found += [s.joints2d for s in shots if s.joints2d is not None]
+                color, mask, depth = (np.stack([getattr(s, k) for s in shots])[:, None] for k in ("color", "mask", "depth"))
+                write_capture(folder, rig.subset([v]), color, mask, None, depth, scene.frame_rate, part)
+            if found:
+                write_capture(folder, rig.subset([v]), None, joints2d=np.stack(found)[:, None], frame_rate=scene.frame_rate, numbers=numbers)
+    write_capture(folder, rig, None, frame_rate=scene.frame_rate)
     return truth
 
 
-def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int) -> None:
+def _room(frames: int, staged: Staged, folder: Path) -> dict[str, np.ndarray]:
+    """{array of the truth: zeros of its size}, the large ones in files."""
+    size = tuple(int(s) for s in staged.written.size.max(axis=0)[::-1])
+    views, held_out, joints = len(staged.written), len(staged.written) - staged.sources, len(COCO17)
+
+    def pictures(cameras: int, dtype: type, *more: int) -> np.ndarray:
+        return np.memmap(tempfile.TemporaryFile(dir=folder), dtype, "w+", shape=(frames, cameras, *size, *more))
+
+    out = {"normal": pictures(views, np.float16, 3), "mask": pictures(views, np.uint8)}
+    if held_out:
+        out |= {"held_out/color": pictures(held_out, np.uint8, 3), "held_out/depth": pictures(held_out, np.float32), "held_out/mask": pictures(held_out, np.uint8)}
+    return out | {"joints2d": np.zeros((frames, views, joints, 3), np.float32), "joints3d": np.zeros((frames, joints, 4), np.float32)}
+
+
+def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int, sources: int) -> None:
     for s in shots:
         h, w = s.true_mask.shape
+        if view >= sources:
+            for k, value in (("color", s.color), ("depth", s.depth), ("mask", s.true_mask)):
+                truth[f"held_out/{k}"][s.frame, view - sources, :h, :w] = value
         truth["normal"][s.frame, view, :h, :w] = s.normal
         truth["mask"][s.frame, view, :h, :w] = s.true_mask
         if s.true_joints2d is not None and s.joints3d is not None:
@@ -196,16 +215,25 @@ def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int) -> None:
             truth["joints3d"][s.frame, :, :3], truth["joints3d"][s.frame, :, 3] = s.joints3d, 1.0
 
 
+_TRUTH: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
+    ("normal", ("frame", "view", "y", "x", "xyz"), "1", "Unit normal of what is seen, camera axes, facing the camera; 0 = no surface."),
+    ("mask", ("frame", "view", "y", "x"), "1", "0..255 covered share of the pixel."),
+    ("joints2d", ("frame", "view", "joint", "uvs"), "px", "Exact COCO-17 in the pictures as filmed; 1 where the joint's own limb is seen there."),
+    ("joints3d", ("frame", "joint", "xyzs"), "m", "Exact COCO-17 in the world."),
+    ("held_out/color", ("frame", "camera", "y", "x", "rgb"), "1", "SRGB; on black, or before the scene's background."),
+    ("held_out/depth", ("frame", "camera", "y", "x"), "m", "Along the optical axis at the pixel centre; 0 = no surface."),
+    ("held_out/mask", ("frame", "camera", "y", "x"), "1", "0..255 covered share of the pixel."),
+)
+
+
 def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray]) -> None:
-    """Write `truth/*` of all views as filmed, and `truth/held_out/*` cameras; depth comes with the capture itself."""
-    sequence.put("truth/normal", truth["normal"], ("frame", "view", "y", "x", "xyz"), "1", "Unit normal of what is seen, camera axes, facing the camera; 0 = no surface.")
-    sequence.put("truth/mask", truth["mask"], ("frame", "view", "y", "x"), "1", "0..255 covered share of the pixel.")
-    if truth["joints3d"].any():
-        sequence.put("truth/joints2d", truth["joints2d"], ("frame", "view", "joint", "uvs"), "px", "Exact COCO-17 in the pictures as filmed; 1 where the joint's own limb is seen there.")
-        sequence.put("truth/joints3d", truth["joints3d"], ("frame", "joint", "xyzs"), "m", "Exact COCO-17 in the world.")
+    """Write `truth/*` of all views as filmed, and `truth/held_out/*`; depth of the views comes with the capture itself."""
+    for name, dims, unit, meaning in _TRUTH:
+        if name in truth and (not name.startswith("joints") or truth["joints3d"].any()):
+            chunk = (1, 1, *truth[name].shape[2:]) if "x" in dims else truth[name].shape
+            sequence.put(f"truth/{name}", truth[name], dims, unit, meaning, chunk)
     sequence.put_rig("truth", staged.take.rig)
     if staged.sources < len(staged.written):
         held_out = staged.take.rig.subset(range(staged.sources, len(staged.written)))
         sequence.put("truth/held_out/intrinsics", held_out.intrinsics, ("camera", "row", "column"), "px", "Our pixel centres.")
         sequence.put("truth/held_out/world_to_camera", held_out.world_to_camera, ("camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
-

@@ -6,6 +6,7 @@ closer to the skin than a few millimetres. A field that is positive inside says 
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 
 import numpy as np
@@ -24,6 +25,8 @@ TEXELS = 1024
 """Side of a layer's texture: about 2 mm a texel on the body."""
 TUCK = 0.03
 """Metres under a hem where skin or cloth below is no longer drawn."""
+WAIST = 0.09
+"""Metres that trousers reach up under the hem of a top."""
 
 def _smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: int) -> np.ndarray:
     """Laplacian smoothing over the vertices with weight > 0; each moves by `weight` of the way to its neighbours' mean."""
@@ -42,8 +45,8 @@ def _noise(points: np.ndarray, cell: float, shift: float) -> np.ndarray:
     return np.array([noise(x + shift, y, z) for x, y, z in points / cell]) - 0.5
 
 
-def _shell(body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrinkles: float) -> np.ndarray:
-    """[V, 3] the skin smoothed and pushed out by `offset` metres, nowhere nearer than a third of it."""
+def _shell(body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrinkles: float, follows: np.ndarray | float = 1.0) -> np.ndarray:
+    """[V, 3] the skin smoothed and pushed out by `offset` metres, where it `follows` (0..1) nowhere nearer than a third of it."""
     region = (inside > -0.06).astype(np.float64)
     smooth = _smoothed(body.vertices, body.edges, 0.5 * region, rounds)
     used = body.tris[(inside[body.tris] > -0.08).any(axis=1)]
@@ -53,7 +56,7 @@ def _shell(body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrin
         offset = offset + wrinkles * (np.abs(_noise(p, 0.075, 0.0)) * -2.0 + 0.5 + _noise(p, 0.03, 11.0))
     pushed = smooth + out * offset[:, None]
     short = np.maximum(0.35 * offset, 0.004) - np.einsum("vk,vk->v", pushed - body.vertices, out_of_skin)
-    pushed += out_of_skin * np.maximum(short, 0.0)[:, None]
+    pushed += out_of_skin * (follows * np.maximum(short, 0.0))[:, None]
     return _smoothed(pushed, body.edges, 0.35 * region, 2)
 
 
@@ -98,8 +101,8 @@ def _marks(body: Body) -> np.ndarray:
     return np.stack([*body.joints[:3], [0.064 / apart, 0.0, 0.0]])
 
 
-def _painted(body: Body, mesh: Mesh, pattern: str, colors: tuple[Rgb, Rgb, Rgb], scale: float, gloss: float, exponent: float = 20.0) -> Mesh:
-    picture = texture(PATTERNS.index(pattern), np.stack([linear(c) for c in colors]), scale, _marks(body), mesh.vertices, mesh.tris, mesh.uv, TEXELS)
+def _painted(body: Body, mesh: Mesh, pattern: str, colors: tuple[Rgb, Rgb, Rgb], scale: float, gloss: float, exponent: float = 20.0, texels: int = TEXELS) -> Mesh:
+    picture = texture(PATTERNS.index(pattern), np.stack([linear(c) for c in colors]), scale, _marks(body), mesh.vertices, mesh.tris, mesh.uv, texels)
     return Mesh(mesh.vertices, mesh.tris, mesh.uv, mesh.layer, (Texture(picture, gloss, exponent),), mesh.bones, mesh.weights, mesh.slack)
 
 
@@ -117,9 +120,9 @@ def upper_field(body: Body, garment: Garment) -> np.ndarray:
 
 
 def lower_field(body: Body, garment: Garment) -> np.ndarray:
-    """[V] metres inside trousers: from the waist along the legs."""
+    """[V] metres inside trousers: from the waist, well under a top's hem, along the legs."""
     leg = body.limb_length(LEG, garment.length) - body.along(LEG)
-    waist = body.pivot("pelvis")[2] + 0.06 - body.vertices[:, 2]
+    waist = body.pivot("left_thigh")[2] + 0.02 + WAIST - body.vertices[:, 2]
     return np.where(body.arms > 0.3, -1.0, np.minimum(leg, waist))
 
 
@@ -128,7 +131,9 @@ def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
     reach = np.maximum(body.along(ARM), 0.0) / body.limb_length(ARM, 2.0)
     belly = np.clip((body.pivot("chest")[2] - body.vertices[:, 2]) / 0.25, 0.0, 1.0) * (body.arms < 0.3)
     offset = garment.loose * (1.0 + 0.6 * belly + 0.2 * reach) + 0.003
-    slack = offset * np.clip(0.3 + belly, 0.0, 1.0)
+    # where trousers are underneath there is less room to swing
+    over = np.clip((body.pivot("left_thigh")[2] + 0.06 + WAIST - body.vertices[:, 2]) / 0.04, 0.0, 1.0) * (body.arms < 0.3)
+    slack = offset * np.clip(0.3 + belly, 0.0, 1.0) * (1.0 - 0.7 * over)
     vertices = _shell(body, inside, offset, 34, 0.5 * garment.loose)
     return _cut(body, vertices, inside, BLANK, slack), inside
 
@@ -163,8 +168,10 @@ def _hair(body: Body, look: Look) -> tuple[Mesh, np.ndarray]:
         inside = np.where(np.abs(p[:, 1]) > 0.085 + 0.1 * (p[:, 2] > -0.02), -1.0, inside)
     thick = {"short": 0.014, "bob": 0.028, "long": 0.026}[look.style]
     offset = np.minimum(thick, 0.003 + 0.55 * np.maximum(inside, 0.0)) + 0.006 * _noise(body.vertices, 0.035, 3.0) * (inside > 0.01)
-    vertices = _shell(body, inside, offset, 8, 0.0)
-    return _cut(body, vertices, inside, BLANK, np.zeros(len(vertices))), inside
+    # hair lies over the ears, not along their folds
+    ears = np.minimum(*(np.linalg.norm(body.vertices - e, axis=1) for e in body.joints[3:5])) / size < 0.055
+    vertices = _shell(body, inside, offset, 8 if look.style == "short" else 30, 0.0, 1.0 - 1.0 * ears)
+    return _cut(body, vertices, inside, BLANK, np.zeros(len(vertices))), np.where(ears, inside + TUCK, inside)
 
 
 def _without(mesh: Mesh, hidden: np.ndarray) -> Mesh:
@@ -179,10 +186,14 @@ def _skin(body: Body, look: Look, covered: np.ndarray) -> list[Mesh]:
     hidden = np.all(covered[body.tris] > TUCK, axis=1)
     whole = _cut(body, body.vertices, everything, BLANK, np.zeros(len(everything)))
     r, g, b = look.skin
+    balls = _without(whole, ~eyes)
+    low = balls.uv.min(axis=(0, 1))
+    # in the body's atlas an iris has two texels
+    balls = dataclasses.replace(balls, uv=(balls.uv - low) / (balls.uv.max(axis=(0, 1)) - low))
     lips, brows = (int(0.82 * r), int(0.58 * g), int(0.60 * b)), tuple(int(0.6 * c + 0.08 * s) for c, s in zip(look.hair, look.skin, strict=True))
     return [
         _painted(body, _without(whole, eyes | hidden), "skin", (look.skin, lips, brows), 0.1, 0.035, 12.0),  # type: ignore[arg-type]
-        _painted(body, _without(whole, ~eyes), "eye", ((206, 202, 198), (84, 62, 44), (10, 10, 12)), 0.1, 0.10, 80.0),
+        _painted(body, balls, "eye", ((206, 202, 198), (84, 62, 44), (10, 10, 12)), 0.1, 0.10, 80.0, 128),
     ]
 
 
@@ -198,8 +209,6 @@ def _assembled(body: Body, look: Look, clothes: Outfit) -> Mesh:
     lower, in_lower = _lower(body, clothes.lower)
     hair, in_hair = _hair(body, look)
     covered = np.maximum.reduce([in_upper, in_lower, _foot_field(body), in_hair])
-    low = lower.vertices[:, 2] > body.pivot("left_thigh")[2] + 0.02 + TUCK
-    lower = _without(lower, np.all(low[lower.tris], axis=1))
     uppers, soles = (Texture(np.broadcast_to(linear(c), (1, 1, 3)).astype(np.float32), g, 30.0) for c, g in ((clothes.shoes, 0.08), (clothes.sole, 0.03)))
     return joined(
         [

@@ -25,7 +25,7 @@ def shoes(body: Body, upper: Texture, sole: Texture) -> Mesh:
     c, d = grid[1:, :], np.roll(grid[1:, :], -1, axis=1)
     one = np.concatenate([np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([b, d, c], axis=-1).reshape(-1, 3)])
     column = np.concatenate([np.tile(np.arange(around), count - 1)] * 2)
-    ends = [[grid[row, 0], grid[row, k], grid[row, k + 1]] for row in (0, count - 1) for k in range(1, around - 1)]
+    ends = [[grid[row, 0], *pair] for row in (0, count - 1) for k in range(1, around - 1) for pair in [grid[row, [k, k + 1] if row else [k + 1, k]]]]
     tris = np.concatenate([one, np.array(ends)])
     # the first TOP points of a section lie on the upper, the last four go round the sole
     is_sole = np.concatenate([column >= TOP - 1, np.tile(np.arange(1, around - 1) >= TOP - 1, 2)])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.capture.actors import Actor, Performer
-from stages.capture.casting import cast
+from stages.capture.casting import cast, refusal
 from stages.capture.effects.base import Ruling, SceneEvidence, generator, ruled
 from stages.capture.effects.registry import EFFECTS
 from stages.capture.rigs import framed, make_rig
@@ -37,8 +37,12 @@ class Staged:
 
 
 def play(scene: Scene) -> Performer:
-    """The person of a scene."""
+    """The person of a scene. Raises ValueError for somebody, or a motion, that its seed may not show."""
     assert isinstance(scene.subject, Person)
+    for name in (scene.subject.person, scene.subject.outfit, scene.motion.name):
+        why = refusal(scene.seed, name)
+        if why is not None:
+            raise ValueError(why)
     subject, outfit = cast(scene.seed, scene.subject.person, scene.subject.outfit)
     style = generator(scene.seed, "style").uniform(-1.0, 1.0, 4)
     return Performer(subject, outfit, scene.motion.name, scene.motion.speed, scene.motion.phase, style, scene.subject.heading)

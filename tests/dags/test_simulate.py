@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from rich.console import Console
 
 from dags.config import load_configuration
@@ -13,7 +14,7 @@ from dags.session import Session
 from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
 from stages.capture.effects.registry import EFFECTS
 from storage.errors import ConfigError, SourceError
-from storage.media import read_mask, read_picture
+from storage.media import read_mask, read_picture, write_png
 
 SMALL = """\
 seed: 3
@@ -86,6 +87,28 @@ def test_a_missing_or_broken_scan_is_named(tmp_path: Path) -> None:
         stage_scene(scene, tmp_path)
 
 
+def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
+    """A plate 2 units high whose fit says scale 2 and an offset: y is up, red on its upper half, blue on its lower half."""
+    v = np.array([[-0.5, -1, 0], [0.5, -1, 0], [0.5, 1, 0], [-0.5, 1, 0]]) + np.array([30.0, -7.0, 4.0])
+    lines = ["mtllib scan.mtl", *(f"v {x} {y} {z}" for x, y, z in v), "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "f 1/1 2/2 3/3 4/4"]
+    (tmp_path / "scan.obj").write_text("\n".join(lines))
+    (tmp_path / "scan.mtl").write_text("newmtl a\nmap_Kd material0.png\n")
+    picture = np.zeros((64, 32, 3), np.uint8)
+    picture[:32, :, 0], picture[32:, :, 2] = 220, 220
+    write_png(tmp_path / "material0.png", picture)
+    scene = write(tmp_path, "subject: {obj: scan.obj, translation: [30, -7, 4], scale: 2}\nrig: {cameras: 4, size: [64, 96], fill: 0.5, radius: 3, height: 0.5}\n")
+    staged = stage_scene(read_scene(scene), tmp_path)
+    v = staged.take.actors[0].mesh.vertices
+    np.testing.assert_allclose((v.min(axis=0), v.max(axis=0)), ([0, -0.25, 0], [0, 0.25, 1]), atol=1e-12)
+    shot = staged.take.shoot(0, 0)
+    rows = np.nonzero(shot.true_mask[:, 32])[0]
+    assert len(rows) == pytest.approx(48, abs=2), "one metre fills half the height"
+    assert shot.color[rows[5], 32, 0] > 60 > shot.color[rows[5], 32, 2]
+    assert shot.color[rows[-5], 32, 2] > 60 > shot.color[rows[-5], 32, 0]
+    assert shot.joints2d is None
+    np.testing.assert_allclose(shot.depth[rows, 32], 3.0, atol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     root = tmp_path_factory.mktemp("simulated")
@@ -116,6 +139,23 @@ def test_the_sequence_is_planned_with_its_held_out_camera_and_its_truth(simulate
     np.testing.assert_allclose(uv[:, :2] / uv[:, 2:], joints2d[0, 1, :, :2], atol=1e-3)
     assert (read_picture(folder / "images" / "cam00" / "000000.png") > 0).any()
     assert judged(context.evidence, context.settings.effects)
+    held_out = {k: sequence.get(f"truth/held_out/{k}") for k in ("color", "depth", "mask", "intrinsics", "world_to_camera")}
+    np.testing.assert_array_equal(held_out["mask"], mask[:, 4:])
+    np.testing.assert_array_equal(held_out["color"][1, 0], read_picture(folder / "images" / "mid00" / "000001.png"))
+    np.testing.assert_array_equal(held_out["depth"] > 0, normal[:, 4:].any(axis=-1))
+    np.testing.assert_array_equal(held_out["intrinsics"], context.capture.rig.intrinsics[4:])
+    assert zarr.open_array(sequence.root / "truth/normal", mode="r").chunks == (1, 1, 64, 48, 3), "a picture at a time"
+    assert not [f for f in folder.rglob("*") if f.is_file() and f.suffix not in (".png", ".exr", ".json", ".yaml")], "nothing is left behind"
+
+
+def test_pictures_shot_in_parts_are_the_same_capture(simulated: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    archive, path = simulated
+    monkeypatch.setattr("dags.simulate.SHOTS_AT_ONCE", 2)
+    scene = read_scene(path)
+    truth = film(scene, stage_scene(scene, path.parent), tmp_path, threads=1)
+    for f in ("joints/cam02.json", "depth/cam01/000002.exr", "cameras.json"):
+        assert (tmp_path / f).read_bytes() == (archive / "_captures" / "kick" / f).read_bytes()
+    assert truth["normal"].any(axis=(2, 3, 4))[:, 4].all()
 
 
 def test_one_and_two_threads_write_the_same_bytes(simulated: tuple[Path, Path], tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ class SceneEffect:
     apply: str
     """`module:function`; what it is given depends on the phase (`take.py`)."""
     milliseconds: float
-    """What it costs a picture of 512 x 512 px, by `python -m benchmarks.simulator`."""
+    """What it costs a picture of 512 x 512 px, alone, by `python -m benchmarks.effects_time`; light is shared by the eight cameras of a frame."""
 
     @property
     def name(self) -> str:

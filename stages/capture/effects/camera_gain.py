@@ -32,5 +32,5 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("camera_gain", "Give every camera an exposure and a white balance of its own.", "difference between cameras", 0.005, "stops", _decide),  # type: ignore[arg-type]
-    CameraGain, "sensor", "stages.capture.effects.camera_gain:apply", 0.5,
+    CameraGain, "sensor", "stages.capture.effects.camera_gain:apply", 17.0,
 )  # fmt: skip

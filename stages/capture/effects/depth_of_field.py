@@ -35,5 +35,5 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("depth_of_field", "Blur what is out of focus.", "disc of a point out of focus", 0.5, "px", _decide),  # type: ignore[arg-type]
-    DepthOfField, "optics", "stages.capture.effects.depth_of_field:apply", 30.0,
+    DepthOfField, "optics", "stages.capture.effects.depth_of_field:apply", 37.0,
 )  # fmt: skip

@@ -39,5 +39,5 @@ def apply(joints: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("joint_noise", "Report joints as a pose estimator does.", "error of a joint", 0.0, "px", _decide),  # type: ignore[arg-type]
-    JointNoise, "joints", "stages.capture.effects.joint_noise:apply", 0.1,
+    JointNoise, "joints", "stages.capture.effects.joint_noise:apply", 1.0,
 )  # fmt: skip

@@ -36,5 +36,5 @@ def apply(rig: Rig, params: Any, seed: int) -> Rig:
 
 EFFECT = SceneEffect(
     Effect("lens_distortion", "Bend the rays as a lens does.", "displacement at the picture's edge", 0.05, "px", _decide),  # type: ignore[arg-type]
-    LensDistortion, "rig", "stages.capture.effects.lens_distortion:apply", 1.5,
+    LensDistortion, "rig", "stages.capture.effects.lens_distortion:apply", 7.0,
 )  # fmt: skip

@@ -49,5 +49,5 @@ def apply(mask: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("mask_error", "Draw the outline wrongly, as matting does.", "distance of the outline", 0.0, "px", _decide),  # type: ignore[arg-type]
-    MaskError, "mask", "stages.capture.effects.mask_error:apply", 9.0,
+    MaskError, "mask", "stages.capture.effects.mask_error:apply", 4.0,
 )  # fmt: skip

@@ -46,5 +46,5 @@ def apply(params: Any, seed: int) -> Any:
 
 EFFECT = SceneEffect(
     Effect("occluding_object", "Put a post between cameras and subject.", "radius of the post", 0.0, "m", _decide),  # type: ignore[arg-type]
-    OccludingObject, "meshes", "stages.capture.effects.occluding_object:apply", 1.0,
+    OccludingObject, "meshes", "stages.capture.effects.occluding_object:apply", 6.0,
 )  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from stages.capture.casting import casting
+from stages.capture.casting import cast, casting
 from stages.capture.effects.base import EffectParams, SceneEffect, SceneEvidence, above, generator
 from stages.capture.motion_names import MOTION_NAMES
 from stages.contract import Decision, Effect
@@ -32,16 +32,20 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     return above(1.0, bound, f"somebody else stands at ({x:g}, {y:g}) and does {evidence.params.motion}")
 
 
+def _others(names: tuple[str, ...], main: str) -> tuple[str, ...]:
+    return tuple(n for n in names if n != main) or names
+
+
 def apply(params: Any, seed: int) -> Any:
-    """The second person, drawn by the seed among the subjects and outfits that the scene's seed allows."""
+    """The second person, drawn by the seed among the other subjects and outfits that the scene's seed allows."""
     from stages.capture.actors import Performer
 
     random, allowed = generator(seed, "second_person"), casting(seed)
-    who, what = allowed.subjects[int(random.integers(len(allowed.subjects)))], allowed.outfits[int(random.integers(len(allowed.outfits)))]
+    who, what = (names[int(random.integers(len(names)))] for names in (_others(n, main) for n, main in zip((allowed.subjects, allowed.outfits), cast(seed), strict=True)))
     return Performer(who, what, params.motion, 1.0, 0.4, random.uniform(-1, 1, 4), params.heading, tuple(params.position))
 
 
 EFFECT = SceneEffect(
     Effect("second_person", "Let somebody else into the picture.", "other people", 0.0, "1", _decide),  # type: ignore[arg-type]
-    SecondPerson, "meshes", "stages.capture.effects.second_person:apply", 14.0,
+    SecondPerson, "meshes", "stages.capture.effects.second_person:apply", 35.0,
 )  # fmt: skip

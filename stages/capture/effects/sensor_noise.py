@@ -40,5 +40,5 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("sensor_noise", "Add photon and read noise.", "noise at mid-grey", 0.1, "steps of 255", _decide),  # type: ignore[arg-type]
-    SensorNoise, "sensor", "stages.capture.effects.sensor_noise:apply", 12.0,
+    SensorNoise, "sensor", "stages.capture.effects.sensor_noise:apply", 26.0,
 )  # fmt: skip

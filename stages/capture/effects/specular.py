@@ -30,5 +30,5 @@ def apply(gloss: np.ndarray, params: Any) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("specular", "Let surfaces mirror the lamps.", "strength", 0.0, "1", _decide),  # type: ignore[arg-type]
-    Specular, "gloss", "stages.capture.effects.specular:apply", 10.0,
+    Specular, "gloss", "stages.capture.effects.specular:apply", 7.0,
 )  # fmt: skip

@@ -30,5 +30,5 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 EFFECT = SceneEffect(
     Effect("vignetting", "Dim the corners of the picture.", "light lost in the corner", 0.004, "1", _decide),  # type: ignore[arg-type]
-    Vignetting, "sensor", "stages.capture.effects.vignetting:apply", 1.5,
+    Vignetting, "sensor", "stages.capture.effects.vignetting:apply", 19.0,
 )  # fmt: skip

@@ -53,6 +53,7 @@ def test_the_second_person_of_a_scene_is_cast_by_the_same_rule(monkeypatch: pyte
         seen.clear()
         for s in seeds:
             apply(SecondPerson(), s)
+            assert not {*seen[-1]} & {*cast(s)}, "somebody else, in other clothes"
         assert {w for w, _ in seen} == set(subjects)
         assert {o for _, o in seen} == set(outfits)
 
