@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, MOTION, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -31,7 +31,7 @@ STAGE = Stage(
         Read.source("pictures", views="own"),
         Read.source("joints", views="all", when=_joints),
         Read.source("joints3d", when=_joints3d),
-        Read.source("masks", views="sources", when=lambda p, f: "masks" in f and SILHOUETTES in f),
+        Read.source("masks", views="sources", when=lambda p, f: "masks" in f and bool(f & {SILHOUETTES, OUTLINES})),
     ),
     writes=(
         ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that were looked at; -1 pads."),
@@ -62,6 +62,15 @@ STAGE = Stage(
             noted=True,
         ),
         ArraySpec(SILHOUETTES, ("view", "one"), "float64", "1", "Share of the rim of a view's masks that the other masks leave something of, mean of 5 frames; -1 where unknown.", when=SILHOUETTES, noted=True),
+        ArraySpec(
+            OUTLINES,
+            ("view", "outline"),
+            "float64",
+            "px",
+            "How far the outline of a view's masks lies outside the pictures' own edges, median and interquartile range in captured pixels, and how many points of 5 frames tell.",
+            when=OUTLINES,
+            noted=True,
+        ),
     ),
     over=("sequence", "view"),
     params=SurveyParams,
