@@ -211,7 +211,7 @@ def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float,
 
 
 @njit(cache=True, nogil=True)
-def _clip(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
+def clip_ray(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
     """The part of [z0, z1] that can hold the hull: seen by enough views, and in the box of all that see its ends."""
     views = start.shape[0]
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
@@ -288,7 +288,7 @@ def _march(
             continue
         into_views(origin, d, projections, start, along)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        clipped = _clip(start, along, boxes, sizes, first, last)
+        clipped = clip_ray(start, along, boxes, sizes, first, last)
         for how in tries:
             # A view that is overruled does not clip either.
             z0, z1 = (first, last) if how[1] else clipped
