@@ -65,8 +65,10 @@ def sh_color(harmonics: torch.Tensor, direction: torch.Tensor, degree: int = 3) 
     length = torch.sqrt((direction * direction).sum(dim=1, keepdim=True))
     d = torch.where(length > 0, direction / torch.where(length > 0, length, 1), 0)
     basis = _basis(d, count)  # K x [N]
-    color = sum(b[:, None] * harmonics[:, k] for k, b in enumerate(basis)) + 0.5
-    return torch.clamp(color, min=0)
+    color = torch.full_like(harmonics[:, 0], 0.5)
+    for k, b in enumerate(basis):
+        color = color + b[:, None] * harmonics[:, k]
+    return color.clamp(min=0)
 
 
 def _basis(d: torch.Tensor, count: int) -> list[torch.Tensor]:
