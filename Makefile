@@ -23,6 +23,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.metrics_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.metrics.ms_ssim import SMALLEST, WEIGHTS, ms_ssim
+from stages.metrics.ms_ssim import SMALLEST, ms_ssim
+
+PUBLISHED = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
 
 def by_definition(x: np.ndarray, y: np.ndarray, data_range: float) -> float:
@@ -12,7 +14,7 @@ def by_definition(x: np.ndarray, y: np.ndarray, data_range: float) -> float:
     w = np.outer(g, g) / g.sum() ** 2
     c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
     value = 1.0
-    for scale, weight in enumerate(WEIGHTS):
+    for scale, weight in enumerate(PUBLISHED):
         if scale:
             x, y = (p[: p.shape[0] // 2 * 2, : p.shape[1] // 2 * 2].reshape(p.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3)) for p in (x, y))
         a, b = (np.lib.stride_tricks.sliding_window_view(p, (11, 11)) for p in (x, y))
