@@ -21,7 +21,7 @@ LPIPS: dict[str, tuple[WeightFile, WeightFile]] = {"lpips_alex": ("alex", "alex_
 class MetricsParams(Params):
     """What is measured."""
 
-    measures: list[Measure] = setting(DEFAULT, "What is measured; each runs only when named here.", quality_levels=[["psnr"], DEFAULT, [*DEFAULT, "ms_ssim"], [*DEFAULT, "ms_ssim", "flip"]], min_length=1)
+    measures: list[Measure] = setting(DEFAULT, "What is measured; each runs only when named here.", quality_levels=[["psnr"], DEFAULT, [*DEFAULT, "ms_ssim"]], min_length=1)
     psnr_cap: float = setting(100.0, "PSNR of identical pictures, which would be infinite.", unit="dB", gt=0, le=200)
     flip_pixels_per_degree: float = setting(67.02064, "Pixels in a degree of the viewer's eye for FLIP; the default is a 0.7 m wide display of 3840 px at 0.7 m.", unit="px", gt=0, le=1000)
     lpips_weights: dict[WeightFile, str] = setting({}, "Paths of the official weight files for LPIPS: network (alex, vgg) and linear layers (alex_linear, vgg_linear).", volatile=True)
