@@ -27,6 +27,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.metrics_time
 
 # What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 bench-sweep: $(STAMP)
