@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -92,7 +93,8 @@ class Silhouettes:
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""
         chosen = [i for i, v in enumerate(self.views) if v in views]
-        return Silhouettes(tuple(self.views[i] for i in chosen), *(np.ascontiguousarray(a[chosen]) for a in (self.distance, self.projections, self.boxes, self.sizes, self.focals, self.pixels)), self.centre, self.radius)
+        parts: dict[str, Any] = {n: np.ascontiguousarray(getattr(self, n)[chosen]) for n in ("distance", "projections", "boxes", "sizes", "focals", "pixels")}
+        return replace(self, views=tuple(self.views[i] for i in chosen), **parts)
 
     def ends(self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True) -> np.ndarray:
         """[N, 2] depth at which rays origin [3] + depth * directions [N, 3] enter and leave the hull, 0 where they miss it.
