@@ -19,9 +19,9 @@ from storage.archive import Archive
 from storage.errors import ConfigError
 from storage.ledger import rebuild
 from storage.receipts import scan_receipts, write_receipt
-from tests.pipeline import NAME, Pipeline, film
+from tests.pipeline import FORCED, NAME, Pipeline, film
 
-AUTO = ["effects.temporal_smoothing=auto", "effects.exposure_matching=auto"]
+AUTO = [f"effects.{e}=auto" for e in FORCED]
 
 
 @pytest.fixture(scope="module")

@@ -26,12 +26,12 @@ from stages.geometry.projection import pixel_centres
 from stages.registry import STAGES
 from storage.exporters.images_layout import write_capture
 from storage.rig import Rig, points_to_integer_centres
-from tests.pipeline import Pipeline, assert_same_content, content
+from tests.pipeline import FORCED, Pipeline, assert_same_content, content
 
 Scene = dict[str, Any]
 """Arguments of `write_capture` by name."""
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
-AUTO = ["effects.temporal_smoothing=auto", "effects.exposure_matching=auto"]
+AUTO = [f"effects.{e}=auto" for e in FORCED]
 SHIFT = (3, -2)
 """px by which `shifted` moves pictures."""
 
