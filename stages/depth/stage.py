@@ -23,7 +23,7 @@ STAGE = Stage(
     reads=(
         Read("frames/color", when=lambda p, f: p.method in ("sweep", "sgbm")),
         Read("frames/mask"),
-        Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f),
+        Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f and bool({"joints2d", "joints3d"} & f)),
         Read("truth/depth", when=lambda p, f: p.method == "truth"),
     ),
     writes=(
