@@ -18,7 +18,8 @@ lint: $(STAMP)
 
 # Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
 bench-quality: $(STAMP)
-	$(BIN)/python -m benchmarks.quality
+	$(BIN)/python -m benchmarks.quality clean
+	$(BIN)/python -m benchmarks.quality spoilt
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.plan_time
@@ -26,6 +27,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.metrics_time
 
 # What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 bench-sweep: $(STAMP)

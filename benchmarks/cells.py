@@ -91,7 +91,7 @@ def _pictures(results: Results, cell: Cell) -> dict[str, Any]:
         view = context.rig.index(name)
         truth, mask = results.read("frames/color", frames, view), results.read("frames/mask", frames, view)
         for i in frames:
-            for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics.psnr_cap).items():
+            for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics).items():
                 found[f"{region} {m}"].append(value)
             inside = mask[i] > 127
             found["luminance"].append(float(np.abs((color[i, c].astype(np.float64) - truth[i])[inside] @ WEIGHTS).mean()))

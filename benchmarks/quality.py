@@ -1,7 +1,8 @@
 """Quality of the analytic floor on simulated people at 512 px: depth and held-out pictures, by kind of depth, and its gates.
 
-    python -m benchmarks.quality                                 the published figures: seeds 9000-9007, 6, 8 and 16 cameras
-    python -m benchmarks.quality --seeds 1-4 --cameras 8          tuning; seeds from 9000 on are for publishing only
+    python -m benchmarks.quality clean                           the published figures: seeds 9000-9007, 6, 8 and 16 cameras
+    python -m benchmarks.quality spoilt                          the same people, 8 cameras, one frame, spoilt in seven ways
+    python -m benchmarks.quality clean --seeds 1-4 --cameras 8    tuning; seeds from 9000 on are for publishing only
 
 Held-out cameras stand in the middle between two sources; the person fills 86 % of the picture's height. Box is the bounding
 box of the person, full the whole picture on black. EPE is the disparity error in px of the rectified pair with the nearest
@@ -9,7 +10,7 @@ source view, over the true surface, a pixel without depth counting 16; mm is abs
 absolute deviation inside the mask, 1/255. The squared error is told by place: outside the silhouette, on its rim (1.5 px
 to both sides of the outline), in holes (coverage below a half), inside. Seconds are CPU seconds a frame, of all source views.
 
-Spoilt captures (`--variants`) are measured with the sweep alone, beside what the capture says about itself without truth:
+Spoilt captures are measured with the sweep alone, beside what the capture says about itself without truth:
 median residual of the triangulated joints (joints px), colour disagreement of neighbouring views at points both see (photo,
 1/255), and by how much the mask's outline lies outside the picture's own edge (outline px).
 """
@@ -32,7 +33,6 @@ from dags.threads import limit
 from stages.capture.benchmark import REPORTING_SEEDS, VARIANTS
 
 METHODS = ("hull", "sgbm", "sweep", "truth")
-SPOILT = tuple(v for v in VARIANTS if v != "clean")
 MAY_LOSE = {"noise_gain": 1.5, "specular": 1.5, "calibration_0.3": 1.5, "mask_plus_1": 2.5, "mask_minus_1": 2.5}
 """dB of box PSNR that a spoilt capture may cost."""
 CLOSER = {6: 0.35, 8: 0.25}
@@ -76,10 +76,9 @@ def gates(rows: Sequence[dict[str, Any]], cameras: int) -> Iterator[tuple[str, b
             yield f"{cameras} cameras: {measure} against hull-only at worst {worst:+.{digits}f} (seed {seed}), on no scene below", worst >= 0
 
 
-def spoilt_table(clean: Sequence[dict[str, Any]], rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means by variant, the clean scenes of the same seeds first, and what each loses in dB."""
-    seeds = {r["seed"] for r in rows}
-    table = means([*(r for r in clean if r["seed"] in seeds and r["depth"] == "sweep" and r["cameras"] == 8), *rows], "variant")
+def spoilt_table(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Means by variant, the clean one first, and what each loses in dB."""
+    table = means(rows, "variant")
     return [{**row, "loses": table[0]["box psnr"] - row["box psnr"]} for row in table]
 
 
@@ -89,32 +88,41 @@ def seeds(text: str) -> tuple[int, ...]:
     return tuple(range(int(first), int(last) + 1)) if last else tuple(int(s) for s in text.split(","))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
-    parser.add_argument("--cameras", default="6,8,16")
-    parser.add_argument("--variants", default=",".join(SPOILT), help="spoilt captures, measured with 8 cameras; '' for none")
-    parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--frames", type=int, default=3)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
-    parser.add_argument("--publish", action=argparse.BooleanOptionalAction, default=None, help="write benchmarks/results and docs/quality.png; default: for the reporting seeds alone")
-    a = parser.parse_args()
-    counts = [int(n) for n in a.cameras.split(",")]
-    clean = [Cell(s, n, size=a.size, frames=a.frames) for n in counts for s in a.seeds]
-    rows = list(cells(clean, METHODS, a.processes, tuple(a.set)))
-    held = [g for n in counts for g in gates(rows, n)]
-    writes = a.publish if a.publish is not None else a.seeds == tuple(REPORTING_SEEDS)
-    settings = {"seeds": list(a.seeds), "size": a.size, "frames": a.frames, "set": a.set}
-    publish("quality" if writes else None, [{k: r[k] for k in SHOWN} for r in means(rows, "cameras", "depth")], {**settings, "scenes": [{k: v for k, v in r.items() if k != "shown"} for r in rows]})
+def clean(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
+    """Every kind of depth on clean captures; returns the gates."""
+    rows = list(cells([Cell(s, n, size=a.size, frames=a.frames or 3) for n in a.cameras for s in a.seeds], METHODS, a.processes, tuple(a.set)))
+    scenes = [{k: v for k, v in r.items() if k != "shown"} for r in rows]
+    publish("quality" if writes else None, [{k: r[k] for k in SHOWN} for r in means(rows, "cameras", "depth")], {**described(a), "scenes": scenes})
     if writes:
         draw(rows, Path("docs/quality.png"))
-    if a.variants:
-        spoilt = [Cell(s, 8, v, a.size, a.frames) for v in a.variants.split(",") for s in a.seeds]
-        table = spoilt_table(rows, list(cells(spoilt, ("sweep",), a.processes, tuple(a.set))))
-        publish("quality_spoilt" if writes else None, [{k: r[k] for k in SHOWN_SPOILT} for r in table], settings)
-        held += [(f"{r['variant']} loses {r['loses']:.2f} dB of at most {MAY_LOSE[r['variant']]}", r["loses"] <= MAY_LOSE[r["variant"]]) for r in table if r["variant"] in MAY_LOSE]
-    for sentence, holds in held:
+    return [g for n in a.cameras for g in gates(rows, n)]
+
+
+def spoilt(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
+    """The sweep on spoilt captures; returns the gates."""
+    table = spoilt_table(list(cells([Cell(s, 8, v, a.size, a.frames or 1) for v in VARIANTS for s in a.seeds], ("sweep",), a.processes, tuple(a.set))))
+    publish("quality_spoilt" if writes else None, [{k: r[k] for k in SHOWN_SPOILT} for r in table], described(a))
+    return [(f"{r['variant']} loses {r['loses']:.2f} dB of at most {MAY_LOSE[r['variant']]}", r["loses"] <= MAY_LOSE[r["variant"]]) for r in table if r["variant"] in MAY_LOSE]
+
+
+def described(a: argparse.Namespace) -> dict[str, Any]:
+    """What the figures were made with."""
+    return {"seeds": list(a.seeds), "size": a.size, "frames": a.frames, "set": a.set}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("captures", choices=("clean", "spoilt"))
+    parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
+    parser.add_argument("--cameras", type=lambda text: tuple(int(n) for n in text.split(",")), default=(6, 8, 16))
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--frames", type=int, help="default: 3 of clean captures, 1 of spoilt ones")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
+    a = parser.parse_args()
+    # Only the reporting seeds are published: benchmarks/results and docs/quality.png.
+    writes = a.seeds == tuple(REPORTING_SEEDS)
+    for sentence, holds in (clean if a.captures == "clean" else spoilt)(a, writes):
         print("holds  " if holds else "FAILS  ", sentence)
 
 

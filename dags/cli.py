@@ -15,9 +15,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.context import Context
 from dags.plan import Selection
 from dags.session import Session
-from dags.tasks import Task
+from dags.tasks import Product, Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
 
@@ -342,25 +343,37 @@ def export(
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
     alpha: Annotated[bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")] = False,
+    splats: Annotated[Path | None, typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each.")] = None,
+    view: Annotated[list[str] | None, typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all.")] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Run what is missing for a camera path, then write video, pictures or a contact sheet.
+    """Run what is missing for a camera path, then write video, pictures, a contact sheet, or the Gaussians themselves.
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
-    if not (video or frames or sheet):
-        raise ConfigError("export: say what to write with --video FILE, --frames FOLDER or --sheet FILE")
+    if not (video or frames or sheet or splats):
+        raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
+    from dags import exporting_splats
     from dags.exporting import needed, write_exports
+    from dags.results import Results
 
-    session = _session(config, assignments, archive, scheduler)
-    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None else (), lambda c: needed(c, bool(video or frames), bool(sheet)))
+    # splats alone need no picture of any camera path
+    unrendered = ["rendering.paths=[]"] if not (video or frames or sheet) else []
+    session = _session(config, [*(assignments or []), *unrendered], archive, scheduler)
+
+    def held(c: Context) -> frozenset[Product]:
+        return needed(c, bool(video or frames), bool(sheet)) | (exporting_splats.needed(c, exporting_splats.chosen_views(c, view or ())) if splats else frozenset())
+
+    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and not unrendered else (), held)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
     _say(write_exports(p, video, frames, sheet, alpha))
+    if splats:
+        _say(exporting_splats.export_splats(Results(p.context), view or (), splats))
 
 
 @app.command()

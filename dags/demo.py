@@ -72,5 +72,6 @@ def summary(rows: list[dict[str, Any]]) -> str:
     """Mean of every measure and region over frames and cameras, one line."""
     values: dict[tuple[str, str], list[float]] = defaultdict(list)
     for row in rows:
-        values[row["region"], row["measure"]].append(row["value"])
+        if row["value"] is not None:  # a measure that something is missing for
+            values[row["region"], row["measure"]].append(row["value"])
     return "held-out views: " + ", ".join(f"{region} {measure} {sum(v) / len(v):.3f}" for (region, measure), v in sorted(values.items()))

@@ -12,6 +12,8 @@ SAME_SURFACE = 0.01
 """Relative difference of two depths up to which two views see the same point."""
 REACH = 4
 """Px to both sides of an outline in which the picture's own edge is looked for."""
+CLEAR = 0.7
+"""Share of REACH by which the ends of a profile must be inside and outside."""
 EDGE = 12.0
 """Colour difference, 1/255, below which an outline has no edge to find."""
 
@@ -66,7 +68,7 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
         mask: [h, w] uint8, the outline is where it crosses 127.5.
 
     Along the outline's normal, within REACH px, the edge is the mean position of the colour's change; where the colour
-    changes by less than EDGE there is no edge and no value.
+    changes by less than EDGE there is no edge and no value, and none where the subject or the gap beside it is narrower than that.
     """
     inside = mask > 127
     # Signed distance to the outline, at pixel centres: positive outside.
@@ -79,7 +81,10 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     steps = np.arange(-REACH, REACH + 0.25, 0.5, dtype=np.float32)
     # The pixels found lie half a pixel inside the outline.
     start = np.stack([columns, rows], axis=1).astype(np.float32) - distance[rows, columns][:, None] * normal
-    at = start[:, None] + steps[None, :, None] * normal[:, None]
+    # Thin limbs and narrow gaps have a second edge within reach, which would be taken for a part of the first.
+    ends = [_sample(smooth, start + side * REACH * normal, cv2.INTER_LINEAR) for side in (-1, 1)]
+    clear = (ends[0] <= -CLEAR * REACH) & (ends[1] >= CLEAR * REACH)
+    at = start[clear][:, None] + steps[None, :, None] * normal[clear][:, None]
     profile = _sample(color, at.reshape(-1, 2), cv2.INTER_LINEAR).reshape(*at.shape[:2], 3)
     change = np.linalg.norm(np.diff(profile, axis=1), axis=2) ** 2
     total = change.sum(axis=1)

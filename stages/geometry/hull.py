@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -92,7 +93,8 @@ class Silhouettes:
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""
         chosen = [i for i, v in enumerate(self.views) if v in views]
-        return Silhouettes(tuple(self.views[i] for i in chosen), *(np.ascontiguousarray(a[chosen]) for a in (self.distance, self.projections, self.boxes, self.sizes, self.focals, self.pixels)), self.centre, self.radius)
+        parts: dict[str, Any] = {n: np.ascontiguousarray(getattr(self, n)[chosen]) for n in ("distance", "projections", "boxes", "sizes", "focals", "pixels")}
+        return replace(self, views=tuple(self.views[i] for i in chosen), **parts)
 
     def ends(self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True) -> np.ndarray:
         """[N, 2] depth at which rays origin [3] + depth * directions [N, 3] enter and leave the hull, 0 where they miss it.
@@ -211,7 +213,7 @@ def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float,
 
 
 @njit(cache=True, nogil=True)
-def _clip(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
+def clip_ray(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
     """The part of [z0, z1] that can hold the hull: seen by enough views, and in the box of all that see its ends."""
     views = start.shape[0]
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
@@ -288,7 +290,7 @@ def _march(
             continue
         into_views(origin, d, projections, start, along)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        clipped = _clip(start, along, boxes, sizes, first, last)
+        clipped = clip_ray(start, along, boxes, sizes, first, last)
         for how in tries:
             # A view that is overruled does not clip either.
             z0, z1 = (first, last) if how[1] else clipped

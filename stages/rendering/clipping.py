@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from stages.geometry.agreement import agreement
-from stages.geometry.hull import WITNESSES, Silhouettes, beside, foreground, in_sphere, into_views, searched_radius
+from stages.geometry.hull import WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
 from stages.geometry.projection import rays
 from stages.geometry.subject import look_at_point
 from stages.rendering.scene import Camera
@@ -31,12 +31,12 @@ def cover(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray) -> np.nd
     if silhouettes.views and len(rows):
         origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), camera.intrinsics, camera.world_to_camera)
         s = silhouettes
-        out[rows, columns] = _cover(origin, directions, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, FINE * float(s.pixels.min()))
+        out[rows, columns] = _cover(origin, directions, s.distance, s.projections, s.boxes, s.sizes, s.focals, s.centre, s.radius, FINE * float(s.pixels.min()))
     return out
 
 
 @njit(cache=True, nogil=True)
-def _cover(origin: np.ndarray, directions: np.ndarray, distance: np.ndarray, projections: np.ndarray, sizes: np.ndarray, focals: np.ndarray, centre: np.ndarray, radius: float, step: float) -> np.ndarray:
+def _cover(origin: np.ndarray, directions: np.ndarray, distance: np.ndarray, projections: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, focals: np.ndarray, centre: np.ndarray, radius: float, step: float) -> np.ndarray:
     """[N] float32 of rays [N, 3]; `step` metres."""
     count = projections.shape[0]
     out = np.zeros(len(directions), np.float32)
@@ -46,7 +46,8 @@ def _cover(origin: np.ndarray, directions: np.ndarray, distance: np.ndarray, pro
         into_views(origin, d, projections, start, along)
         for v in range(count):
             order[v] = v  # a ray's points must not depend on the rays before it
-        z, last = in_sphere(origin - centre, d, radius)
+        first, last = in_sphere(origin - centre, d, radius)
+        z, last = clip_ray(start, along, boxes, sizes, first, last) if first < last else (first, last)
         length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = 0.0
         while z <= last and best < 1:

@@ -274,6 +274,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("undistortion", "stages.frames.layout.distort"),
         ("exposure_matching", "stages.frames.run.gain_table"),
         ("exposure_matching", "stages.survey.run.patch_colors"),
+        ("outline_correction", "stages.survey.run.outline_of_view"),
         ("pose_heatmaps", "stages.pose.run.draw"),
         ("temporal_smoothing", "stages.smoothing.run.blend"),
         ("left_right_check", "stages.depth.estimate.disagreement"),
@@ -286,7 +287,7 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         raise AssertionError(f"{work} ran with {effect} off")
 
     scene = noisy(through_a_lens(filmed(views=3, frames=4)))
-    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *([] if effect == "exposure_matching" else ["effects.exposure_matching=off"]))
+    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *(f"effects.{e}=off" for e in ("exposure_matching", "silhouette_clipping", "hole_filling") if e != effect))
     monkeypatch.setattr(work, fail)
     p.run()
 
