@@ -127,7 +127,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     everything = {s.name for s in STAGES}
     assert stages("a") == everything
     assert stages("b", masks=False) == everything
-    assert stages("c", joints=False) == everything - {"survey", "pose", "smoothing"}
+    assert stages("c", joints=False) == everything - {"pose", "smoothing"}, "masks are surveyed"
     assert stages("d", held_out=()) == everything - {"metrics"}
     unasked = dict.fromkeys(("exposure_matching", "outline_correction", "limb_bounds", "silhouette_clipping", "hole_filling"), "off")
     assert stages("e", effects={**unasked, "temporal_smoothing": "on"}) == everything - {"survey"}
