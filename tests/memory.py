@@ -37,7 +37,7 @@ class MemoryInputs:
     """Effects that are on; None: all the stage declares that need no array of the survey."""
 
     def __post_init__(self) -> None:
-        on = {e.name for e in self.stage.effects} - {"exposure_matching", "outline_correction"} if self.effects is None else self.effects
+        on = {e.name for e in self.stage.effects} - {"exposure_matching", "outline_correction", "limb_bounds"} if self.effects is None else self.effects
         self.facts = self.facts | on
         self.source_rig = self.source_rig or self.rig
         if self.captured_to_calibrated is None:

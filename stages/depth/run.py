@@ -8,11 +8,13 @@ from functools import cache
 import numpy as np
 
 from stages.depth.estimate import estimate, estimate_open
+from stages.depth.limbs import limbs_of
 from stages.depth.params import DepthParams, refusal
 from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
 from stages.depth.sweeping import sweep_hull, sweep_open
 from stages.io import Block, Inputs
 from storage.errors import UserError
+from storage.joints import to_set
 from storage.rig import Rig
 
 FEW_MATCHES = 0.3
@@ -23,7 +25,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
 
     Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match counts
-    whatever the other view says. Raises UserError for `method: truth` without
+    whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises UserError for `method: truth` without
     true depth.
     """
     reason = refusal(params, inputs.facts)
@@ -35,7 +37,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
     colors = {v: inputs.read("frames/color", v) for v in sources} if params.method != "hull" else {}
-    shape = _shape(inputs)
+    shape, limbs = _shape(inputs), _limbs(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
 
@@ -45,7 +47,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
 
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
-        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid})
+        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
         for v, (z, c) in _depth(geometry, frame, params, inputs.rig, "left_right_check" in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
@@ -66,6 +68,13 @@ def _shape(inputs: Inputs) -> tuple[int, int, int]:
     """(frames, height, width) of the arrays: pictures are padded to the largest."""
     width, height = inputs.rig.size.max(axis=0)
     return len(inputs.partition), int(height), int(width)
+
+
+def _limbs(inputs: Inputs) -> list[np.ndarray]:
+    """[N, 7] capsules of each frame; none while `limb_bounds` is off."""
+    if "limb_bounds" not in inputs.facts or inputs.joint_set is None:
+        return [np.zeros((0, 7))] * len(inputs.partition)
+    return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 
 
 def _truth(inputs: Inputs) -> Iterator[Block]:

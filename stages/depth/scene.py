@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from stages.depth.fuse import MATCHED
+from stages.depth.limbs import bounded
 from stages.depth.params import DepthParams
 from stages.depth.sweep import Neighbours, nearest
 from stages.geometry.agreement import agreement
@@ -34,6 +35,8 @@ class Frame:
     """[h, w, 3] uint8; empty where the method does not look at them."""
     masks: dict[int, np.ndarray]
     """[h, w] uint8, 0..255."""
+    limbs: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
+    """[N, 7] capsules of the subject's limbs (`stages.depth.limbs`), where joints are believed."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:
@@ -95,14 +98,15 @@ def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
 
 
 def hulls(geometry: Geometry, frame: Frame) -> Maps:
-    """Nearest and farthest depth of the hull by view, 0 where there is none.
+    """Nearest and farthest depth of the hull by view, 0 where there is none; the nearest moved on to the limbs, where there are any.
 
     A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by the others.
     """
     silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
     found = agreement(geometry.rig, frame.masks, silhouettes)
     carving = silhouettes.kept(set(found.carving))
-    return {v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED) for v in geometry.views}
+    ends = {v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED) for v in geometry.views}
+    return bounded(geometry.rig, ends, {v: frame.masks[v] for v in found.carving}, frame.limbs)
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:

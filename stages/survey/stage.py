@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -14,7 +14,7 @@ def needs(shape: Shape, params: SurveyParams) -> Resources:
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
     covered = bool(facts & {PLATE, SPREAD}) and params.joints_margin > 0
-    return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION}))
+    return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION, JOINT_FIT}))
 
 
 def _joints3d(params: SurveyParams, facts: Facts) -> bool:
@@ -69,6 +69,15 @@ STAGE = Stage(
             "px",
             "How far the outline of a view's masks lies outside the pictures' own edges, median and interquartile range in captured pixels, and how many points of 5 frames tell.",
             when=OUTLINES,
+            noted=True,
+        ),
+        ArraySpec(
+            JOINT_FIT,
+            ("view", "fit"),
+            "float64",
+            "px",
+            "How far a view's joints lie from the triangulated ones: the median in px of frames/*, the share within 1.5 % of the picture's longer side, and how many a frame tell, of 5 frames.",
+            when=JOINT_FIT,
             noted=True,
         ),
     ),

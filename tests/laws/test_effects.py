@@ -278,6 +278,8 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("pose_heatmaps", "stages.pose.run.draw"),
         ("temporal_smoothing", "stages.smoothing.run.blend"),
         ("left_right_check", "stages.depth.estimate.disagreement"),
+        ("limb_bounds", "stages.depth.run.limbs_of"),
+        ("limb_bounds", "stages.survey.run.fit_of_view"),
     ],
 )
 def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str, work: str) -> None:
