@@ -202,7 +202,7 @@ def test_hidden_surfaces_call_for_the_left_right_check_and_it_lowers_the_depth_e
     assert state(on, "left_right_check") == "on"
     found = []
     for p in (on, off):
-        p.run(selection=Selection(only=frozenset({"survey", "frames", "depth"})), expect_failure=True)
+        p.run(selection=Selection(only=frozenset({"survey", "frames", "pose", "depth"})), expect_failure=True)
         found.append(sure_depth_error(p, scene["depth"]))
     assert found[0] < 0.85 * found[1], found
 
