@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-renderer | crash | extreme: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | crash | extreme: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-renderer crash extreme clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer crash extreme clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -16,13 +16,18 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy storage dags stages/contract.py stages/io.py stages/registry.py
 
+# Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
+bench-quality: $(STAMP)
+	$(BIN)/python -m benchmarks.quality clean
+	$(BIN)/python -m benchmarks.quality spoilt
+
 bench: $(STAMP)
-	$(BIN)/python -m benchmarks.quality
 	$(BIN)/python -m benchmarks.plan_time
 	$(BIN)/python -m benchmarks.plan_scale
 	$(BIN)/python -m benchmarks.status_time
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.metrics_time
 	$(BIN)/python -m benchmarks.renderer
 
 bench-renderer: $(STAMP)
@@ -31,6 +36,17 @@ bench-renderer: $(STAMP)
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)
 	$(BIN)/python -m tests.hard_cases.extreme
+
+# What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
+bench-sweep: $(STAMP)
+	$(BIN)/python -m benchmarks.sweep_time
+
+bench-motorcycle: $(STAMP)
+	$(BIN)/python -m benchmarks.motorcycle
+
+# What every effect of the simulator costs, and what leaving it out saves.
+bench-effects: $(STAMP)
+	$(BIN)/python -m benchmarks.effects_time
 
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)

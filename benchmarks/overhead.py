@@ -35,6 +35,7 @@ from dags.execute import Order, StoreInputs
 from dags.plan import Selection
 from dags.pools import CPU
 from dags.run import Run
+from dags.window import MOST
 from stages.contract import Stage
 from stages.io import Block
 from storage.archive import Sequence
@@ -112,7 +113,7 @@ def nothing(order: bytes) -> bytes:
 
 
 def bare_dask(count: int) -> dict[str, Any]:
-    """The same number of futures of eight kilobytes through the same cluster, with the same window and none of our code around them."""
+    """The same number of futures of eight kilobytes through the same cluster, with the window our tasks of this length have and none of our code around them."""
     settings = RunSettings(workers=WORKERS, gpus=0)
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
     ends = []
@@ -126,7 +127,7 @@ def bare_dask(count: int) -> dict[str, Any]:
         flying: dict[str, Any] = {}
         start = time.perf_counter()
         for i in range(count):
-            if len(flying) == WORKERS * settings.window:
+            if len(flying) == WORKERS * MOST:
                 del flying[ended.get()]
                 ends.append(time.perf_counter())
             key = f"nothing-{i}"

@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -15,9 +15,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.context import Context
 from dags.plan import Selection
 from dags.session import Session
-from dags.tasks import Task
+from dags.tasks import Product, Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
 
@@ -83,6 +84,27 @@ def import_capture(
     _say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def simulate(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of one that ships: demo, plain, fast_motion, self_occlusion, messy, sparse_6, dense_16, single_pair, two_people.")],
+    sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
+    threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Film a simulated scene with ground truth and register it; prints which effects are simulated, and why.
+
+    Example: posegaussian simulate messy --archive ./archive --sequence messy
+    """
+    from dags.simulate import scene_file
+    from dags.simulate import simulate as film_scene
+
+    path = scene_file(scene)
+    film_scene(_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
 
 
 @app.command()
@@ -321,25 +343,37 @@ def export(
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
     alpha: Annotated[bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")] = False,
+    splats: Annotated[Path | None, typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each.")] = None,
+    view: Annotated[list[str] | None, typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all.")] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Run what is missing for a camera path, then write video, pictures or a contact sheet.
+    """Run what is missing for a camera path, then write video, pictures, a contact sheet, or the Gaussians themselves.
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
-    if not (video or frames or sheet):
-        raise ConfigError("export: say what to write with --video FILE, --frames FOLDER or --sheet FILE")
+    if not (video or frames or sheet or splats):
+        raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
+    from dags import exporting_splats
     from dags.exporting import needed, write_exports
+    from dags.results import Results
 
-    session = _session(config, assignments, archive, scheduler)
-    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None else (), lambda c: needed(c, bool(video or frames), bool(sheet)))
+    # splats alone need no picture of any camera path
+    unrendered = ["rendering.paths=[]"] if not (video or frames or sheet) else []
+    session = _session(config, [*(assignments or []), *unrendered], archive, scheduler)
+
+    def held(c: Context) -> frozenset[Product]:
+        return needed(c, bool(video or frames), bool(sheet)) | (exporting_splats.needed(c, exporting_splats.chosen_views(c, view or ())) if splats else frozenset())
+
+    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and not unrendered else (), held)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
     _say(write_exports(p, video, frames, sheet, alpha))
+    if splats:
+        _say(exporting_splats.export_splats(Results(p.context), view or (), splats))
 
 
 @app.command()
@@ -349,7 +383,7 @@ def demo(
     frames: Annotated[int, typer.Option("--frames", help="Number of frames.", min=1, max=300)] = 24,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Film an analytic person with eight cameras, reconstruct her, and write novel views: the whole way in minutes.
+    """Film a simulated person with eight cameras, reconstruct her, and write novel views: the whole way in minutes.
 
     Example: posegaussian demo --output demo-output
     """

@@ -14,7 +14,9 @@ import pickle
 import queue
 import signal
 import time
+from collections import defaultdict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from dags.execute import Order, execute
 from dags.failures import Failure, Kind, failure
 from dags.pools import CPU, GPU, Pool, cpu_workers, gpu_workers, local_pools, pool_for
 from dags.tasks import Task
+from dags.window import Window
 from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ConfigError, SchedulerLost
@@ -128,7 +131,7 @@ class DaskBackend:
 
         settings = settings or RunSettings()
         self._address = None if settings.scheduler in ("local", "serial") else settings.scheduler
-        self._window = settings.window
+        self._windows: defaultdict[str, Window] = defaultdict(partial(Window, settings.window))
         self._tasks: dict[Any, tuple[Task, Order, str]] = {}
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._attempts = 0
@@ -199,7 +202,7 @@ class DaskBackend:
         """Room in a pool's window."""
         self._look_again()
         workers = self._workers.pools[pool].workers if pool in self._workers.pools else 1
-        return workers * self._window - sum(p == pool for _, _, p in self._tasks.values())
+        return workers * self._windows[pool].tasks - sum(p == pool for _, _, p in self._tasks.values())
 
     def _connected(self) -> None:
         """Wait for a lost connection to come back. Raises SchedulerLost."""
@@ -246,9 +249,11 @@ class DaskBackend:
                 self._look_again()
                 if end is not None and time.monotonic() >= end:
                     return None
-        task, order, _ = self._tasks.pop(future)
+        task, order, pool = self._tasks.pop(future)
         if isinstance(outcome, bytes):
-            return task, pickle.loads(outcome)
+            receipt = pickle.loads(outcome)
+            self._windows[pool].note(receipt.facts["seconds"])
+            return task, receipt
         if future.status in ("cancelled", "lost"):
             return task, Failure("the connection to the scheduler was lost while it ran", kind=Kind.TRANSIENT)
         return task, _death(order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)

@@ -51,7 +51,7 @@ class RunSettings(Params):
     workers: int | None = setting(None, "Worker processes of the local scheduler; null: one a core.", ge=1, le=1024)
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
     gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting("auto", "GPU workers of the local scheduler, one a device; more than there are devices stand in for one and compute on the CPU.")
-    window: int = setting(2, "Tasks in flight for every worker slot.", ge=1, le=64)
+    window: int = setting(2, "Tasks in flight for every worker slot; up to 8 while tasks take milliseconds.", ge=1, le=64)
     retries: int = setting(2, "Further attempts after a transient failure of a disk, a connection or a device.", ge=0, le=100)
     backoff: float = setting(5.0, "Pause before the second attempt, doubled before each further one.", unit="s", ge=0)
     timeout: float | None = setting(None, "Time one task may take; null: any.", unit="s", gt=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -22,13 +23,19 @@ NAME = "demo"
 """Name of the demo's sequence."""
 
 
-def film(folder: Path, size: int, frames: int, held_out: int) -> None:
-    """Write the capture of the analytic person as an `images` folder: pictures, masks, joints, true depth, cameras."""
-    from stages.capture.person import capture_person
-    from storage.exporters.images_layout import write_capture
+def film(folder: Path, size: int, frames: int, console: Console) -> None:
+    """Write the capture of the scene `demo` as an `images` folder: pictures, masks, joints, true depth, cameras."""
+    from dags.simulate import effects_plan, read_scene, scene_file, stage_scene
+    from dags.simulate import film as film_scene
+    from stages.capture.scene import Listed
 
-    person = capture_person(views=8, size=size, frames=frames, held_out=held_out, motion="wave")
-    write_capture(folder, person.rig, person.color, mask=person.mask, joints2d=person.joints2d, depth=person.depth, frame_rate=person.frame_rate)
+    path = scene_file("demo")
+    scene = read_scene(path)
+    assert not isinstance(scene.rig, Listed)
+    scene = scene.model_copy(update={"frames": frames, "rig": scene.rig.model_copy(update={"size": (size, size)})})
+    staged = stage_scene(scene, path.parent)
+    console.print(effects_plan(NAME, scene, staged.rulings))
+    film_scene(scene, staged, folder, os.cpu_count() or 1)
 
 
 def run_demo(output: Path, size: int, frames: int, scheduler: str | None, console: Console) -> int:
@@ -38,8 +45,8 @@ def run_demo(output: Path, size: int, frames: int, scheduler: str | None, consol
     settings = session.configuration.for_sequence(NAME)
     capture_folder = output / f"capture_{size}px_{frames}f"
     if not (capture_folder / "cameras.json").is_file():
-        console.print(f"filming {frames} frames of an analytic person with {8 + len(settings.views.held_out)} cameras at {size} x {size} px", markup=False)
-        film(capture_folder, size, frames, len(settings.views.held_out))
+        console.print(f"filming {frames} frames of a walking person with {8 + len(settings.views.held_out)} cameras at {size} x {size} px", markup=False)
+        film(capture_folder, size, frames, console)
     from storage.archive import Archive
 
     capture = find_capture("images", capture_folder, [], settings)
@@ -65,5 +72,6 @@ def summary(rows: list[dict[str, Any]]) -> str:
     """Mean of every measure and region over frames and cameras, one line."""
     values: dict[tuple[str, str], list[float]] = defaultdict(list)
     for row in rows:
-        values[row["region"], row["measure"]].append(row["value"])
+        if row["value"] is not None:  # a measure that something is missing for
+            values[row["region"], row["measure"]].append(row["value"])
     return "held-out views: " + ", ".join(f"{region} {measure} {sum(v) / len(v):.3f}" for (region, measure), v in sorted(values.items()))

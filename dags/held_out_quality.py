@@ -36,8 +36,10 @@ def quality(context: Context, reference: Context) -> dict[str, float]:
 
 
 def _pictures(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
+    from stages.metrics.params import MetricsParams
     from stages.metrics.run import measure
 
+    wanted = MetricsParams(measures=["psnr", "ssim"], psnr_cap=context.settings.metrics.psnr_cap)
     results, truths = Results(context), Results(reference)
     path, large = held_out_path(context), held_out_path(reference)
     rendered = results.read(f"rendering/{path.name}/color", frames)
@@ -48,8 +50,8 @@ def _pictures(context: Context, reference: Context, frames: range) -> Iterator[t
         for j, frame in enumerate(frames):
             if path.served[frame, c] and reference.valid[frame, view]:
                 picture = _enlarged(rendered[j, c, :h, :w], int(wide), int(high), smooth=True)
-                values = measure(picture, truth[j, :high, :wide], mask[j, :high, :wide], context.settings.metrics.psnr_cap)
-                yield from ((f"{measure_name} {region}", value) for (region, measure_name), value in values.items())
+                values = measure(picture, truth[j, :high, :wide], mask[j, :high, :wide], wanted)
+                yield from ((f"{measure_name} {region}", value) for (region, measure_name), value in values.items() if isinstance(value, float))
 
 
 def _depths(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:

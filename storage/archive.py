@@ -226,8 +226,8 @@ class Sequence:
         """Folder of the receipts."""
         return self.root / "_receipts"
 
-    def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str) -> None:
-        """Write a small array that is not partitioned, unless it already holds these values."""
+    def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str, chunk: tuple[int, ...] | None = None) -> None:
+        """Write an array that is not partitioned, unless it already holds these values; in one chunk unless told otherwise."""
         import zarr
 
         if (self.root / name / "zarr.json").is_file():
@@ -235,7 +235,7 @@ class Sequence:
             if old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data):
                 return
         array = zarr.create_array(
-            self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
+            self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in chunk or data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
         )
         assert array.shape == data.shape
 

@@ -11,6 +11,7 @@ one atomic write.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -121,6 +122,38 @@ def read_lease(file: Path, seconds: float) -> Holder | None:
         return Holder("", "unknown", "unknown", "unknown", "", 0, 0.0, changed, changed + seconds)
 
 
+def _create(file: Path, holder: Holder) -> int:
+    """A handle on a new lease that has its content from the first moment. Raises FileExistsError.
+
+    Killed between making the name and writing, a process would leave a lease that nobody knows the holder of. Only where
+    the file system has no hard links does the name come first.
+    """
+    written = file.with_name(f".{file.name}.{holder.token}.partial")
+    handle = os.open(written, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644)
+    try:
+        os.pwrite(handle, _text(holder), 0)
+        try:
+            os.link(written, file)
+        except FileExistsError:
+            raise
+        except OSError as e:
+            if e.errno not in (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK):
+                raise
+            first = os.open(file, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644)
+            os.close(handle)
+            handle = first
+    except BaseException:
+        os.close(handle)
+        raise
+    finally:
+        written.unlink(missing_ok=True)
+    return handle
+
+
+def _text(holder: Holder) -> bytes:
+    return json.dumps(asdict(holder)).encode().ljust(LENGTH)
+
+
 def _displace(file: Path, token: str, meant: Callable[[Holder], bool]) -> None:
     """Remove the lease of a token, if it is still the one that is meant.
 
@@ -187,7 +220,7 @@ class Lease:
             now = clock()
             holder = Holder(uuid.uuid4().hex, run, worker, socket.gethostname(), _boot(), os.getpid(), _own_start(os.getpid()), now, now + seconds)
             try:
-                handle = os.open(file, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644)
+                handle = _create(file, holder)
             except FileExistsError:
                 old = read_lease(file, seconds)
                 if old is not None and not cls._free(old, run, now):
@@ -205,7 +238,7 @@ class Lease:
         return holder.run == run or ended(holder, now)
 
     def _write(self, holder: Holder) -> None:
-        os.pwrite(self._handle, json.dumps(asdict(holder)).encode().ljust(LENGTH), 0)
+        os.pwrite(self._handle, _text(holder), 0)
         self.holder, self._until = holder, holder.until
 
     @property

@@ -17,6 +17,8 @@ from storage.errors import SourceError
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
 
+NO_TIME = "1970:01:01 00:00:00"
+"""Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
 _HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -75,11 +77,11 @@ def write_png(path: str | Path, picture: np.ndarray) -> None:
 
 
 def write_exr(path: str | Path, picture: np.ndarray) -> None:
-    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss."""
+    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes."""
     kinds = {np.dtype(np.float16): "half", np.dtype(np.float32): "float"}
     if picture.dtype not in kinds:
         raise ValueError(f"an EXR is written from float16 or float32, got {picture.dtype} for {path}")
-    _write(path, picture, kinds[picture.dtype], {"compression": "zip"})
+    _write(path, picture, kinds[picture.dtype], {"compression": "zip", "DateTime": NO_TIME})
 
 
 def _open(path: str | Path) -> tuple[Any, Any]:

@@ -31,6 +31,8 @@ from storage.exporters.images_layout import write_capture
 from storage.receipts import scan_receipts
 
 NAME = "person"
+FORCED = {"temporal_smoothing": "on", "exposure_matching": "off", "outline_correction": "off", "limb_bounds": "off", "silhouette_clipping": "on", "hole_filling": "on"}
+"""Effects that are decided by the survey, and what they are in most tests."""
 
 
 def film(folder: Path, views: int = 6, size: int = 48, frames: int = 6, held_out: int = 1, motion: str = "kick", **leave_out: bool) -> PersonCapture:
@@ -61,7 +63,8 @@ class Pipeline:
     @property
     def assignments(self) -> list[str]:
         # Every stage has something to do, and none waits for the survey; tests of the effects set them back to auto.
-        fixed = ["run.scheduler=serial", "effects.temporal_smoothing=on", "effects.exposure_matching=off"]
+        forced = [f"effects.{e}={state}" for e, state in FORCED.items()]
+        fixed = ["run.scheduler=serial", *forced]
         return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
 
     @property

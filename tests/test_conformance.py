@@ -24,7 +24,9 @@ SOURCES = {"pictures", "masks", "joints", "joints3d", "depth"}
 CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames")
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
-EVERY_FACTS = [frozenset(c) for n in range(len(FACTS) + 1) for c in combinations(FACTS, n)]
+EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
+"""None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
+EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) for on in EFFECT_STATES]
 SHAPE = {"frame": 16, "view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25}
 HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh"}
 

@@ -11,6 +11,7 @@ import typer.main
 
 from dags.cli import app
 from dags.config import load_configuration
+from dags.simulate import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -32,9 +33,10 @@ def commands(page: Path) -> list[str]:
 
 @pytest.mark.parametrize(("page", "block"), [(p, b) for p in PAGES for b in blocks(p, "yaml")], ids=lambda v: v.name if isinstance(v, Path) else "")
 def test_settings_are_valid(page: Path, block: str, tmp_path: Path) -> None:
+    """A block that starts with a seed is a scene, any other one a configuration."""
     file = tmp_path / "pipeline.yaml"
     file.write_text(block)
-    load_configuration(file, [])
+    _ = read_scene(file) if block.startswith("seed:") else load_configuration(file, [])
 
 
 @pytest.mark.parametrize(("page", "line"), [(p, c) for p in PAGES for c in commands(p)], ids=lambda v: v.name if isinstance(v, Path) else "")

@@ -7,10 +7,14 @@ from functools import cache
 
 import numpy as np
 
-from stages.depth.estimate import Frame, Geometry, Maps, estimate, estimate_open, has_silhouettes, hull_only
+from stages.depth.estimate import estimate, estimate_open
+from stages.depth.limbs import limbs_of
 from stages.depth.params import DepthParams, refusal
+from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
+from stages.depth.sweeping import sweep_hull, sweep_open
 from stages.io import Block, Inputs
 from storage.errors import UserError
+from storage.joints import to_set
 from storage.rig import Rig
 
 FEW_MATCHES = 0.3
@@ -21,7 +25,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
 
     Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match counts
-    whatever the other view says. Raises UserError for `method: truth` without
+    whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises UserError for `method: truth` without
     true depth.
     """
     reason = refusal(params, inputs.facts)
@@ -32,8 +36,8 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
         return
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
-    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method == "sgbm" else {}
-    shape = _shape(inputs)
+    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method != "hull" else {}
+    shape, limbs = _shape(inputs), _limbs(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
 
@@ -43,7 +47,7 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
 
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
-        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid})
+        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
         for v, (z, c) in _depth(geometry, frame, params, inputs.rig, "left_right_check" in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
@@ -56,13 +60,21 @@ def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, 
     views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
     if params.method == "hull":
         return hull_only(geometry(views, False), frame)
-    return (estimate if silhouettes else estimate_open)(geometry(views, silhouettes), frame, params, checked)
+    kernels = {"sgbm": (estimate, estimate_open), "sweep": (sweep_hull, sweep_open)}[params.method]
+    return kernels[not silhouettes](geometry(views, silhouettes), frame, params, checked)
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:
     """(frames, height, width) of the arrays: pictures are padded to the largest."""
     width, height = inputs.rig.size.max(axis=0)
     return len(inputs.partition), int(height), int(width)
+
+
+def _limbs(inputs: Inputs) -> list[np.ndarray]:
+    """[N, 7] capsules of each frame; none while `limb_bounds` is off."""
+    if "limb_bounds" not in inputs.facts or inputs.joint_set is None:
+        return [np.zeros((0, 7))] * len(inputs.partition)
+    return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 
 
 def _truth(inputs: Inputs) -> Iterator[Block]:
@@ -81,7 +93,7 @@ def check(block: Block, params: DepthParams) -> list[str]:
     wrong = ~(np.isfinite(data) & (data >= 0) & (data <= bound))
     if wrong.any():
         raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0, {bound:g}]")
-    if block.array != "depth/confidence" or params.method != "sgbm" or not data.any():
+    if block.array != "depth/confidence" or params.method not in ("sgbm", "sweep") or not data.any():
         return []
     matched = float((data >= 0.5).sum() / (data > 0).sum())
     if matched >= FEW_MATCHES:

@@ -52,6 +52,16 @@ def extend(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return values.reshape(-1, *values.shape[2:])[pixel[labels]]
 
 
+def beyond_silhouette(color: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """The picture with the nearest foreground colour in place of the background, so that windows see no false edge.
+
+    The outermost pixel of the foreground is replaced too: it is mixed with the background.
+    """
+    import cv2
+
+    return extend(color, cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+
+
 @njit(cache=True, nogil=True)
 def disagreement(depth: np.ndarray, other: np.ndarray, transfer: np.ndarray, focal_baseline: float) -> np.ndarray:
     """Px of disparity by which the depth map `other` of a second view contradicts `depth` [h, w]; infinite without a match.

@@ -8,11 +8,10 @@ B'(x) = B(x - D(x)). A residual r matches A(x) with B'(x - r) = B(x - r - D(x - 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
+from stages.depth.bounds import Bounds
 from stages.depth.sampling import extend, sample
 from stages.geometry.projection import pixel_centres
 from stages.geometry.rectification import RectifiedPair, Window
@@ -32,18 +31,6 @@ SLOPE = 10.0
 """Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different surfaces."""
 SUBPIXEL = 16
 """OpenCV's fixed-point steps of a pixel."""
-
-
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Where the surface of one view can lie; all [h, w] float32, metres along its optical axis, 0 = no surface."""
-
-    guide: np.ndarray
-    """The surface the windows follow."""
-    near: np.ndarray
-    """Nearest depth searched."""
-    far: np.ndarray
-    """Farthest depth searched."""
 
 
 def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.ndarray, bounds: Bounds) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Read, Resources, Stage
-from stages.depth.effects import LEFT_RIGHT_CHECK
+from stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from stages.depth.params import DepthParams, refusal
 from storage.spec import ArraySpec, Shape
 
@@ -21,8 +21,9 @@ STAGE = Stage(
     run="stages.depth.run:run",
     check="stages.depth.run:check",
     reads=(
-        Read("frames/color", when=lambda p, f: p.method == "sgbm"),
+        Read("frames/color", when=lambda p, f: p.method in ("sweep", "sgbm")),
         Read("frames/mask"),
+        Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f and bool({"joints2d", "joints3d"} & f)),
         Read("truth/depth", when=lambda p, f: p.method == "truth"),
     ),
     writes=(
@@ -33,5 +34,5 @@ STAGE = Stage(
     params=DepthParams,
     needs=needs,
     refusal=refusal,
-    effects=(LEFT_RIGHT_CHECK,),
+    effects=(LEFT_RIGHT_CHECK, LIMB_BOUNDS),
 )

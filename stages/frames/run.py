@@ -8,12 +8,15 @@ import cv2
 import numpy as np
 
 from stages.frames.display import gain_table, to_display
+from stages.frames.effects import proven_offsets
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
+from stages.frames.outline import moved
 from stages.frames.params import FramesParams, resolve_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
 from stages.survey.exposure import FEWEST, match
+from stages.survey.params import OUTLINES
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -26,6 +29,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
     0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB and clipped at 1.
+    While `outline_correction` is on, the outlines of a source view's given masks are moved to the pictures' edges.
     While `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found.
     Raises SourceError for pictures or masks whose size contradicts the calibration or each other.
     """
@@ -62,9 +66,10 @@ def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.nda
     view, (width, height) = inputs.view, warp.size
     matte = resolve_matte(params, inputs.facts)
     if matte == "given":
+        inwards = _offset(inputs)
         for frame, given in zip(present, inputs.source("masks").read(view, numbers), strict=True):
             _same_size(warp, "mask", given)
-            _place(mask[frame], warp(given))
+            _place(mask[frame], warp(moved(given, inwards)))
         return
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
@@ -75,6 +80,14 @@ def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.nda
     for frame in present:
         found = plate_matte(np.ascontiguousarray(color[frame, :height, :width]), plate, spread, params.plate_threshold)
         _place(mask[frame], np.minimum(found, warp.coverage))
+
+
+def _offset(inputs: Inputs) -> float:
+    """Captured px by which the view's outlines are moved inwards."""
+    view = inputs.view
+    if "outline_correction" not in inputs.facts or view not in inputs.views.sources:
+        return 0.0
+    return float(proven_offsets(inputs.read(OUTLINES, view)[None])[0])
 
 
 def _gain(inputs: Inputs, view: int) -> np.ndarray:

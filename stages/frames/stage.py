@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
-from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, UNDISTORTION
+from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, UNDISTORTION
 from stages.frames.params import FramesParams, matte_choice, resolve_matte
+from stages.survey.params import OUTLINES
 from storage.spec import ArraySpec, Shape
 
 
@@ -23,6 +24,10 @@ def _plate(params: FramesParams, facts: Facts) -> bool:
 
 def _matched(params: FramesParams, facts: Facts) -> bool:
     return "exposure_matching" in facts
+
+
+def _corrected(params: FramesParams, facts: Facts) -> bool:
+    return "outline_correction" in facts and _given(params, facts)
 
 
 def _truth(params: FramesParams, facts: Facts) -> bool:
@@ -51,6 +56,7 @@ STAGE = Stage(
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
         Read("survey/colors", views="sources", when=_matched),
+        Read(OUTLINES, views="own", when=_corrected),
     ),
     writes=(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
@@ -61,6 +67,6 @@ STAGE = Stage(
     params=FramesParams,
     needs=needs,
     refusal=refusal,
-    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING),
+    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION),
     choices=(Choice("matte", matte_choice),),
 )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from stages.io import Block, Inputs
+from stages.metrics.further import UNAVAILABLE, Regions, Unavailable, definitions, further
 from stages.metrics.params import MetricsParams
 from stages.metrics.psnr import psnr
 from stages.metrics.ssim import ssim_map
@@ -16,15 +17,18 @@ COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "defin
 SSIM = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"
 BOX = "; box = bounding box of the view's own mask > 127"
 DATA_RANGE = 255.0
+Values = dict[tuple[str, str], float | Unavailable]
+"""{(region, measure): value}."""
 
 
 def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
-    """Yield one table: psnr, ssim and delta_ssim of every held-out camera and frame, regions full and box.
+    """Yield one table: the measures asked for of every held-out camera and frame, regions full and box.
 
     Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background is
     the same in both and carries no error. A box value of SSIM is the mean of the full picture's map over the box.
     delta_ssim = abs(SSIM_t - SSIM_{t-1}) with the previous frame of the sequence. Frames that a camera does not serve or
-    that have no picture give no rows; an empty mask gives no box rows.
+    that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has rows
+    without a value, whose definition says what.
     """
     path = inputs.path
     assert path is not None, "metrics run over a camera path"
@@ -35,11 +39,14 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     for c, view in enumerate(inputs.views.held_out):
         truth, mask = inputs.read("frames/color", view), inputs.read("frames/mask", view)
         width, height = (int(n) for n in path.size[c])
-        before: dict[tuple[str, str], float] = {}
+        before: Values = {}
         for j, frame in enumerate(span):
             crop = (j, slice(0, height), slice(0, width))
             usable = bool(path.served[j, c]) and (j < halo or bool(inputs.valid[j - halo, view]))
-            now = measure(rendered[:, c][crop], truth[crop], mask[crop], params.psnr_cap) if usable else {}
+            now: Values = {}
+            if usable:
+                wanted = params if j >= halo else ONLY_SSIM  # a frame of the halo is there for its SSIM alone
+                now = measure(rendered[:, c][crop], truth[crop], mask[crop], wanted)
             if j >= halo:
                 _append(table, path.names[c], frame, now, before, params)
             # whether a frame of the halo had a picture is not known here; an empty mask says that it had none
@@ -47,43 +54,59 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     yield Block("metrics/{path}", table)
 
 
-def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, cap: float) -> dict[tuple[str, str], float]:
-    """{(region, measure): value} of one picture.
+ONLY_SSIM = MetricsParams(measures=["ssim"])
+
+
+def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: MetricsParams) -> Values:
+    """{(region, measure): value} of one picture; delta_ssim, which takes two, is there as ssim.
 
     rendered [h, w, 3] uint8 premultiplied on black; truth [h, w, 3] uint8 as filmed; mask [h, w] uint8 0..255.
     """
     picture = rendered.astype(np.float64)
     reference = truth.astype(np.float64) * (mask[..., None].astype(np.float64) / 255)
-    similarity = ssim_map(picture, reference, DATA_RANGE)
-    regions = {"full": (slice(None), slice(None))}
+    regions: Regions = {"full": (slice(None), slice(None))}
     rows, columns = (np.nonzero((mask > 127).any(axis=a))[0] for a in (1, 0))
     if rows.size:
-        regions["box"] = (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))
-    values = {}
-    for name, region in regions.items():
-        values[name, "psnr"] = psnr(picture[region], reference[region], DATA_RANGE, cap)
-        values[name, "ssim"] = float(similarity[region].mean())
-    return values
+        regions = {**regions, "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))}
+    values: Values = {}
+    if "psnr" in params.measures:
+        values |= {(name, "psnr"): psnr(picture[region], reference[region], DATA_RANGE, params.psnr_cap) for name, region in regions.items()}
+    if {"ssim", "delta_ssim"} & set(params.measures):
+        similarity = ssim_map(picture, reference, DATA_RANGE)
+        values |= {(name, "ssim"): float(similarity[region].mean()) for name, region in regions.items()}
+    return values | further(picture, reference, regions, DATA_RANGE, params)
 
 
-def _append(table: dict[str, list[Any]], camera: str, frame: int, now: dict[tuple[str, str], float], before: dict[tuple[str, str], float], params: MetricsParams) -> None:
+def _append(table: dict[str, list[Any]], camera: str, frame: int, now: Values, before: Values, params: MetricsParams) -> None:
     """Add the rows of one picture."""
-    definitions = {
+    said = {
         "psnr": f"10 log10(255^2 / MSE) over RGB, at most {params.psnr_cap:g} dB",
         "ssim": SSIM,
         "delta_ssim": "abs(SSIM of this frame - SSIM of the previous frame); " + SSIM,
+        **definitions(params),
     }
     rows = dict(now)
-    rows |= {(region, "delta_ssim"): abs(v - before[region, "ssim"]) for (region, m), v in now.items() if m == "ssim" and (region, "ssim") in before}
-    for (region, name), value in sorted(rows.items()):
-        definition = definitions[name] + (BOX if region == "box" else "")
-        for column, entry in zip(COLUMNS, (camera, int(frame), region, name, float(value), "black", definition), strict=True):
+    for (region, name), value in now.items():
+        earlier = before.get((region, "ssim"))
+        if name == "ssim" and isinstance(value, float) and isinstance(earlier, float):
+            rows[region, "delta_ssim"] = abs(value - earlier)
+    for (region, name), value in sorted(rows.items(), key=lambda row: row[0]):
+        if name not in params.measures:
+            continue
+        if isinstance(value, Unavailable):
+            number, definition = None, UNAVAILABLE + value.reason
+        else:
+            number, definition = float(value), said[name] + (BOX if region == "box" else "")
+        for column, entry in zip(COLUMNS, (camera, int(frame), region, name, number, "black", definition), strict=True):
             table[column].append(entry)
 
 
 def check(block: Block, params: MetricsParams) -> list[str]:
-    """Raise ValueError for a value that is not finite."""
-    for camera, frame, name, value in zip(*(block.data[k] for k in ("camera", "frame", "measure", "value")), strict=True):
-        if not np.isfinite(value):
+    """Warn of measures without a value, once for each reason; raise ValueError for a value that is not finite."""
+    warnings: dict[str, None] = {}
+    for camera, frame, name, value, definition in zip(*(block.data[k] for k in ("camera", "frame", "measure", "value", "definition")), strict=True):
+        if value is None:
+            warnings[f"{name} is {definition}"] = None
+        elif not np.isfinite(value):
             raise ValueError(f"{name} of camera {camera}, frame {frame} is {value}; every measure must be finite")
-    return []
+    return list(warnings)

@@ -10,11 +10,13 @@ import torch
 
 from stages.geometry.subject import look_at_point
 from stages.io import Block, Inputs
+from stages.rendering.clipping import retouched, silhouettes_of
 from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.params import RenderingParams
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Gaussians
+from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.scene import Camera, Cutoffs, Gaussians
 from stages.rendering.sources import angles_at, choose
+from storage.rig import Rig
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -42,7 +44,9 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
     maps = _MapReader(inputs)
     subject = look_at_point(inputs.rig.subset(inputs.views.sources))
     is_source = np.isin(np.arange(len(inputs.rig)), inputs.views.sources)
+    effects = inputs.facts & {"silhouette_clipping", "hole_filling"}
     for i in range(frames):
+        silhouettes = silhouettes_of(inputs.rig, maps.masks(i)) if effects else None
         lifted: dict[int, Lifted] = {}
         for c in np.nonzero(path.served[i])[0]:
             w, h = (int(n) for n in path.size[c])
@@ -55,10 +59,28 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
                 seen = lifted[view].seen_from(camera)
                 parts.append(replace(seen, opacity=seen.opacity * weight))
             if parts:
-                picture = rasterize(Gaussians.concatenate(parts), [camera])
-                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(picture.color[0]), quantise(picture.alpha[0])
+                low_pass = widening(camera, inputs.rig, [v for v, _ in chosen], subject) if "anti_aliasing" in inputs.facts else 0.0
+                picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(Cutoffs(low_pass=low_pass)))
+                shown, coverage = picture.color[0], picture.alpha[0]
+                if silhouettes is not None:
+                    touched = retouched(shown.cpu().numpy(), coverage.cpu().numpy(), silhouettes, camera, "hole_filling" in effects, "silhouette_clipping" in effects)
+                    shown, coverage = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(shown), quantise(coverage)
     yield Block("rendering/{path}/color", color)
     yield Block("rendering/{path}/alpha", alpha)
+
+
+def widening(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> float:
+    """Variance, px^2, by which Gaussians are widened in a picture that samples the subject [3] more coarsely than the finest of its source views.
+
+    3DGS adds 0.3 px^2 to every Gaussian. Here it is 0.3 (1 - 1 / r^2), r the size of the picture's pixels in the source's: Gaussians as
+    wide as a pixel need nothing, and ever narrower ones come to 0.3.
+    """
+    def pixel(intrinsics: np.ndarray, centre: np.ndarray) -> float:
+        return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
+
+    ratio = pixel(camera.intrinsics, camera.centre) / min(pixel(rig.intrinsics[v], rig.centres[v]) for v in views)
+    return 0.3 * max(0.0, 1 - ratio**-2)
 
 
 class _MapReader:
@@ -67,6 +89,7 @@ class _MapReader:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
         self.views: dict[int, tuple[np.ndarray, ...]] = {}
+        self.silhouettes: dict[int, np.ndarray] = {}
 
     def frame(self, i: int, view: int) -> Maps:
         """Maps of the i-th frame of the partition."""
@@ -74,6 +97,12 @@ class _MapReader:
             names = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
             self.views[view] = tuple(self.inputs.read(name, view) for name in names)
         return Maps(*(a[i] for a in self.views[view]))
+
+    def masks(self, i: int) -> dict[int, np.ndarray]:
+        """Masks of the i-th frame by source view that has a picture."""
+        if not self.silhouettes:
+            self.silhouettes = {v: self.inputs.read("frames/mask", v) for v in self.inputs.views.sources}
+        return {v: m[i] for v, m in self.silhouettes.items() if self.inputs.valid[i, v]}
 
 
 def check(block: Block, params: RenderingParams) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Read, Resources, Stage
+from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
 from stages.rendering.params import RenderingParams
 from storage.spec import ArraySpec, Shape
 
@@ -13,8 +14,8 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     wide = 8 if params.precision == "float64" else 4
     lifted = pixels * shape["view"] * 20 * wide
     picture = pixels * params.sources * 60 * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
-    maps_and_output = shape["frame"] * (pixels * shape["view"] * 23 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
-    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture, vram=lifted + picture + 2**28)
+    maps_and_output = shape["frame"] * (pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
+    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture + pixels * shape["view"] * 8, vram=lifted + picture + 2**28)
 
 
 STAGE = Stage(
@@ -29,6 +30,7 @@ STAGE = Stage(
         Read("gaussians/scale"),
         Read("gaussians/rotation"),
         Read("gaussians/opacity"),
+        Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
     ),
     writes=(
         ArraySpec("rendering/{path}/color", ("frame", "camera", "camera_y", "camera_x", "rgb"), "uint8", "sRGB", "Rendered picture, premultiplied on black."),
@@ -37,4 +39,5 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
+    effects=(SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
 )

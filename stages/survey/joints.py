@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.geometry.consistency import reprojection_residual
 from stages.geometry.projection import project
 from stages.io import Inputs
 from stages.pose.people import subject
@@ -16,6 +17,11 @@ SCORE = 0.3
 """Least score of a joint that is triangulated."""
 RESIDUAL = 0.02
 """Reprojection error above which a view's joint is an outlier, as a share of the picture's longest side."""
+FITTING = 0.015
+"""Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm where a person of 1.75 m fills
+the picture, and the triangulated joint, a mean over views, is nearer to the true one than that."""
+FRAMES = 5
+"""Sampled frames in which joints are compared."""
 
 
 def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
@@ -26,6 +32,11 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
     if "joints2d" not in inputs.facts:
         given = inputs.source("joints3d")
         return _known(to_set(np.asarray(given.read(number), dtype=np.float64), given.joint_set, "coco17"))
+    return triangulate(inputs.rig.subset(list(inputs.views.sources)), seen_joints(inputs, number), SCORE, RESIDUAL)
+
+
+def seen_joints(inputs: Inputs, number: int) -> np.ndarray:
+    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints."""
     joints, sources = inputs.source("joints"), list(inputs.views.sources)
     people = []
     for v in sources:
@@ -33,8 +44,27 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
         found = _known(to_set(found, joints.joint_set, "coco17"))
         pixels, mapped = to_frames(found[..., :2], inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
         people.append(np.concatenate([pixels, np.where(mapped, found[..., 2], 0.0)[..., None]], axis=-1))
-    rig = inputs.rig.subset(sources)
-    return triangulate(rig, subject(rig, people, SCORE, RESIDUAL), SCORE, RESIDUAL)
+    return subject(inputs.rig.subset(sources), people, SCORE, RESIDUAL)
+
+
+def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
+    """[3]: median distance, px of `frames/*`, of a view's joints from the triangulated ones, the share within FITTING, and how many a frame can be compared.
+
+    Over a few of the sampled source frames `numbers`; a view that is no source, or where nothing can be compared, gets 0.
+    """
+    sources = list(inputs.views.sources)
+    if view not in sources or not len(numbers):
+        return np.zeros(3)
+    chosen = np.unique(np.asarray(numbers)[np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), FRAMES))).astype(int)])
+    rig, found = inputs.rig.subset(sources), []
+    for number in chosen:
+        seen = seen_joints(inputs, int(number))
+        space, own = triangulate(rig, seen, SCORE, RESIDUAL), sources.index(view)
+        found.append(reprojection_residual(rig.subset([own]), seen[own : own + 1], space))
+    off = np.concatenate(found)
+    if not len(off):
+        return np.zeros(3)
+    return np.array([np.median(off), (off <= FITTING * inputs.rig.size[view].max()).mean(), len(off) / len(chosen)])
 
 
 def _known(joints: np.ndarray) -> np.ndarray:

@@ -11,9 +11,11 @@ from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
 from stages.survey.exposure import PATCHES, patch_colors, typical_colors
-from stages.survey.joints import joints_in_space, runs_of_joints
+from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
 from stages.survey.motion import jitter_and_motion, run_starts
-from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
+from stages.survey.outlines import outline_of_view
+from stages.survey.params import COLORS, JOINT_FIT, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.silhouettes import agreement_of_view
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
@@ -26,8 +28,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     """Yield sample [S] int64 of one view and, as far as they are asked for, its plate, spread, colors and motion.
 
     What is asked for stands in `inputs.facts`. The sample lies evenly over the whole source of the view, first and last
-    frame included, whatever range of frames is worked on; S is `params.sample`, padding is -1. Pictures are decoded once,
-    and only for a plate or for colours. Colours and motion of a view that is no source are 0: nothing follows from it.
+    frame included, whatever range of frames is worked on; S is `params.sample`, padding is -1. Pictures are decoded only
+    where they are looked at. Colours and motion of a view that is no source are 0: nothing follows from it.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"
@@ -42,6 +44,12 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     if MOTION in inputs.facts:
         found = jitter_and_motion(runs_of_joints(inputs, view, run_starts(numbers, chosen))) if view in inputs.views.sources else (0.0, 0.0, 0)
         yield Block(MOTION, np.array(found, dtype=np.float64), view)
+    if SILHOUETTES in inputs.facts:
+        yield Block(SILHOUETTES, np.array([agreement_of_view(inputs, view, chosen)]), view)
+    if OUTLINES in inputs.facts:
+        yield Block(OUTLINES, outline_of_view(inputs, view, chosen), view)
+    if JOINT_FIT in inputs.facts:
+        yield Block(JOINT_FIT, fit_of_view(inputs, view, chosen), view)
 
 
 def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:

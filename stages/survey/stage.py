@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, MOTION, PLATE, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -14,7 +14,7 @@ def needs(shape: Shape, params: SurveyParams) -> Resources:
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
     covered = bool(facts & {PLATE, SPREAD}) and params.joints_margin > 0
-    return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION}))
+    return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION, JOINT_FIT}))
 
 
 def _joints3d(params: SurveyParams, facts: Facts) -> bool:
@@ -31,6 +31,7 @@ STAGE = Stage(
         Read.source("pictures", views="own"),
         Read.source("joints", views="all", when=_joints),
         Read.source("joints3d", when=_joints3d),
+        Read.source("masks", views="sources", when=lambda p, f: "masks" in f and bool(f & {SILHOUETTES, OUTLINES})),
     ),
     writes=(
         ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that were looked at; -1 pads."),
@@ -58,6 +59,25 @@ STAGE = Stage(
             "px",
             "Joint jitter (px), joint motion (px a source frame) in captured pixels, and how many joints were compared over four frames each.",
             when=MOTION,
+            noted=True,
+        ),
+        ArraySpec(SILHOUETTES, ("view", "one"), "float64", "1", "Share of the rim of a view's masks that the other masks leave something of, mean of 5 frames; -1 where unknown.", when=SILHOUETTES, noted=True),
+        ArraySpec(
+            OUTLINES,
+            ("view", "outline"),
+            "float64",
+            "px",
+            "How far the outline of a view's masks lies outside the pictures' own edges, median and interquartile range in captured pixels, and how many points of 5 frames tell.",
+            when=OUTLINES,
+            noted=True,
+        ),
+        ArraySpec(
+            JOINT_FIT,
+            ("view", "fit"),
+            "float64",
+            "px",
+            "How far a view's joints lie from the triangulated ones: the median in px of frames/*, the share within 1.5 % of the picture's longer side, and how many a frame tell, of 5 frames.",
+            when=JOINT_FIT,
             noted=True,
         ),
     ),

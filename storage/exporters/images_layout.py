@@ -16,7 +16,7 @@ from storage.rig import Rig
 def write_capture(
     folder: str | Path,
     rig: Rig,
-    color: np.ndarray,
+    color: np.ndarray | None,
     mask: np.ndarray | None = None,
     joints2d: np.ndarray | None = None,
     depth: np.ndarray | None = None,
@@ -27,10 +27,11 @@ def write_capture(
 
     color [F, V, h, w, 3]: uint8 sRGB as PNG, float16 linear as EXR. mask [F, V, h, w] uint8. joints2d [F, V, J, 3] of one
     person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface.
-    numbers [F] source frame numbers, 0..F-1 by default. Raises ValueError when an array is smaller than the rig's pictures.
+    numbers [F] source frame numbers, 0..F-1 by default. What is None is left as it is, so that a long capture may be written
+    in parts: pictures of some frames at a time, the joints of a camera at once. Raises ValueError when an array is smaller than the rig's pictures.
     """
     root = Path(folder)
-    frames = np.arange(len(color)) if numbers is None else np.asarray(numbers)
+    frames = np.arange(0 if color is None else len(color)) if numbers is None else np.asarray(numbers)
     root.mkdir(parents=True, exist_ok=True)
     _write_json(root / "cameras.json", _cameras(rig, frame_rate))
     for kind, array in (("images", color), ("masks", mask), ("depth", depth)):

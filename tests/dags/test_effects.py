@@ -19,9 +19,9 @@ from storage.archive import Archive
 from storage.errors import ConfigError
 from storage.ledger import rebuild
 from storage.receipts import scan_receipts, write_receipt
-from tests.pipeline import NAME, Pipeline, film
+from tests.pipeline import FORCED, NAME, Pipeline, film
 
-AUTO = ["effects.temporal_smoothing=auto", "effects.exposure_matching=auto"]
+AUTO = [f"effects.{e}=auto" for e in FORCED]
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     events = fresh.run()
     (told,) = [e for e in events if isinstance(e, EffectsDecided)]
     assert told.sequence == NAME
-    assert [s.split(" (auto): ")[0] for s in told.sentences] == ["exposure_matching off", "temporal_smoothing off"]
+    assert [s.split(" (auto): ")[0] for s in told.sentences] == ["exposure_matching off", "outline_correction off", "temporal_smoothing off", "limb_bounds on", "silhouette_clipping on", "hole_filling on"]
     order = [(e.task.stage, e.task.view) for e in events if isinstance(e, TaskDone)]
     stages = [s for s, _ in order]
     assert "smoothing" not in stages
@@ -108,14 +108,14 @@ def test_a_measure_that_crosses_its_bound_changes_the_decision_and_what_hangs_on
 def test_ten_more_frames_change_no_decision_and_no_partition_that_was_whole(tmp_path: Path) -> None:
     folder = tmp_path / "capture"
     film(folder, views=3, frames=4, depth=False)
-    p = Pipeline(tmp_path / "archive", folder, [*AUTO, "depth.method=hull"])
+    p = Pipeline(tmp_path / "archive", folder, [*AUTO, "depth.method=hull", "effects.limb_bounds=off"])
     p.register()
     p.run()
     film(folder, views=3, frames=14, depth=False)
     p.register()
     stale = [v.task for v in p.plan().verdicts.values() if v.state is not State.FRESH]
     of_frames = [t.partition for t in stale if t.stage in ("frames", "survey", "depth")]
-    assert sorted(set(of_frames)) == [2, 3, 4, 5, 6], "pose is another matter: a file of joints holds all frames"
+    assert sorted(set(of_frames)) == [2, 3, 4, 5, 6], "pose, and what follows from it, is another matter: a file of joints holds all frames"
     assert any("survey was taken before" in n for n in p.plan().notes)
 
 
@@ -139,9 +139,9 @@ def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(decid
 
 
 def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
-    forced = fresh.with_settings("effects.temporal_smoothing=on", "effects.exposure_matching=off")
+    forced = fresh.with_settings("effects.temporal_smoothing=on", "effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.silhouette_clipping=off", "effects.hole_filling=on")
     assert "survey" in forced.plan().unneeded
-    half = fresh.with_settings("effects.exposure_matching=off")
+    half = fresh.with_settings("effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.silhouette_clipping=off", "effects.hole_filling=off")
     assert {w for w in half.plan().context.facts if w.startswith("survey/")} == {"survey/motion"}
 
 

@@ -19,7 +19,7 @@ from dags.tasks import Task
 from storage.archive import Archive
 from storage.ledger import run_events
 from storage.receipts import Output, Receipt, ShardFile
-from tests.pipeline import NAME, Pipeline
+from tests.pipeline import FORCED, NAME, Pipeline
 
 DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
 TASK = Task("kick", "depth", 3, None, None)
@@ -84,7 +84,7 @@ def lines(*arguments: str) -> list[dict[str, Any]]:
 
 def test_run_and_plan_write_nothing_but_events_for_machines(finished: Pipeline, tmp_path: Path) -> None:
     archive = finished.copy(tmp_path / "archive")
-    common = ["--json", "--archive", str(archive.root), "--set", "views.held_out=[mid00]", "--set", "effects.temporal_smoothing=on", "--set", "effects.exposure_matching=off"]
+    common = ["--json", "--archive", str(archive.root), "--set", "views.held_out=[mid00]", *(w for e, state in FORCED.items() for w in ("--set", f"effects.{e}={state}"))]
     planned = [e for e in lines("plan", *common) if e["event"] == "task_planned"]
     assert len(planned) == len(archive.plan().verdicts)
     assert {e["state"] for e in planned} == {"fresh"}

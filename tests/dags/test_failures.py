@@ -22,7 +22,7 @@ from dags.serial import SerialBackend
 from dags.session import Session
 from storage.archive import Archive
 from storage.errors import LeaseHeld, LeaseLost, SourceError
-from tests.pipeline import Pipeline, film
+from tests.pipeline import FORCED, Pipeline, film
 
 GAUSSIANS = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
 
@@ -131,7 +131,7 @@ def test_a_task_beyond_its_time_fails_by_the_setting_s_name(archive: Pipeline, m
 
 def three_sequences(tmp_path: Path) -> tuple[Path, list[str]]:
     """An archive of three short captures; returns its folder and the settings."""
-    settings = ["run.scheduler=serial", "views.held_out=[]", "partition.frames=1", "effects.exposure_matching=off"]
+    settings = ["run.scheduler=serial", "views.held_out=[]", "partition.frames=1", *(f"effects.{e}={state}" for e, state in FORCED.items())]
     root = tmp_path / "archive"
     configuration = load_configuration(None, settings, folder=tmp_path)
     for name in ("a", "b", "c"):

@@ -139,7 +139,7 @@ def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.M
 def test_plan_imports_no_numerical_library(archive: Pipeline) -> None:
     code = (
         "import sys; from dags.cli import app; from typer.testing import CliRunner; "
-        f"r = CliRunner().invoke(app, ['plan', '--archive', {str(archive.root)!r}, '--set', 'views.held_out=[mid00]', '--set', 'partition.frames=2', '--set', 'effects.temporal_smoothing=on', '--set', 'effects.exposure_matching=off']); "
+        f"r = CliRunner().invoke(app, ['plan', *{archive.options!r}]); "
         "print(r.exit_code, 'all fresh' in r.output, [m for m in ('torch', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

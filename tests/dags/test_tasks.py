@@ -127,11 +127,12 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     everything = {s.name for s in STAGES}
     assert stages("a") == everything
     assert stages("b", masks=False) == everything
-    assert stages("c", joints=False) == everything - {"survey", "pose", "smoothing"}
+    assert stages("c", joints=False) == everything - {"pose", "smoothing"}, "masks are surveyed"
     assert stages("d", held_out=()) == everything - {"metrics"}
-    assert stages("e", effects={"exposure_matching": "off", "temporal_smoothing": "on"}) == everything - {"survey"}
-    assert stages("f", effects={"exposure_matching": "off", "temporal_smoothing": "off"}) == everything - {"survey", "smoothing"}
-    assert stages("g", effects={"exposure_matching": "off", "pose_heatmaps": "off"}) == everything - {"survey", "smoothing"}
+    unasked = dict.fromkeys(("exposure_matching", "outline_correction", "limb_bounds", "silhouette_clipping", "hole_filling"), "off")
+    assert stages("e", effects={**unasked, "temporal_smoothing": "on"}) == everything - {"survey"}
+    assert stages("f", effects={**unasked, "temporal_smoothing": "off"}) == everything - {"survey", "smoothing"}
+    assert stages("g", effects={**unasked, "limb_bounds": "on", "pose_heatmaps": "off"}) == everything - {"survey", "smoothing"}
 
 
 def test_the_halo_of_a_filter_makes_its_tasks_wait_for_the_partitions_before(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def tried(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple
     folder = tmp_path_factory.mktemp("tradeoff")
     archive = finished.copy(folder / "archive").with_settings("frames.range=0:2")
     before = files(archive.root / NAME)
-    levels = run_tradeoff(archive.session, None, KNOBS, ["frames.size=0.5,1.0,48"], 2, folder / "out")
+    levels = run_tradeoff(archive.session, None, KNOBS, ["depth.method=hull,sgbm", "frames.size=0.5,1.0,48"], 2, folder / "out")
     return archive, levels, folder / "out", before
 
 
@@ -126,7 +126,7 @@ def test_the_table_is_kept_with_the_machine_and_the_picture_is_drawn(tried: tupl
 def test_a_second_trade_off_makes_nothing_but_the_repeats(tried: tuple) -> None:
     archive, _, out, _ = tried
     variants = {p.name for p in (archive.root / FOLDER).iterdir()}
-    again = run_tradeoff(archive.session, NAME, ["depth.method"], [], 1, out)
+    again = run_tradeoff(archive.session, NAME, ["depth.method"], ["depth.method=hull,sgbm"], 1, out)
     assert len(again) == 2
     new = {p.name for p in (archive.root / FOLDER).iterdir()} - variants
     for name in new:
@@ -144,7 +144,7 @@ def test_without_held_out_cameras_it_is_refused_in_a_sentence(finished: Pipeline
 @pytest.mark.parametrize(
     ("knobs", "levels", "words"),
     [
-        (["depth.max_angle"], [], r"no such setting has quality levels; these have: .*depth\.method \['hull', 'sgbm'\]"),
+        (["depth.max_angle"], [], r"no such setting has quality levels; these have: .*depth\.method \['hull', 'sgbm', 'sweep'\]"),
         (["depth.method"], ["frames.size=1,2"], r"write it as KNOB=LEVEL,LEVEL for a knob named by --knob \(depth\.method\)"),
         (["depth.method"], ["depth.method=hull"], "is a single level on this capture"),
         (["depth.method"], ["depth.method=hull,magic"], r"depth\.method.*'magic'"),

@@ -26,12 +26,12 @@ from stages.geometry.projection import pixel_centres
 from stages.registry import STAGES
 from storage.exporters.images_layout import write_capture
 from storage.rig import Rig, points_to_integer_centres
-from tests.pipeline import Pipeline, assert_same_content, content
+from tests.pipeline import FORCED, Pipeline, assert_same_content, content
 
 Scene = dict[str, Any]
 """Arguments of `write_capture` by name."""
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
-AUTO = ["effects.temporal_smoothing=auto", "effects.exposure_matching=auto"]
+AUTO = [f"effects.{e}=auto" for e in FORCED]
 SHIFT = (3, -2)
 """px by which `shifted` moves pictures."""
 
@@ -202,7 +202,7 @@ def test_hidden_surfaces_call_for_the_left_right_check_and_it_lowers_the_depth_e
     assert state(on, "left_right_check") == "on"
     found = []
     for p in (on, off):
-        p.run(selection=Selection(only=frozenset({"survey", "frames", "depth"})), expect_failure=True)
+        p.run(selection=Selection(only=frozenset({"survey", "frames", "pose", "depth"})), expect_failure=True)
         found.append(sure_depth_error(p, scene["depth"]))
     assert found[0] < 0.85 * found[1], found
 
@@ -274,9 +274,12 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("undistortion", "stages.frames.layout.distort"),
         ("exposure_matching", "stages.frames.run.gain_table"),
         ("exposure_matching", "stages.survey.run.patch_colors"),
+        ("outline_correction", "stages.survey.run.outline_of_view"),
         ("pose_heatmaps", "stages.pose.run.draw"),
         ("temporal_smoothing", "stages.smoothing.run.blend"),
         ("left_right_check", "stages.depth.estimate.disagreement"),
+        ("limb_bounds", "stages.depth.run.limbs_of"),
+        ("limb_bounds", "stages.survey.run.fit_of_view"),
     ],
 )
 def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str, work: str) -> None:
@@ -284,7 +287,7 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         raise AssertionError(f"{work} ran with {effect} off")
 
     scene = noisy(through_a_lens(filmed(views=3, frames=4)))
-    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *([] if effect == "exposure_matching" else ["effects.exposure_matching=off"]))
+    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *(f"effects.{e}=off" for e in ("exposure_matching", "silhouette_clipping", "hole_filling") if e != effect))
     monkeypatch.setattr(work, fail)
     p.run()
 

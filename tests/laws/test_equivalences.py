@@ -28,7 +28,7 @@ def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pi
     assert_same_content(content(other), content(finished))
 
 
-@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=truth", "frames.matte=plate", "frames.matte=none", "rendering.precision=float64"])
+@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=sweep", "depth.method=truth", "frames.matte=plate", "frames.matte=none", "rendering.precision=float64"])
 def test_partition_law_holds_for_the_other_methods(setting: str, person_folder: Path, tmp_path: Path) -> None:
     found = []
     for length in (2, 6):

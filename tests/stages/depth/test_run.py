@@ -30,9 +30,14 @@ def depth_of(c: PersonCapture, length: int | None = None, more: dict[str, Any] |
     return run_stage(STAGE, DepthParams(**params), arrays(c), c.rig, c.views, len(c.color), length, **(more or {}))
 
 
+@pytest.fixture(scope="module", params=["sgbm", "sweep"])
+def method(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
 @pytest.fixture(scope="module")
-def estimate(person: PersonCapture) -> dict[str, np.ndarray]:
-    return depth_of(person)
+def estimate(person: PersonCapture, method: str) -> dict[str, np.ndarray]:
+    return depth_of(person, method=method)
 
 
 def mean_epe(c: PersonCapture, depth: np.ndarray) -> float:
@@ -53,54 +58,54 @@ def test_depth_lies_exactly_on_the_mask_with_confidence(person: PersonCapture, e
     assert estimate[CONFIDENCE].max() <= 1
 
 
-def test_matching_beats_the_hull_where_the_hull_is_coarse():
+def test_matching_beats_the_hull_where_the_hull_is_coarse(method: str) -> None:
     # At 60 degrees between cameras the hull is several pixels off, also in small pictures.
-    c = capture_person(views=6, size=96, frames=1, held_out=0)
-    assert mean_epe(c, depth_of(c)[DEPTH]) < 0.8 * mean_epe(c, depth_of(c, method="hull")[DEPTH])
+    c = capture_person(views=6, size=128, frames=1, held_out=0)
+    assert mean_epe(c, depth_of(c, method=method)[DEPTH]) < 0.8 * mean_epe(c, depth_of(c, method="hull")[DEPTH])
 
 
-def test_confidence_ranks_pixels_by_error():
+def test_confidence_ranks_pixels_by_error(method: str) -> None:
     # Small pictures of a narrow ring have too few bad pixels to tell.
     c = capture_person(views=6, size=128, frames=1, held_out=0)
-    found = depth_of(c)
+    found = depth_of(c, method=method)
     surface = (c.mask > 127) & (c.depth > 0)
     error = np.abs(1 / np.where(surface, found[DEPTH], 1) - 1 / np.where(surface, c.depth, 1))[surface]
     trust = found[CONFIDENCE][surface].astype(float)
     assert error[trust > 0.97].mean() < 0.7 * error[(trust > 0.5) & (trust < 0.9)].mean()
 
 
-def test_partitions_of_one_frame_give_the_bytes_of_the_whole(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
-    parts = depth_of(person, length=1)
+def test_partitions_of_one_frame_give_the_bytes_of_the_whole(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
+    parts = depth_of(person, length=1, method=method)
     for name in (DEPTH, CONFIDENCE):
         np.testing.assert_array_equal(parts[name], estimate[name])
 
 
-def test_threads_do_not_change_a_byte(person: PersonCapture) -> None:
+def test_threads_do_not_change_a_byte(person: PersonCapture, method: str) -> None:
     before = cv2.getNumThreads()
     try:
         results = []
         for threads in (1, 2):
             cv2.setNumThreads(threads)
-            results.append(depth_of(person)[DEPTH])
+            results.append(depth_of(person, method=method)[DEPTH])
     finally:
         cv2.setNumThreads(before)
     np.testing.assert_array_equal(*results)
 
 
-def test_held_out_pictures_and_masks_are_never_looked_at(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+def test_held_out_pictures_and_masks_are_never_looked_at(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
     noise = np.random.default_rng(0)
     color, mask = person.color.copy(), person.mask.copy()
     color[:, 8], mask[:, 8] = noise.integers(0, 255, color[:, 8].shape), noise.integers(0, 255, mask[:, 8].shape)
-    np.testing.assert_array_equal(depth_of(replace(person, color=color, mask=mask))[DEPTH], estimate[DEPTH])
+    np.testing.assert_array_equal(depth_of(replace(person, color=color, mask=mask), method=method)[DEPTH], estimate[DEPTH])
 
 
-def test_a_view_without_a_picture_gets_zeros_and_is_used_by_nobody(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+def test_a_view_without_a_picture_gets_zeros_and_is_used_by_nobody(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
     valid = np.ones((2, 9), bool)
     valid[1, 2] = False
     garbage, mask = person.color.copy(), person.mask.copy()
     garbage[1, 2], mask[1, 2] = 77, 0
-    found = depth_of(person, more={"valid_all": valid})[DEPTH]
-    again = depth_of(replace(person, color=garbage, mask=mask), more={"valid_all": valid})[DEPTH]
+    found = depth_of(person, more={"valid_all": valid}, method=method)[DEPTH]
+    again = depth_of(replace(person, color=garbage, mask=mask), more={"valid_all": valid}, method=method)[DEPTH]
     np.testing.assert_array_equal(found, again)
     np.testing.assert_array_equal(found[0], estimate[DEPTH][0])
     assert not found[1, 2].any()
@@ -114,9 +119,9 @@ def test_hull_is_the_hull_and_stands_before_the_truth(person: PersonCapture) -> 
     assert (hull[surface] <= person.depth[:, :8][surface] + 0.024).mean() > 0.99
 
 
-def test_views_that_no_pair_serves_get_the_hull_with_low_confidence():
+def test_views_that_no_pair_serves_get_the_hull_with_low_confidence(method: str) -> None:
     c = capture_person(views=4, size=64, frames=1, held_out=0)
-    found, hull = depth_of(c), depth_of(c, method="hull")
+    found, hull = depth_of(c, method=method), depth_of(c, method="hull")
     np.testing.assert_array_equal(found[DEPTH], hull[DEPTH])
     assert found[DEPTH].any()
     assert found[CONFIDENCE].max() < 0.5
@@ -131,9 +136,9 @@ def test_truth_is_passed_on_and_refused_where_there_is_none(person: PersonCaptur
         depth_of(person, method="truth")
 
 
-def test_without_masks_only_consistent_pixels_keep_a_depth():
+def test_without_masks_only_consistent_pixels_keep_a_depth(method: str) -> None:
     c = capture_person(views=16, size=96, frames=1, held_out=0)
-    found = depth_of(replace(c, mask=np.full_like(c.mask, 255)), depth_range=(1.6, 3.2))
+    found = depth_of(replace(c, mask=np.full_like(c.mask, 255)), depth_range=(1.6, 3.2), method=method)
     depth, trust = found[DEPTH], found[CONFIDENCE]
     np.testing.assert_array_equal(depth > 0, trust > 0)
     assert (trust[depth > 0] >= 0.5).all()
@@ -144,7 +149,7 @@ def test_without_masks_only_consistent_pixels_keep_a_depth():
     assert np.median(np.abs(depth - c.depth)[surface]) < 0.05
 
 
-def test_pictures_that_are_not_square_and_padded_views(person: PersonCapture) -> None:
+def test_pictures_that_are_not_square_and_padded_views(person: PersonCapture, method: str) -> None:
     # The lower 16 rows are cut off every view, and view 3 loses 10 columns too: its arrays keep them as padding.
     size = person.rig.size.copy()
     size[:, 1] = 80
@@ -152,18 +157,18 @@ def test_pictures_that_are_not_square_and_padded_views(person: PersonCapture) ->
     color, mask, depth = (np.ascontiguousarray(a[:1, :, :80]) for a in (person.color, person.mask, person.depth))
     mask[:, 3, :, 86:] = 0
     c = replace(person, rig=replace(person.rig, size=size), color=color, mask=mask, depth=depth)
-    found = depth_of(c)[DEPTH]
+    found = depth_of(c, method=method)[DEPTH]
     assert found.shape == (1, 9, 80, 96)
     surface = (mask[:, :8] > 127) & (depth[:, :8] > 0)
     assert np.median(np.abs(found[:, :8] - depth[:, :8])[surface]) < 0.03
 
 
-def test_a_single_source_view_and_an_empty_frame_have_no_depth(person: PersonCapture) -> None:
+def test_a_single_source_view_and_an_empty_frame_have_no_depth(person: PersonCapture, method: str) -> None:
     lonely = replace(person, views=replace(person.views, sources=(0,)))
-    assert not depth_of(lonely)[DEPTH].any()
+    assert not depth_of(lonely, method=method)[DEPTH].any()
     empty = replace(person, mask=np.zeros_like(person.mask))
-    assert not depth_of(empty)[DEPTH].any()
-    nobody = depth_of(person, more={"valid_all": np.zeros((2, 9), bool)})
+    assert not depth_of(empty, method=method)[DEPTH].any()
+    nobody = depth_of(person, more={"valid_all": np.zeros((2, 9), bool)}, method=method)
     assert not nobody[DEPTH].any()
 
 

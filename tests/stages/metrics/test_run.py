@@ -118,6 +118,6 @@ def test_the_background_of_the_truth_carries_no_error() -> None:
     mask, color = arrays["frames/mask"][0, 1], arrays["frames/color"][0, 1]
     other = np.where(mask[..., None] == 0, 255 - color, color)
     rendered = arrays["rendering/{path}/color"][0, 0]
-    assert measure(rendered, color, mask, 100.0) == measure(rendered, other, mask, 100.0)
+    assert measure(rendered, color, mask, MetricsParams()) == measure(rendered, other, mask, MetricsParams())
     perfect = color * (mask[..., None] / 255)
-    assert measure(perfect, color, mask, 100.0) == {(r, m): pytest.approx(v) for r in ("full", "box") for m, v in (("psnr", 100.0), ("ssim", 1.0))}
+    assert measure(perfect, color, mask, MetricsParams()) == {(r, m): pytest.approx(v) for r in ("full", "box") for m, v in (("psnr", 100.0), ("ssim", 1.0))}

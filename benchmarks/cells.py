@@ -1,0 +1,130 @@
+"""One benchmark scene, filmed and run by the real pipeline with several kinds of depth, and what is measured of each."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.error_places import PLACES, squared_error_by_place
+from dags.config import load_configuration
+from dags.events import Event, TaskDone, TaskFailed
+from dags.importing import find_capture, register
+from dags.plan import Selection
+from dags.results import Results
+from dags.run import Run
+from dags.serial import SerialBackend
+from dags.session import Session
+from dags.simulate import film, stage_scene
+from stages.capture.benchmark import benchmark_scene
+from stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from stages.metrics.depth_error import disparity_error, nearest_pair
+from stages.metrics.run import measure
+from storage.archive import Archive
+
+NAME = "person"
+WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+"""Luminance of RGB (BT.709)."""
+TIMED = ("depth", "gaussians", "rendering")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A scene of the benchmark."""
+
+    seed: int
+    cameras: int
+    variant: str = "clean"
+    size: int = 512
+    frames: int = 3
+    held_out: int = 2
+
+
+def measure_cell(cell: Cell, methods: tuple[str, ...], folder: Path, settings: tuple[str, ...] = ()) -> list[dict[str, Any]]:
+    """One row for every method; `folder` is removed afterwards. Raises RuntimeError when a task fails."""
+    scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
+    staged = stage_scene(scene, folder)
+    film(scene, staged, folder / "capture", 1)
+    held_out = json.dumps(list(staged.written.names[staged.sources :]))
+    rows = []
+    for method in methods:
+        results, seconds = _run(folder, (f"views.held_out={held_out}", f"depth.method={method}", *settings))
+        per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
+        rows.append({"seed": cell.seed, "motion": scene.motion.name, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **_pictures(results, cell), **_depths(results, cell), **_agreement(results, cell), **per_frame})
+    shutil.rmtree(folder)
+    return rows
+
+
+def _run(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter[str]]:
+    """What does not depend on the method stays fresh. Seconds are CPU seconds by stage."""
+    url, seconds = str(folder / "archive"), Counter[str]()
+    session = Session(load_configuration(None, list(overrides), folder=folder), url, Console(quiet=True))
+    settings = session.configuration.for_sequence(NAME)
+    register(Archive.open(url, create=True), NAME, find_capture("images", folder / "capture", [], settings), settings)
+
+    def note(event: Event) -> None:
+        if isinstance(event, TaskDone):
+            seconds[event.task.stage] += event.receipt.facts["cpu_seconds"]
+        elif isinstance(event, TaskFailed):
+            raise RuntimeError(f"{event.error}\n{event.details}")
+
+    plan = session.plan(NAME, Selection())
+    Run([plan], Selection(), SerialBackend(), [note]).go()
+    return Results(plan.context), seconds
+
+
+def _pictures(results: Results, cell: Cell) -> dict[str, Any]:
+    """Means over held-out pictures; error shares of all of them together; one picture for the eye."""
+    context, frames = results.context, range(cell.frames)
+    (path,) = context.paths.values()
+    color, alpha = (results.read(f"rendering/{path.name}/{a}", frames) for a in ("color", "alpha"))
+    found: dict[str, list[float]] = defaultdict(list)
+    error = np.zeros(len(PLACES))
+    shown: list[np.ndarray] = []
+    for c, name in enumerate(path.names):
+        view = context.rig.index(name)
+        truth, mask = results.read("frames/color", frames, view), results.read("frames/mask", frames, view)
+        for i in frames:
+            for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics).items():
+                found[f"{region} {m}"].append(value)
+            inside = mask[i] > 127
+            found["luminance"].append(float(np.abs((color[i, c].astype(np.float64) - truth[i])[inside] @ WEIGHTS).mean()))
+            error += squared_error_by_place(color[i, c], alpha[i, c], truth[i], mask[i])
+        shown.append(np.stack([color[-1, c], (truth[-1] * (mask[-1][..., None] / 255.0)).astype(np.uint8)]))
+    return {**{k: float(np.mean(v)) for k, v in found.items()}, **dict(zip(PLACES, (error / error.sum()).tolist(), strict=True)), "shown": shown[0]}
+
+
+def _depths(results: Results, cell: Cell) -> dict[str, float]:
+    """Over the true surface of all source views and frames; pixels without depth count 16 px and nothing in mm."""
+    context = results.context
+    errors, millimetres, covered = [], [], []
+    for view in context.views.sources:
+        pair = nearest_pair(context.rig, view, context.views.sources)
+        depth, truth, mask = (results.read(a, range(cell.frames), view) for a in ("depth/depth", "truth/depth", "frames/mask"))
+        for d, t, m in zip(depth, truth, mask, strict=True):
+            surface = (m > 127) & (t > 0)
+            errors.append(disparity_error(d, t, pair)[surface])
+            covered.append(d[surface] > 0)
+            millimetres.append(1000 * np.abs(d - t)[surface & (d > 0)])
+    epe, mm = np.concatenate(errors), np.concatenate(millimetres)
+    return {"EPE": float(epe.mean()), "EPE median": float(np.median(epe)), "1 px": float((epe < 1).mean()), "mm": float(mm.mean()), "mm median": float(np.median(mm)), "coverage": float(np.concatenate(covered).mean())}
+
+
+def _agreement(results: Results, cell: Cell) -> dict[str, float]:
+    """What the capture says about itself, without truth: medians over joints, points, outlines (see stages/geometry/consistency)."""
+    context, frames = results.context, range(cell.frames)
+    rig, sources = context.rig, context.views.sources
+    seen, world = np.stack([results.read("frames/color", frames, v) for v in sources], 1), results.read("pose/joints3d", frames)
+    masks, depths = (np.stack([results.read(a, frames, v) for v in sources], 1) for a in ("frames/mask", "depth/depth"))
+    joints = np.stack([results.read("pose/joints2d", frames, v) for v in sources], 1)
+    subset = rig.subset(sources)
+    residuals = [reprojection_residual(subset, joints[i], world[i]) for i in frames]
+    apart = [photometric_disagreement(subset, (a, b), (seen[i, a], seen[i, b]), (depths[i, a], depths[i, b])) for i in frames for a, b in ((k, (k + 1) % len(sources)) for k in range(len(sources)))]
+    outlines = [silhouette_offset(seen[i, v], masks[i, v]) for i in frames for v in range(len(sources))]
+    return {"joints px": float(np.median(np.concatenate(residuals))), "photo": float(np.concatenate(apart).mean()), "outline px": float(np.median(np.concatenate(outlines)))}

@@ -1,0 +1,71 @@
+"""From the finished Gaussians of a sequence to splat files that other viewers open: one standard 3DGS PLY a frame.
+
+World axes are the capture's, in metres; colour is sRGB as harmonics of degree 0. A Gaussian's opacity is the one it shows
+face-on, and it is seen from both sides: a splat file knows neither grazing angles nor inner sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from dags.context import Context
+from dags.results import Results
+from dags.tasks import Product
+from storage.errors import ConfigError, UserError
+from storage.splats import Splats
+
+MAPS = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
+"""What a view's Gaussians are lifted from, in the order `Maps` takes them."""
+
+
+def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
+    """Indices of the source views of these names; all source views without names. Raises ConfigError for other names."""
+    sources = {context.views.names[v]: v for v in context.views.sources}
+    for name in names:
+        if name not in sources:
+            raise ConfigError(f"export --view {name}: no source view of sequence {context.sequence.name}; these have Gaussians: {', '.join(sources)}")
+    return tuple(sorted({sources[n] for n in names})) if names else context.views.sources
+
+
+def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
+    """What an export reads: it must be there when the run is over, whatever `keep` says."""
+    return frozenset(Product(a, p, v) for a in MAPS for p in context.grid.partitions for v in views)
+
+
+def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[str]:
+    """Write `<frame:06d>.ply`, by source frame number, of the Gaussians of some source views; returns a sentence.
+
+    Raises UserError for a folder with splat files of something else.
+    """
+    from storage.splat_files import write_splats
+
+    context = results.context
+    views = chosen_views(context, names)
+    files = [folder / f"{number:06d}.ply" for number in context.source_frames]
+    folder.mkdir(parents=True, exist_ok=True)
+    strangers = sorted(set(folder.glob("*.ply")) - set(files))
+    if strangers:
+        raise UserError(f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; empty it or name another folder")
+    counts = []
+    for frame, file in enumerate(files):
+        splats = frame_splats(results, frame, views)
+        write_splats(file, splats)
+        counts.append(len(splats))
+    return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {', '.join(context.views.names[v] for v in views)}"]
+
+
+def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
+    """The Gaussians that rendering lifts from one frame of some views, view by view, as splats in the world."""
+    import torch
+
+    from stages.rendering.lift import Maps, lift
+    from stages.rendering.scene import Gaussians
+    from stages.rendering.splat_scene import splats_of
+
+    parts = []
+    for view in views:
+        maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in MAPS))
+        lifted = lift(maps, results.context.rig.intrinsics[view], results.context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
+        parts.append(Gaussians(lifted.mean, lifted.rotation, lifted.scale, lifted.faces[:, 0], lifted.color))
+    return splats_of(Gaussians.concatenate(parts))

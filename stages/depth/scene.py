@@ -1,0 +1,119 @@
+"""What one frame's depth is made from: its pictures and masks, what follows from the cameras alone, and the hull."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stages.depth.fuse import MATCHED
+from stages.depth.limbs import bounded
+from stages.depth.params import DepthParams
+from stages.depth.sweep import Neighbours, nearest
+from stages.geometry.agreement import agreement
+from stages.geometry.hull import Silhouettes, foreground, searched_radius, visual_hull
+from stages.geometry.pairs import choose_pairs
+from stages.geometry.rectification import RectifiedPair, rectify
+from stages.geometry.subject import look_at_point
+from storage.rig import Rig
+
+FINE, FINEST = 768, 1.5
+"""Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer residuals, narrower windows."""
+RANGE = (0.6, 2.0)
+"""Depths searched without masks, over the distance of the point the cameras look at."""
+BELIEVED = 0.3
+"""Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
+Maps = dict[int, tuple[np.ndarray, np.ndarray]]
+"""Two maps [h, w] float32 by view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Pictures of one frame by view; views without a picture are missing."""
+
+    colors: dict[int, np.ndarray]
+    """[h, w, 3] uint8; empty where the method does not look at them."""
+    masks: dict[int, np.ndarray]
+    """[h, w] uint8, 0..255."""
+    limbs: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
+    """[N, 7] capsules of the subject's limbs (`stages.depth.limbs`), where joints are believed."""
+
+    @property
+    def inside(self) -> dict[int, np.ndarray]:
+        """[h, w] bool by view: foreground."""
+        return {v: foreground(m) for v, m in self.masks.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What follows from the cameras alone."""
+
+    rig: Rig
+    """All cameras."""
+    views: tuple[int, ...]
+    """The views that have a picture."""
+    centre: np.ndarray
+    """[3] the point they look at, world metres."""
+    radius: float
+    """Metres around it in which the subject is searched."""
+    pairs: dict[tuple[int, int], RectifiedPair]
+    """Rectified pairs in both orders, where pairs are matched."""
+    neighbours: dict[int, Neighbours]
+    """What each view is compared with, where views are swept."""
+
+    @classmethod
+    def of(cls, rig: Rig, views: tuple[int, ...], params: DepthParams, enlarge: bool = True) -> Geometry:
+        """The geometry of the given views: each with its best usable neighbours, every pair in both orders.
+
+        `enlarge` allows rectified pictures finer than their sources.
+        """
+        if not views:
+            return cls(rig, views, np.zeros(3), 0.0, {}, {})
+        centre = look_at_point(rig.subset(views))
+        partners = choose_pairs(rig, views, params.pairs, params.max_angle) if params.method == "sgbm" else {}
+        ordered = sorted({order for a, found in partners.items() for b in found for order in ((a, b), (b, a))})
+        scale = float(np.clip(FINE / rig.size[list(views)].max(), 1.0, FINEST if enlarge else 1.0))
+        pairs = {(a, b): rectify(rig, a, b, centre, scale) for a, b in ordered}
+        swept = views if params.method == "sweep" else ()
+        neighbours = {v: Neighbours.of(rig, v, nearest(rig, v, views, params.pairs, params.max_angle, centre), centre) for v in swept}
+        return cls(rig, views, centre, searched_radius(rig, list(views), centre), pairs, neighbours)
+
+    def distance(self, view: int) -> float:
+        """Depth of the centre along a view's optical axis, metres."""
+        return float(self.rig.rotations[view, 2] @ (self.centre - self.rig.centres[view]))
+
+    def partners(self, view: int) -> list[int]:
+        """The views this one is matched with."""
+        return [b for a, b in self.pairs if a == view]
+
+    def inverse_depth(self, view: int, share: float) -> float:
+        """1/metres that make a disparity of `share` of the longer side in the view's least sensitive pair; 0 without a pair."""
+        pixels = share * float(self.rig.size[view].max())
+        return pixels / min((self.pairs[view, b].sensitivity for b in self.partners(view)), default=np.inf)
+
+
+def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
+    """Whether any view's mask [h, w] leaves out a pixel of its picture; without one there is no hull."""
+    return any(not foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items())
+
+
+def hulls(geometry: Geometry, frame: Frame) -> Maps:
+    """Nearest and farthest depth of the hull by view, 0 where there is none; the nearest moved on to the limbs, where there are any.
+
+    A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by the others.
+    """
+    silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
+    found = agreement(geometry.rig, frame.masks, silhouettes)
+    carving = silhouettes.kept(set(found.carving))
+    ends = {v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED) for v in geometry.views}
+    return bounded(geometry.rig, ends, {v: frame.masks[v] for v in found.carving}, frame.limbs)
+
+
+def hull_only(geometry: Geometry, frame: Frame) -> Maps:
+    """Depth of the hull's surface by view; its confidence is 1/2 everywhere, since nothing tells good pixels from bad ones."""
+    return {v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in hulls(geometry, frame).items()}
+
+
+def depth_range(geometry: Geometry, view: int, params: DepthParams) -> tuple[float, float]:
+    """Nearest and farthest depth searched in pictures without silhouettes, metres: the setting, or 0.6 to 2 times the distance of the point the cameras look at."""
+    return params.depth_range or (RANGE[0] * geometry.distance(view), RANGE[1] * geometry.distance(view))

@@ -1,0 +1,73 @@
+"""What is done to rendered pictures only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.contract import Decision, Effect, Evidence
+from stages.geometry.subject import look_at_point
+
+TRUSTED = 0.98
+"""Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1 px too small:
+0.98; calibration off by 1 px: 0.84 to 0.97."""
+
+
+def _trusted(evidence: Evidence, bound: float) -> Decision | None:
+    if "survey/silhouettes" not in evidence.noted:
+        return None
+    shares = evidence.noted["survey/silhouettes"][:, 0]
+    known = shares[shares >= 0]
+    if not len(known):
+        return Decision(False, None, bound, "no two masks of the sample can be compared")
+    share = float(known.mean())
+    return Decision(bool(share > bound), share, bound, f"the masks agree on {share:.1%} of their rims")
+
+
+def _no_masks(evidence: Evidence) -> str | None:
+    if "masks" not in evidence.facts:
+        return "the capture came without masks: the background's shape is a guess"
+    return None if len(evidence.sources) > 2 else "fewer than three source views have masks to compare"
+
+
+def coarseness(evidence: Evidence) -> float:
+    """Size of a pixel at the subject in the coarsest camera, over that in the finest source view."""
+    rig, sources = evidence.rig, list(evidence.sources)
+    centre = look_at_point(rig.subset(sources))
+    pixel = np.linalg.norm(rig.centres - centre, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)
+    return float(pixel.max() / pixel[sources].min())
+
+
+def _aliases(evidence: Evidence, bound: float) -> Decision:
+    ratio = coarseness(evidence)
+    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest camera covers {ratio:.2f} of the finest source's at the subject")
+
+
+SILHOUETTE_CLIPPING = Effect(
+    "silhouette_clipping",
+    "Take away from rendered pictures what lies beyond the source masks' hull.",
+    "share of the masks' rims that the other masks agree on",
+    TRUSTED,
+    "1",
+    _trusted,
+    asks=("survey/silhouettes",),
+    lacks=_no_masks,
+)
+HOLE_FILLING = Effect(
+    "hole_filling",
+    "Fill small holes of rendered pictures where the source masks' hull says that there is subject.",
+    "share of the masks' rims that the other masks agree on",
+    TRUSTED,
+    "1",
+    _trusted,
+    asks=("survey/silhouettes",),
+    lacks=_no_masks,
+)
+ANTI_ALIASING = Effect(
+    "anti_aliasing",
+    "Widen Gaussians to the pixels of a picture that samples more coarsely than the sources.",
+    "pixel of the coarsest camera over the finest source's, at the subject",
+    # Up to a quarter coarser, Gaussians of half a source pixel still cover the target's.
+    1.25,
+    "px/px",
+    _aliases,
+)

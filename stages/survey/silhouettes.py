@@ -1,0 +1,60 @@
+"""Do the masks fit together? Along the rim of a silhouette, a ray grazes the subject: what any other mask takes too much of is missing first there."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from stages.frames.warp import Warp
+from stages.geometry.hull import Silhouettes, foreground, searched_radius
+from stages.geometry.projection import rays
+from stages.geometry.subject import look_at_point
+from stages.io import Inputs
+from storage.rig import Rig, points_from_integer_centres
+
+FRAMES = 5
+"""Sampled frames that are compared."""
+RAYS = 200
+"""Rim pixels of a picture that are asked, about."""
+TOLERANCE = 0.5
+"""Px by which a silhouette may be wider than drawn: exact masks then agree on every rim pixel."""
+
+
+def masks_of(inputs: Inputs, number: int) -> dict[int, np.ndarray]:
+    """[h, w] uint8 masks of one source frame in `frames/*` pixels, padded to the largest, by source view that has a picture of it."""
+    pictures, reader, found = inputs.source("pictures"), inputs.source("masks"), {}
+    width, height = (int(n) for n in inputs.rig.size.max(axis=0))
+    for v in inputs.views.sources:
+        if number in pictures.numbers(v):
+            (given,) = reader.read(v, [number])
+            warped = Warp(v, pictures.size(v), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[v])(given)
+            found[v] = np.zeros((height, width), np.uint8)
+            found[v][: warped.shape[0], : warped.shape[1]] = warped
+    return found
+
+
+def agreeing_share(rig: Rig, masks: dict[int, np.ndarray], view: int) -> float | None:
+    """Share of the rim pixels of a view's mask whose rays the other masks [h, w] leave something of; None without a rim or another mask.
+
+    Masks that are all too small by the same width agree: that cannot be seen.
+    """
+    views = sorted(masks)
+    inside = foreground(masks[view])
+    rows, columns = np.nonzero(inside & (cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0))
+    centre = look_at_point(rig.subset(views))
+    others = Silhouettes.of(rig, {v: masks[v] for v in views if v != view}, centre, searched_radius(rig, views, centre))
+    if not len(rows) or not others.views:
+        return None
+    some = slice(None, None, max(1, len(rows) // RAYS))
+    origin, directions = rays(points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
+    return float((others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] > 0).mean())
+
+
+def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> float:
+    """Mean over a few of the sampled source frames of `agreeing_share`; -1 where nothing can be compared."""
+    if view not in inputs.views.sources or not len(numbers):
+        return -1.0
+    chosen = np.unique(np.asarray(numbers)[np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), FRAMES))).astype(int)])
+    shares = [agreeing_share(inputs.rig, masks_of(inputs, int(n)), view) for n in chosen]
+    known = [s for s in shares if s is not None]
+    return float(np.mean(known)) if known else -1.0

@@ -1,0 +1,31 @@
+"""Masks that end beside the subject's edge: measured by the survey, moved by the frames stage, and nothing where they fit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dags.events import EffectsDecided
+from dags.results import Results
+from stages.frames.outline import moved
+from tests.laws.test_effects import Scene, filmed, pipeline, state
+
+
+def grown(scene: Scene, px: float) -> Scene:
+    return {**scene, "mask": np.stack([[moved(m, -px) for m in frame] for frame in scene["mask"]])}
+
+
+@pytest.mark.parametrize("px", [0.0, 1.0])
+def test_a_px_of_fat_is_seen_and_taken_off_and_exact_masks_are_let_be(tmp_path: Path, px: float) -> None:
+    exact = filmed(views=3, size=192)
+    fat = grown(exact, px)
+    p = pipeline(tmp_path, fat, "effects.exposure_matching=off", "depth.method=hull")
+    events = p.run()
+    assert state(p, "outline_correction") == ("on" if px else "off")
+    told = [s for e in events if isinstance(e, EffectsDecided) for s in e.sentences if s.startswith("outline_correction")]
+    assert told
+    results = Results(p.plan().context)
+    for v in p.plan().context.views.sources:
+        found = results.read("frames/mask", range(2), v)
+        # A capsule's edge is soft in the picture, too: half of the px of fat is left at most.
+        assert np.abs(found.astype(float) - exact["mask"][:, v]).sum() <= (0.5 * np.abs(fat["mask"][:, v].astype(float) - exact["mask"][:, v]).sum() if px else 0)

@@ -1,0 +1,180 @@
+"""Scenes, their cameras, and the laws of the take: what is off does not exist, order and threads change nothing."""
+
+import dataclasses
+import importlib
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.capture import staging, take
+from stages.capture.effects import registry
+from stages.capture.effects.registry import EFFECTS
+from stages.capture.rigs import make_rig
+from stages.capture.scene import Scene
+from stages.capture.staging import stage
+from stages.capture.take import OF_CAMERAS, Shot
+from stages.contract import resolve
+from stages.geometry.projection import project, unproject
+from storage.rig import Rig
+
+EVERYTHING: dict[str, Any] = {
+    "lens_distortion": {"k1": -0.1}, "calibration_error": {"pixels": 0.5}, "dropped_frames": {"share": 0.3}, "time_offset": "on", "occluding_object": {"position": [1.0, 0.05]}, "second_person": "on",
+    "cloth_motion": "on", "motion_blur": {"moments": 2, "switch": "on"}, "rolling_shutter": "on", "ambient_occlusion": {"directions": 8}, "cast_shadow": "on", "specular": "on",
+    "background_room": "on", "depth_of_field": {"aperture": 0.5, "switch": "on"}, "vignetting": "on", "camera_gain": "on", "sensor_noise": "on", "jpeg": "on",
+    "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "joint_noise": "on",
+}  # fmt: skip
+
+
+def scene(**changes: Any) -> Scene:
+    base = {"seed": 4, "frames": 4, "motion": "kick", "rig": {"cameras": 3, "size": [48, 64]}, "held_out": 1}
+    return Scene.model_validate({**base, **changes})
+
+
+def same(a: Shot, b: Shot) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Shot))
+
+
+def test_every_effect_is_in_this_test() -> None:
+    assert list(EVERYTHING) == [e.name for e in EFFECTS]
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+def test_an_effect_says_what_it_does_in_what_unit_and_where(effect: Any) -> None:
+    assert effect.effect.summary.endswith(".")
+    assert effect.effect.unit
+    assert effect.effect.measure
+    module = importlib.import_module(effect.apply.partition(":")[0])
+    assert module.__name__.endswith(effect.name)
+    assert module.__doc__.endswith(".")
+    assert callable(resolve(effect.apply))
+    assert {"switch"} < set(effect.params.model_fields)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Shot:
+    return stage(scene()).take.shoot(1, 0)
+
+
+@pytest.mark.parametrize("name", [e.name for e in EFFECTS])
+def test_an_effect_changes_something_and_one_that_is_off_changes_and_computes_nothing(name: str, plain: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = stage(scene())
+    on = stage(scene(effects={name: EVERYTHING[name]}))
+    decision = {r.effect.name: r.decision for r in on.rulings}[name]
+    assert decision.on, decision.reason
+    shot = on.take.shoot(1, 0)
+    changed = not same(shot, plain)
+    written = any(not np.array_equal(getattr(on.written, k), getattr(bare.written, k)) for k in ("world_to_camera", "distortion")) or not np.array_equal(on.valid, bare.valid)
+    assert changed or written
+    called: list[str] = []
+    for module in (take, staging):
+        monkeypatch.setattr(module, "resolve", lambda dotted: called.append(dotted) or resolve(dotted))
+    off = stage(scene(effects={name: "off"}))
+    assert same(off.take.shoot(1, 0), plain), "a scene without the effect, bit by bit"
+    assert called == []
+    assert off.take.calls == {}
+
+
+def test_without_an_effect_in_the_registry_the_others_give_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scene with half of the effects, and the same scene in a program that does not know the other half."""
+    names = [e.name for e in EFFECTS][::2]
+    effects = {n: EVERYTHING[n] for n in names}
+    with_all = stage(scene(effects=effects))
+    monkeypatch.setattr(staging, "EFFECTS", tuple(e for e in registry.EFFECTS if e.name in names))
+    with_half = stage(scene(effects=effects))
+    np.testing.assert_array_equal(with_all.valid, with_half.valid)
+    assert same(with_all.take.shoot(2, 0), with_half.take.shoot(2, 0))
+
+
+def test_order_and_threads_change_no_byte() -> None:
+    wanted = [(0, 1), (3, 0), (2, 3)]
+    first = stage(scene(effects=EVERYTHING)).take
+    forwards = [first.shoot(*w) for w in wanted]
+    second = stage(scene(effects=EVERYTHING)).take
+    backwards = [second.shoot(*w) for w in wanted[::-1]][::-1]
+    third = stage(scene(effects=EVERYTHING)).take
+    third.prepare()
+    with ThreadPoolExecutor(2) as pool:
+        threaded = list(pool.map(lambda w: third.shoot(*w), wanted))
+    for a, b, c in zip(forwards, backwards, threaded, strict=True):
+        assert same(a, b)
+        assert same(a, c)
+
+
+def test_held_out_cameras_are_rulers() -> None:
+    """Their lens, shutter, sensor and labels are perfect; what happens in the scene they see as all others do."""
+    spoilt = {e.name: EVERYTHING[e.name] for e in EFFECTS if e.phase in {*OF_CAMERAS, "rig", "calibration", "times"}}
+    clean, dirty = stage(scene()), stage(scene(effects=spoilt))
+    assert clean.sources == dirty.sources == 3
+    assert same(clean.take.shoot(2, 3), dirty.take.shoot(2, 3))
+    assert not same(clean.take.shoot(2, 2), dirty.take.shoot(2, 2))
+    for key in ("intrinsics", "distortion", "world_to_camera"):
+        np.testing.assert_array_equal(getattr(clean.written, key)[3], getattr(dirty.written, key)[3])
+
+
+def test_truth_agrees_with_itself(plain: Shot) -> None:
+    staged = stage(scene(rig={"cameras": 4, "size": [160, 200]}, motion="crossed_arms", held_out=0))
+    rig, shots = staged.take.rig, [staged.take.shoot(1, v) for v in range(4)]
+    for v, s in enumerate(shots):
+        # a gap between two fingers may pass between the four samples and show at the pixel's centre, or the other way round
+        assert ((s.true_mask == 255) & (s.depth == 0)).sum() + ((s.true_mask == 0) & (s.depth > 0)).sum() <= 4
+        assert (s.color.max(axis=-1) <= s.true_mask.astype(int) + 1).all(), "premultiplied on black"
+        lengths = np.linalg.norm(s.normal, axis=-1)
+        np.testing.assert_allclose(lengths[s.depth > 0], 1.0, atol=1e-5)
+        ray = np.concatenate([np.stack(np.meshgrid(np.arange(160) + 0.5, np.arange(200) + 0.5), axis=-1), np.ones((200, 160, 1))], axis=-1) @ np.linalg.inv(rig.intrinsics[v]).T
+        assert (np.sum(s.normal * ray, axis=-1)[s.depth > 0] < 1e-6).all(), "a surface seen faces the camera"
+        assert s.true_joints2d is not None
+        assert s.joints3d is not None
+        np.testing.assert_allclose(project(s.joints3d, rig.intrinsics[v], rig.world_to_camera[v])[0], s.true_joints2d[:, :2])
+    front, behind = shots[0].true_joints2d, shots[2].true_joints2d
+    assert front is not None
+    assert behind is not None
+    assert front[:3, 2].all(), "nose and eyes are seen from the front"
+    assert not behind[:3, 2].any(), "and not from behind"
+    points = unproject(shots[0].depth, rig.intrinsics[0], rig.world_to_camera[0])[shots[0].depth > 0]
+    uv, z = project(points, rig.intrinsics[1], rig.world_to_camera[1])
+    surface = shots[1].depth[np.clip(uv[:, 1].astype(int), 0, 199), np.clip(uv[:, 0].astype(int), 0, 159)]
+    # nothing lies in front of what the neighbour sees; a pixel is 10 mm, on a slanted surface some times that
+    assert (z > surface - 0.08)[surface > 0].mean() > 0.98
+
+
+def test_the_person_fills_the_share_of_the_picture_that_is_asked_for() -> None:
+    for seed in (1, 9001):
+        s = stage(scene(seed=seed, motion="stand", rig={"cameras": 1, "size": [200, 400], "fill": 0.88}, held_out=0)).take.shoot(0, 0)
+        rows = np.nonzero(s.true_mask.max(axis=1) > 127)[0]
+        # the share holds at the subject's axis; toes and hair reach towards the camera
+        assert 0.86 < (rows[-1] - rows[0] + 1) / 400 < 0.96
+
+
+def rig_of(**given: Any) -> tuple[Rig, int]:
+    held_out = given.pop("held_out", 0)
+    return make_rig(scene(rig=given, held_out=held_out), (0.0, 1.7))
+
+
+def test_rigs() -> None:
+    target = np.array([0.0, 0.0, 0.85])
+    for given in ({}, {"kind": "arc", "span": 90}, {"kind": "dome", "rings": 2}, {"kind": "stereo"}, {"kind": "thuman", "cameras": 6}):
+        rig, sources = rig_of(**given, held_out=2)
+        rig.check()
+        assert sources == (6 if given.get("kind") == "thuman" else 8)
+        assert len(rig) == sources + 2
+        for v in range(len(rig)):
+            uv, z = project(target, rig.intrinsics[v], rig.world_to_camera[v])
+            np.testing.assert_allclose(uv, rig.size[v] / 2, atol=1e-9)
+            assert z > 0
+    ring, _ = rig_of(cameras=8, radius=3.0, height=1.0, held_out=8)
+    angle = np.rad2deg(np.arctan2(ring.centres[:, 1], ring.centres[:, 0])) % 360
+    np.testing.assert_allclose(np.sort(angle), np.arange(16) * 22.5, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*ring.centres[:, :2].T), 3.0)
+    pair, _ = rig_of(kind="stereo", cameras=2, baseline=0.4, held_out=1)
+    assert np.linalg.norm(pair.centres[0] - pair.centres[1]) == pytest.approx(0.4)
+    assert pair.centres[2, 1] == pytest.approx(0.0, abs=1e-12)
+    rolled, _ = rig_of(cameras=1, roll=90.0)
+    uv, _ = project(np.array([0.0, 0.0, 1.3]), rolled.intrinsics[0], rolled.world_to_camera[0])
+    np.testing.assert_allclose(uv[1], 256.0, atol=20.0)
+    assert uv[0] < 240, "rolled clockwise, up is to the left of the picture"
+    still, moved = rig_of(cameras=4)[0], rig_of(cameras=4, jitter=0.1)[0]
+    away = np.linalg.norm(still.centres - moved.centres, axis=1)
+    assert (away > 0.01).all()
+    assert away.max() < 0.5

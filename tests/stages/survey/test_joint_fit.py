@@ -1,0 +1,66 @@
+"""How well a view's joints fit the triangulated ones."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.depth.effects import LIMB_BOUNDS
+from stages.survey.joints import FITTING, fit_of_view
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=6, size=64, frames=3, held_out=0)
+
+
+def fit(c: PersonCapture, joints: np.ndarray, view: int = 0) -> np.ndarray:
+    reader = SimpleNamespace(joint_set="coco17", read=lambda v, n: joints[n, v][None])
+    inputs: Any = SimpleNamespace(
+        facts=frozenset({"joints2d"}), views=c.views, rig=c.rig, source_rig=c.rig, captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(c.rig), 1)), source=lambda kind: reader
+    )
+    return fit_of_view(inputs, view, np.arange(len(joints)))
+
+
+def decided(noted: np.ndarray, facts: frozenset[str] = frozenset({"joints2d"})) -> Any:
+    return LIMB_BOUNDS.decide(SimpleNamespace(noted={"survey/joint_fit": noted}, facts=facts), LIMB_BOUNDS.threshold)  # type: ignore[arg-type]
+
+
+def noisy(c: PersonCapture, pixels: float) -> np.ndarray:
+    return c.joints2d + np.random.default_rng(0).normal(size=c.joints2d.shape) * [pixels, pixels, 0]
+
+
+def test_exact_joints_fit_and_call_for_the_bounds(person: PersonCapture) -> None:
+    found = np.stack([fit(person, person.joints2d, v) for v in range(6)])
+    assert found[:, 0].max() < 1e-6
+    assert (found[:, 1] == 1).all()
+    assert (found[:, 2] == 17).all()
+    assert decided(found).on
+
+
+def test_the_median_is_that_of_the_noise_and_noise_beyond_the_bound_switches_off(person: PersonCapture) -> None:
+    """White noise of s px in u and v lies 1.18 s from its mean (Rayleigh), and the triangulated point takes a quarter of the variance of six views along."""
+    small, large = (np.stack([fit(person, noisy(person, s), v) for v in range(6)]) for s in (0.3, 1.5))
+    assert 0.2 < np.median(small[:, 0]) < 0.4
+    assert decided(small).on
+    # Triangulation itself leaves out what lies 2 % off, 1.3 px at this size: little is left, and that fits badly.
+    bound = FITTING * 64
+    assert (large[:, 1] < 1).all()
+    assert ((np.abs(large[:, 0]) <= bound) == (large[:, 1] >= 0.5)).all()
+    assert not decided(large).on
+
+
+def test_joints_that_are_few_or_unknown_switch_off(person: PersonCapture) -> None:
+    joints = person.joints2d.copy()
+    joints[:, :, 5:, 2] = 0
+    few = np.stack([fit(person, joints, v) for v in range(6)])
+    assert (few[:, 2] == 5).all()
+    assert "too few" in decided(few).reason
+    assert not decided(few).on
+    assert (fit(person, np.zeros_like(joints)) == 0).all()
+    assert not decided(np.zeros((6, 3))).on
+    assert "3D alone" in decided(few, frozenset({"joints3d"})).reason
