@@ -26,7 +26,7 @@ def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
     for column, justify in (("effect", "left"), ("measured", "right"), ("bound", "right"), ("state", "left"), ("time", "right")):
         table.add_column(column, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     for v in plan.context.effects.values():
-        table.add_row(v.effect.name, _measured(v), f"{v.effect.threshold:g} {v.effect.unit}", _state(v), _time(v, seconds(plan, v, history)))
+        table.add_row(v.effect.name, _measured(v), v.effect.quantity(f"{v.effect.threshold:g}"), _state(v), _time(v, seconds(plan, v, history)))
     for name, answer, setting, _ in _choices(plan):
         table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
     return table
@@ -49,7 +49,7 @@ def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
 def _measured(v: Verdict) -> str:
     if v.decision is None:
         return "after survey"
-    return "" if v.decision.measured is None else f"{v.decision.measured:.3g} {v.effect.unit}"
+    return "" if v.decision.measured is None else v.effect.quantity(f"{v.decision.measured:.3g}")
 
 
 def _state(v: Verdict) -> str:

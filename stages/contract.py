@@ -163,6 +163,10 @@ class Effect:
     refusal: Callable[[Evidence], str | None] = lambda evidence: None
     """Why this capture cannot do without the effect, with what to change where it is forced off; or None."""
 
+    def quantity(self, number: str) -> str:
+        """A number of the measure with its unit; a share, unit 1, stands alone."""
+        return number if self.unit == "1" else f"{number} {self.unit}"
+
 
 @dataclass(frozen=True)
 class Choice:
