@@ -32,7 +32,7 @@ def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
     padded = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0))) for line in lines]
     padded += [np.zeros_like(padded[0])] * (2 * half - len(lines))
     sheet = np.hstack([np.vstack(padded[:half]), np.vstack(padded[half:])]) if half else np.zeros((1, 1, 3), np.uint8)
-    cv2.imwrite(str(file), sheet[..., ::-1])
+    cv2.imwrite(str(file), sheet[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 def _tile(picture: np.ndarray, text: str) -> np.ndarray:
