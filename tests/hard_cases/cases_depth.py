@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -205,15 +206,20 @@ def sphere_scene() -> tuple[Rig, list[np.ndarray], list[np.ndarray]]:
     return rig, [a, b], [za, zb]
 
 
-def naive_background() -> float:
-    """Pixels before black that plain semi-global matching gives a depth."""
+def naive_matches() -> tuple[np.ndarray, np.ndarray]:
+    """Disparity, px, by plain semi-global matching of the rectified pictures, -33 where nothing is found; and where the sphere is."""
     rig, colors, depths = sphere_scene()
     pair = rectify(rig, 0, 1, ORIGIN)
     window = (0, 0, *pair.size)
     rectified = [cv2.remap(c, *pair.maps(i, window), cv2.INTER_LINEAR) for i, c in enumerate(colors)]
     surface = cv2.remap((depths[0] > 0).astype(np.uint8), *pair.maps(0, window), cv2.INTER_NEAREST) > 0
-    found = cv2.StereoSGBM.create(minDisparity=-32, numDisparities=64, blockSize=5).compute(*rectified)
-    return float(((found > -33 * 16) & ~surface).sum())
+    return cv2.StereoSGBM.create(minDisparity=-32, numDisparities=64, blockSize=5).compute(*rectified) / 16, surface
+
+
+def naive_background() -> float:
+    """Pixels before black that are given a depth."""
+    found, surface = naive_matches()
+    return float(((found > -33) & ~surface).sum())
 
 
 def bounds_around(depth: np.ndarray) -> Bounds:
@@ -221,10 +227,14 @@ def bounds_around(depth: np.ndarray) -> Bounds:
     return Bounds(depth.astype(np.float32), near, far)
 
 
-def matched_background() -> float:
+def matches() -> np.ndarray:
+    """Our depth of the first view."""
     rig, colors, depths = sphere_scene()
-    found = match(rectify(rig, 0, 1, ORIGIN), *colors, depths[0] > 0, bounds_around(depths[0]))
-    return float(((found > 0) & ~(depths[0] > 0)).sum())
+    return match(rectify(rig, 0, 1, ORIGIN), *colors, depths[0] > 0, bounds_around(depths[0]))
+
+
+def matched_background() -> float:
+    return float(((matches() > 0) & ~(sphere_scene()[2][0] > 0)).sum())
 
 
 def hidden_scene() -> tuple[Rig, list[np.ndarray], list[np.ndarray], np.ndarray]:
@@ -242,12 +252,19 @@ def hidden_scene() -> tuple[Rig, list[np.ndarray], list[np.ndarray], np.ndarray]
     return rig, colors, depths, (depths[0] > 0) & (z > depths[1][row, column] + 0.1) & (depths[1][row, column] > 0)
 
 
+@cache
+def hidden_matches() -> tuple[np.ndarray, np.ndarray]:
+    """Depth of both views, each matched with the other and searched from 0.8 to 2.1 m."""
+    rig, colors, depths, _ = hidden_scene()
+    bounds = [Bounds(*(np.where(z > 0, limit, 0).astype(np.float32) for limit in (1.3, 0.8, 2.1))) for z in depths]
+    first, second = (match(rectify(rig, a, b, ORIGIN), colors[a], colors[b], depths[a] > 0, bounds[a]) for a, b in ((0, 1), (1, 0)))
+    return first, second
+
+
 def wrong_where_hidden(checked: bool) -> float:
     """Share of the hidden pixels that keep a match which is more than 1.5 px off."""
-    rig, colors, depths, hidden = hidden_scene()
-    bounds = [Bounds(*(np.where(z > 0, limit, 0).astype(np.float32) for limit in (1.3, 0.8, 2.1))) for z in depths]
-    found = [match(rectify(rig, a, b, ORIGIN), colors[a], colors[b], depths[a] > 0, bounds[a]) for a, b in ((0, 1), (1, 0))]
-    pair = rectify(rig, 0, 1, ORIGIN)
+    rig, _, depths, hidden = hidden_scene()
+    found, pair = hidden_matches(), rectify(rig, 0, 1, ORIGIN)
     kept = found[0] > 0
     if checked:
         kept &= disagreement(found[0], found[1], transfer(rig, 0, 1), pair.sensitivity) <= DepthParams().consistency

@@ -97,8 +97,12 @@ def twin(heatmaps: np.ndarray) -> float:
     return float((heatmaps[1, 0].astype(np.float64) * elsewhere[:, None, :]).max())
 
 
+WEIGHT = 0.2
+"""Of the current frame, where lag is measured: strong smoothing."""
+
+
 def jump() -> dict[str, np.ndarray]:
-    return track([30.0] * 3 + [98.0] * 12)
+    return track([30.0] * 3 + [98.0] * 40)
 
 
 def frames_shown(heatmaps: np.ndarray) -> float:
@@ -107,18 +111,17 @@ def frames_shown(heatmaps: np.ndarray) -> float:
 
 
 def naive_average() -> float:
-    """An exponential average over all that was, omega 0.5."""
+    """An exponential average over all that was."""
     h = jump()["pose/heatmaps"].astype(np.float64)
     out = h.copy()
     for t in range(1, len(h)):
-        out[t] = 0.5 * h[t] + 0.5 * out[t - 1]
+        out[t] = WEIGHT * h[t] + (1 - WEIGHT) * out[t - 1]
     return frames_shown(out)
 
 
-def lag_error() -> float:
-    """Frames beyond the documented ones: 0 for adaptive, 1 for pairwise, `truncation` for recurrent."""
-    documented = {"adaptive": 0, "pairwise": 1, "recurrent": SmoothingParams().truncation}
-    return worst(abs(frames_shown(smooth(jump(), method=m, omega=0.5)) - documented[m]) for m in METHODS)
+def longest() -> float:
+    """The same of every method as it is set by default."""
+    return worst(frames_shown(smooth(jump(), method=m, omega=WEIGHT)) for m in METHODS)
 
 
 GAP = (0.8, 0.0, 0.8, 0.8)
@@ -136,6 +139,6 @@ CASES = (
     Case("P3", "sigma 0", "0 / 0 on a cell's centre, nothing anywhere else", "of a peak", naive_narrow, lambda: worst(1 - joint(u, v, sigma=0.0).max() for u, v in CORNERS), 1 - math.exp(-1.01), "drawn at least half a cell wide; a corner of a cell is 1.41 of these off its centre"),
     Case("P4", "the first frame, the first of a partition", "the frame before the first is the last", "of a peak", naive_first, first_error, 0.0, "the first frame passes as it is; partitions read what lies before them"),
     Case("P5", "left and right change places between frames", "the blend shows a twin at half height", "of a peak", lambda: twin(pairwise_plain(swapped()["pose/heatmaps"].astype(np.float64), 0.5)), lambda: twin(smooth(swapped(), method="adaptive", omega=0.5)), FLOOR + HALF, "`adaptive` does not blend what moved by more than its sigma"),
-    Case("P6", "a jump", "an average over all frames shows the old place for many", "frames", naive_average, lag_error, 0.0, "documented: none for `adaptive`, 1 for `pairwise`, `truncation` for `recurrent`"),
+    Case("P6", "a jump", "an average over all frames shows the old place for many", "frames", naive_average, longest, float(SmoothingParams().truncation), "none for `adaptive`, 1 for `pairwise`, `truncation` for `recurrent`"),
     Case("P7", "a joint that is missed in one frame", "its peak falls to 1 - omega", "of a peak", lambda: peak_error(pairwise_plain(track([66.0] * 4, list(GAP))["pose/heatmaps"].astype(np.float64), 0.8)), lambda: worst(peak_error(smooth(track([66.0] * 4, list(GAP)), method=m, omega=0.8)) for m in METHODS), 1e-3, "weighted by scores; float16"),
 )
