@@ -85,7 +85,9 @@ def _place(value: float) -> int:
 def _gallery() -> np.ndarray:
     """Pairs of pictures, naive and ours, with the case's name; pink is no number."""
     found = thumbnails()
-    lines = []
+    title = np.full((34, WIDTH, 3), 255, np.uint8)
+    _write(title, "What some of them look like; pink is no number", (20, 16), 0.6)
+    lines = [title]
     for start in range(0, len(found), PER_LINE):
         line = np.full((TILE[1] + 52, WIDTH, 3), 255, np.uint8)
         for i, (text, naive, ours) in enumerate(found[start : start + PER_LINE]):
