@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | crash | extreme: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer crash extreme clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer crash extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -36,6 +36,10 @@ bench-renderer: $(STAMP)
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)
 	$(BIN)/python -m tests.hard_cases.extreme
+
+# Every hard case in a naive version and in ours: docs/stability.md and docs/stability.png.
+stability: $(STAMP)
+	$(BIN)/python -m tests.hard_cases.stability
 
 # What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 bench-sweep: $(STAMP)

@@ -236,12 +236,12 @@ def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
 
 
 def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
-    """The kernel's blocks, each past the stage's check."""
+    """The kernel's blocks, each past the stage's check; the check's warnings and the kernel's own notes are kept."""
     check = resolve(stage.check) if stage.check else None
     for block in blocks:
-        if check is not None:
-            prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
-            warnings += [prefix + w.removeprefix(f"view {block.view}: ") for w in check(block, order.params)]
+        prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
+        found = check(block, order.params) if check is not None else []
+        warnings += [prefix + w.removeprefix(f"view {block.view}: ") for w in (*block.notes, *found)]
         yield block
 
 

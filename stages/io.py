@@ -24,6 +24,8 @@ class Block(NamedTuple):
     """[frames of the partition, ...] without the view axis where `view` is given; a dict of columns for a table."""
     view: int | None = None
     """Index of the view, for arrays with a view axis."""
+    notes: tuple[str, ...] = ()
+    """What only the kernel knows and a user should: sentences that become warnings, as those of the stage's check."""
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,8 @@ class Lifted:
     """Opacity face-on and at grazing angle."""
     color: torch.Tensor  # [N, 3]
     """sRGB 0..1."""
+    masked: int = 0
+    """Pixels left out because their depth or opacity was not a finite number."""
 
     def seen_from(self, camera: Camera) -> Gaussians:
         """The Gaussians with the opacity they show to a camera.
@@ -61,12 +63,14 @@ def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype:
     """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 
     Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
-    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not finite
-    make no Gaussian; the rasterizer masks what else is not. Nothing but sums, products, quotients and square roots of
+    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not finite, or
+    whose opacity is no number, make no Gaussian and are counted; the rasterizer masks what else is not finite. Nothing but sums, products, quotients and square roots of
     single elements is taken, so the result does not depend on the number of threads.
     """
     depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
-    rows, columns = torch.nonzero(torch.isfinite(depth) & (depth > 0) & (opacity[0] > 0), as_tuple=True)
+    usable = torch.isfinite(depth) & (depth > 0) & (opacity[0] > 0)
+    masked = int((~usable & ~(depth <= 0) & ~(opacity[0] <= 0)).sum())
+    rows, columns = torch.nonzero(usable, as_tuple=True)
 
     def at(values: Values) -> tuple[torch.Tensor, ...]:
         return tuple(torch.as_tensor(values).to(device)[:, rows, columns].to(dtype))
@@ -81,7 +85,7 @@ def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype:
     rotation = torch.stack([_to_world(pose, axis) for axis in (*tangents(*normal), normal)], dim=2)  # [N, 3 world, 3 axes]
     color = torch.as_tensor(maps.color).to(device)[rows, columns]
     color = color.to(dtype) / 255 if color.dtype == torch.uint8 else color.to(dtype)
-    return Lifted(mean, rotation, torch.stack(at(maps.scale), dim=1), torch.stack((opacity[0, rows, columns], opacity[1, rows, columns]), dim=1), color)
+    return Lifted(mean, rotation, torch.stack(at(maps.scale), dim=1), torch.stack((opacity[0, rows, columns], opacity[1, rows, columns]), dim=1), color, masked)
 
 
 def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

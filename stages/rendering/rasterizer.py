@@ -8,18 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import get_args
 
 import torch
 
 from stages.rendering import reference
+from stages.rendering.arguments import check
 from stages.rendering.params import Backend
 from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
-
-EXTRAS = ("depth", "normal")
-"""Pictures beside colour and alpha."""
-SHAPES = {"mean": (3,), "rotation": (3, 3), "scale": (3,), "opacity": (), "color": (3,)}
-"""Of one Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +32,13 @@ class Drawing:
 def rasterize(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str] = (), drawing: Drawing | None = None) -> Rendering:
     """Render Gaussians into C cameras of one size.
 
-    extras: any of `EXTRAS`, drawn only when asked for. Any N and any picture size are valid; an empty scene gives zeros.
+    extras: any of "depth" and "normal", drawn only when asked for. Any N and any picture size are valid; an empty scene gives zeros.
     Gaussians that are not finite are masked and counted and reach neither a picture nor a gradient. Opacities and colours
     are not checked for their range. Raises ValueError for what no back end can draw; it names the argument, its value and
     what to do.
     """
     drawing = drawing or Drawing()
-    _check(gaussians, cameras, extras, drawing)
+    check(gaussians, cameras, extras, drawing)
     backend = resolve(drawing.backend, gaussians)
     pictures = [_draw(gaussians, camera, extras, drawing, backend) for camera in cameras]
     picture, alpha = (_stacked([p[i] for p in pictures]) for i in (0, 1))
@@ -74,37 +69,3 @@ def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: 
     picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
     return torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3], picture[..., 3], masked
 
-
-def _check(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str], drawing: Drawing) -> None:
-    """Everything that cannot be drawn, before anything is."""
-    if isinstance(cameras, Camera) or not cameras:
-        raise ValueError(f"cameras = {cameras!r}: pass a list of one or more cameras, also for a single one")
-    sizes = sorted({(c.width, c.height) for c in cameras})
-    if len(sizes) > 1:
-        raise ValueError(f"cameras of {len(sizes)} sizes, {sizes[0]} and {sizes[1]} px: their pictures make no array; call once a size")
-    if min(sizes[0]) < 1:
-        raise ValueError(f"cameras of {sizes[0][0]} x {sizes[0][1]} px: a picture has at least one pixel")
-    for camera in cameras:
-        if tuple(camera.intrinsics.shape) != (3, 3) or tuple(camera.world_to_camera.shape) != (4, 4):
-            raise ValueError(f"camera.intrinsics {tuple(camera.intrinsics.shape)}, camera.world_to_camera {tuple(camera.world_to_camera.shape)}: (3, 3) and (4, 4) are needed")
-        for name, matrix in (("intrinsics", camera.intrinsics), ("world_to_camera", camera.world_to_camera)):
-            if not bool(torch.isfinite(torch.as_tensor(matrix)).all()):
-                raise ValueError(f"camera.{name} holds numbers that are not finite: {matrix.tolist()}; nothing can be drawn, mend the calibration")
-    for extra in extras:
-        if extra not in EXTRAS:
-            raise ValueError(f"extras has {extra!r}: choose from {', '.join(EXTRAS)}; colour and alpha are always drawn")
-    n, dtype, device = len(gaussians), gaussians.mean.dtype, gaussians.mean.device
-    for name, shape in SHAPES.items():
-        values = getattr(gaussians, name)
-        if tuple(values.shape) != (n, *shape):
-            raise ValueError(f"gaussians.{name} has shape {tuple(values.shape)}: {(n, *shape)} is needed beside {n} means")
-        if (values.dtype, values.device) != (dtype, device):
-            raise ValueError(f"gaussians.{name} is {values.dtype} on {values.device}, gaussians.mean is {dtype} on {device}: convert one of them")
-    if dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"gaussians.mean is {dtype}: convert the Gaussians to float32 or float64")
-    if drawing.backend not in get_args(Backend):
-        raise ValueError(f"drawing.backend = {drawing.backend!r}: choose from {', '.join(get_args(Backend))}")
-    if drawing.backend == "cpu" and (dtype, device.type) != (torch.float32, "cpu"):
-        raise ValueError(f"drawing.backend = 'cpu' with {dtype} Gaussians on {device}: it draws float32 on the CPU; convert them or choose 'reference'")
-    if drawing.threads < 1:
-        raise ValueError(f"drawing.threads = {drawing.threads}: at least 1")

@@ -41,7 +41,7 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
     frames, cameras = path.served.shape
     width, height = (int(n) for n in path.size.max(axis=0))
     color, alpha = np.zeros((frames, cameras, height, width, 3), np.uint8), np.zeros((frames, cameras, height, width), np.uint8)
-    maps = _MapReader(inputs)
+    maps, masked = _MapReader(inputs), np.zeros((frames, cameras), int)
     subject = look_at_point(inputs.rig.subset(inputs.views.sources))
     is_source = np.isin(np.arange(len(inputs.rig)), inputs.views.sources)
     effects = inputs.facts & {"silhouette_clipping", "hole_filling"}
@@ -61,13 +61,24 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
             if parts:
                 low_pass = widening(camera, inputs.rig, [v for v, _ in chosen], subject) if "anti_aliasing" in inputs.facts else 0.0
                 picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(Cutoffs(low_pass=low_pass)))
+                masked[i, c] = picture.masked[0] + sum(lifted[v].masked for v, _ in chosen)
                 shown, coverage = picture.color[0], picture.alpha[0]
                 if silhouettes is not None:
                     touched = retouched(shown.cpu().numpy(), coverage.cpu().numpy(), silhouettes, camera, "hole_filling" in effects, "silhouette_clipping" in effects)
                     shown, coverage = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
                 color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(shown), quantise(coverage)
-    yield Block("rendering/{path}/color", color)
+    yield Block("rendering/{path}/color", color, notes=left_out(masked, inputs.partition))
     yield Block("rendering/{path}/alpha", alpha)
+
+
+def left_out(masked: np.ndarray, partition: range) -> tuple[str, ...]:
+    """A sentence for the frames in which Gaussians were masked: `masked` [F, C] of each picture, the partition's frame numbers."""
+    most = masked.max(axis=1, initial=0)
+    found = np.nonzero(most)[0]
+    if not len(found):
+        return ()
+    others = f"; so were others in {len(found) - 1} more of the frames {partition.start}-{partition.stop - 1}" if len(found) > 1 else ""
+    return (f"{most[found[0]]} Gaussians of frame {partition[int(found[0])]} were not finite and were left out{others}",)
 
 
 def widening(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from stages.rendering.quaternions import rotations
 from stages.rendering.scene import Camera, Gaussians
 from storage.splats import SH0, Splats
 
@@ -46,7 +47,7 @@ def scene_of(splats: Splats, dtype: torch.dtype = torch.float32, device: torch.d
         return torch.tensor(values, dtype=dtype, device=device)
 
     scale, opacity = torch.exp(tensor(splats.log_scale)), torch.sigmoid(tensor(splats.opacity_logit))
-    return SplatScene(tensor(splats.mean), rotation_matrices(tensor(splats.quaternion)), scale, opacity, tensor(splats.harmonics))
+    return SplatScene(tensor(splats.mean), rotations(tensor(splats.quaternion)), scale, opacity, tensor(splats.harmonics))
 
 
 def sh_color(harmonics: torch.Tensor, direction: torch.Tensor, degree: int = 3) -> torch.Tensor:
@@ -86,17 +87,6 @@ def _basis(d: torch.Tensor, count: int) -> list[torch.Tensor]:
         found += [0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy), -0.4570457994644658 * x * (4 * zz - xx - yy)]
         found += [1.445305721320277 * z * (xx - yy), -0.5900435899266435 * x * (xx - 3 * yy)]
     return found
-
-
-def rotation_matrices(quaternion: torch.Tensor) -> torch.Tensor:
-    """[N, 3, 3] of quaternions [N, 4] (w, x, y, z) of any length but 0."""
-    w, x, y, z = (quaternion / torch.sqrt((quaternion * quaternion).sum(dim=1, keepdim=True))).unbind(dim=1)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
 def quaternions(rotation: np.ndarray) -> np.ndarray:

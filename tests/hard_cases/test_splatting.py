@@ -12,8 +12,10 @@ from stages.rendering.quaternions import rotations
 from stages.rendering.rasterizer import rasterize
 from stages.rendering.run import quantise
 from stages.rendering.scene import Cutoffs, Gaussians
+from stages.rendering.splat_scene import scene_of
 from tests.hard_cases.laws import FIELDS, agree, derivative, drawn, pictures, to
 from tests.stages.rendering.scenes import camera, cloud, draw, gaussians, turned_about_y
+from tests.storage.test_splat_files import made
 
 KINDS = [torch.float32, torch.float64]
 """Drawn by `cpu` and by `reference`."""
@@ -184,6 +186,15 @@ def test_s11_quaternions_of_any_length(length: float, dtype: torch.dtype) -> Non
         torch.testing.assert_close(r[0].double() @ r[0].double().T, torch.eye(3, dtype=torch.float64), atol=1e-5, rtol=0)
     else:
         assert torch.isnan(r).all()
+
+
+@pytest.mark.parametrize("length", [1e-30, 1e-20, 1e20, 1e30])
+def test_s11_splat_files_turn_their_gaussians_whatever_the_length_of_a_quaternion(length: float) -> None:
+    """Squares of 1e20 are infinite in float32, and what is divided by infinity is not turned at all."""
+    splats = made(1, 0)
+    short = dataclasses.replace(splats, quaternion=np.float32([[0.5, -0.1, 0.7, 0.3]]))
+    long = dataclasses.replace(splats, quaternion=(np.array([[0.5, -0.1, 0.7, 0.3]]) * length).astype(np.float32))
+    torch.testing.assert_close(scene_of(long).rotation, scene_of(short).rotation, atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("dtype", KINDS)

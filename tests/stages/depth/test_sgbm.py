@@ -5,28 +5,17 @@ import numpy as np
 import pytest
 
 from stages.depth.sgbm import Bounds, match
-from stages.geometry.projection import unproject
 from stages.geometry.rectification import rectify
-from storage.rig import Rig
-from tests.stages.geometry.scenes import ring, sphere_depth
+from tests.stages.geometry.scenes import ring, textured_sphere
 
 CENTRE = np.zeros(3)
-
-
-def textured(rig: Rig, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """Picture [h, w, 3] uint8 and true depth of a sphere whose colour is a smooth function of the point."""
-    depth = sphere_depth(rig, view, CENTRE, 0.6)
-    p = unproject(depth, rig.intrinsics[view], rig.world_to_camera[view])
-    waves = [np.sin(p @ np.array(k)) * np.cos(p @ np.array(m)) for k, m in (((31, 17, 23), (5, 29, -11)), ((13, -37, 7), (19, 3, 31)), ((-23, 11, 29), (37, 7, 13)))]
-    color = np.where((depth > 0)[..., None], 127.5 + 120 * np.stack(waves, axis=-1), 0)
-    return np.rint(color).astype(np.uint8), depth.astype(np.float32)
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0), (0, 15)])
 @pytest.mark.parametrize("offset", [0.0, 0.08])
 def test_true_depth_is_found_in_either_order_and_with_a_guide_that_is_off(first: int, second: int, offset: float) -> None:
     rig = ring(16, (128, 112), 120.0)
-    (color, truth), (other, _) = textured(rig, first), textured(rig, second)
+    (color, truth), (other, _) = (textured_sphere(rig, v, CENTRE, 0.6) for v in (first, second))
     pair = rectify(rig, first, second, CENTRE, 1.5)
     surface = truth > 0
     guide = np.where(surface, truth - offset, 0).astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.geometry.projection import pixel_centres, rays
+from stages.geometry.projection import pixel_centres, rays, unproject
 from storage.rig import Rig
 
 
@@ -57,3 +57,12 @@ def sphere_mask(rig: Rig, view: int, centre: np.ndarray, radius: float, samples:
     fine = rig_of([rig.world_to_camera[view]], (w * samples, h * samples), rig.intrinsics[view, 0, 0] * samples)
     covered = sphere_depth(fine, 0, centre, radius) > 0
     return np.rint(255 * covered.reshape(h, samples, w, samples).mean(axis=(1, 3))).astype(np.uint8)
+
+
+def textured_sphere(rig: Rig, view: int, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Picture [h, w, 3] uint8 and true depth of a sphere whose colour is a smooth function of the point."""
+    depth = sphere_depth(rig, view, centre, radius)
+    p = unproject(depth, rig.intrinsics[view], rig.world_to_camera[view])
+    waves = [np.sin(p @ np.array(k)) * np.cos(p @ np.array(m)) for k, m in (((31, 17, 23), (5, 29, -11)), ((13, -37, 7), (19, 3, 31)), ((-23, 11, 29), (37, 7, 13)))]
+    color = np.where((depth > 0)[..., None], 127.5 + 120 * np.stack(waves, axis=-1), 0)
+    return np.rint(color).astype(np.uint8), depth.astype(np.float32)

@@ -1,6 +1,7 @@
 """The kernel: pictures of held-out views, padding, unserved frames, missing views, partitions, quantisation."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -14,9 +15,9 @@ from stages.io import Block
 from stages.metrics.psnr import psnr
 from stages.registry import stage
 from stages.rendering.params import RenderingParams
-from stages.rendering.run import check, quantise, widening
+from stages.rendering.run import check, left_out, quantise, run, widening
 from stages.rendering.scene import Camera
-from tests.memory import run_stage
+from tests.memory import MemoryInputs, run_stage
 
 COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"
 
@@ -148,3 +149,25 @@ def test_check_warns_when_all_is_empty() -> None:
     blank = np.zeros((1, 1, 4, 4), np.uint8)
     assert "empty" in check(Block(ALPHA, blank), RenderingParams())[0]
     assert check(Block(ALPHA, blank + 1), RenderingParams()) == []
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize(("name", "channel"), [("gaussians/scale", (1,)), ("gaussians/opacity", (0,)), ("depth/depth", ())])
+def test_gaussians_that_are_not_finite_are_left_out_and_spoken_of(person: PersonCapture, arrays: dict[str, np.ndarray], name: str, channel: tuple[int, ...], bad: float) -> None:
+    """The pictures of the scene without that pixel of the eight views, and one sentence with the frame's number."""
+    path = make_path("held_out", person.rig, person.views, np.arange(3))
+    row, column = np.argwhere((arrays["gaussians/opacity"][2, :8, 0] > 0).all(axis=0))[0]
+    broken, without = arrays | {name: arrays[name].copy()}, arrays | {"gaussians/opacity": arrays["gaussians/opacity"].copy()}
+    broken[name][(2, slice(0, 8), *channel, row, column)] = bad
+    without["gaussians/opacity"][2, :8, :, row, column] = 0
+    blocks = list(run(MemoryInputs(stage("rendering"), RenderingParams(), broken, person.rig, person.views, range(3), 3, path=path), RenderingParams()))
+    expected = render(person, without, path)
+    assert all(np.array_equal(np.asarray(b.data), expected[b.array]) for b in blocks)
+    (said,) = [n for b in blocks for n in b.notes]
+    assert re.fullmatch("[12] Gaussians of frame 2 were not finite and were left out", said)  # of two views, and of those that face the camera
+
+
+def test_what_was_left_out_is_one_sentence_a_partition() -> None:
+    assert left_out(np.zeros((3, 2), int), range(6, 9)) == ()
+    (said,) = left_out(np.array([[0, 0], [3, 5], [0, 1]]), range(6, 9))
+    assert said == "5 Gaussians of frame 7 were not finite and were left out; so were others in 1 more of the frames 6-8"

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from stages.rendering.quaternions import rotations
 from stages.rendering.scene import Camera, Cutoffs
-from stages.rendering.splat_scene import MOST_OPAQUE, quaternions, rotation_matrices, scene_of, sh_color, splats_of
+from stages.rendering.splat_scene import MOST_OPAQUE, quaternions, scene_of, sh_color, splats_of
 from storage.splat_files import read_splats
 from storage.splats import SH0, Splats
 from tests.stages.rendering.reference_render import FOLDER, GSPLAT, harmonics, read_safetensors, reference_case
@@ -17,7 +18,7 @@ def test_a_rotation_matrix_turns_as_its_quaternion_does() -> None:
     """By the product of quaternions, whatever the quaternion's length."""
     rng = np.random.default_rng(0)
     q, v = rng.normal(size=(50, 4)), rng.normal(size=(50, 3))
-    turned = np.einsum("nij,nj->ni", rotation_matrices(torch.from_numpy(3 * q)).numpy(), v)
+    turned = np.einsum("nij,nj->ni", rotations(torch.from_numpy(3 * q)).numpy(), v)
     w, u = q[:, :1] / np.linalg.norm(q, axis=1, keepdims=True), q[:, 1:] / np.linalg.norm(q, axis=1, keepdims=True)
     expected = v + 2 * np.cross(u, np.cross(u, v) + w * v)
     np.testing.assert_allclose(turned, expected, atol=1e-12)
@@ -28,11 +29,11 @@ def test_quaternions_give_back_their_matrices(seed: int) -> None:
     q = np.random.default_rng(seed).normal(size=(200, 4))
     # the half turns, where three of the four components are 0 or the trace is -1
     q[:8] = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1e-9, 1, 0, 0], [0, 1, 1, 0], [0, -1, 0, 1], [1, 1, 1, 1]])
-    r = rotation_matrices(torch.from_numpy(q)).numpy()
+    r = rotations(torch.from_numpy(q)).numpy()
     found = quaternions(r)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
     assert (found[:, 0] >= 0).all()
-    np.testing.assert_allclose(rotation_matrices(torch.from_numpy(found)).numpy(), r, atol=1e-12)
+    np.testing.assert_allclose(rotations(torch.from_numpy(found)).numpy(), r, atol=1e-12)
 
 
 def test_harmonics_are_those_of_the_reference_and_orthonormal() -> None:
