@@ -30,16 +30,22 @@ def _no_masks(evidence: Evidence) -> str | None:
 
 
 def coarseness(evidence: Evidence) -> float:
-    """Size of a pixel at the subject in the coarsest camera, over that in the finest source view."""
-    rig, sources = evidence.rig, list(evidence.sources)
-    centre = look_at_point(rig.subset(sources))
-    pixel = np.linalg.norm(rig.centres - centre, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)
-    return float(pixel.max() / pixel[sources].min())
+    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view; 0 without any target."""
+    rig = evidence.rig.subset(list(evidence.sources))
+    subject = look_at_point(rig)
+    found = [0.0]
+    for path in evidence.targets:
+        k, pose = path.intrinsics[path.served], path.world_to_camera[path.served]  # [N, 3, 3], [N, 4, 4]
+        away = np.linalg.norm(pose[:, :3, :3] @ subject + pose[:, :3, 3], axis=1)
+        found += (away / k[:, [0, 1], [0, 1]].mean(axis=1)).tolist()
+    return float(max(found) / (np.linalg.norm(rig.centres - subject, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)).min())
 
 
 def _aliases(evidence: Evidence, bound: float) -> Decision:
     ratio = coarseness(evidence)
-    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest camera covers {ratio:.2f} of the finest source's at the subject")
+    if not ratio:
+        return Decision(False, None, bound, "no picture is rendered")
+    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest target camera covers {ratio:.2f} of the finest source's at the subject")
 
 
 SILHOUETTE_CLIPPING = Effect(
@@ -64,8 +70,8 @@ HOLE_FILLING = Effect(
 )
 ANTI_ALIASING = Effect(
     "anti_aliasing",
-    "Widen Gaussians to the pixels of a picture that samples more coarsely than the sources.",
-    "pixel of the coarsest camera over the finest source's, at the subject",
+    "Average Gaussians over the pixels of a picture that samples more coarsely than the sources.",
+    "pixel of the coarsest target camera over the finest source's, at the subject",
     # Up to a quarter coarser, Gaussians of half a source pixel still cover the target's.
     1.25,
     "px/px",
