@@ -15,7 +15,8 @@ from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.params import RenderingParams
 from stages.rendering.rasterizer import Drawing, rasterize
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
-from stages.rendering.sources import angles_at, choose
+from stages.rendering.sources import angles_at, choose, left_out
+from stages.rendering.view_color import Photo, color_towards
 from storage.rig import Rig
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
@@ -44,20 +45,25 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
     maps = _MapReader(inputs)
     subject = look_at_point(inputs.rig.subset(inputs.views.sources))
     is_source = np.isin(np.arange(len(inputs.rig)), inputs.views.sources)
-    effects = inputs.facts & {"silhouette_clipping", "hole_filling"}
+    effects, blends = inputs.facts & {"silhouette_clipping", "hole_filling"}, "view_dependent_color" in inputs.facts
     for i in range(frames):
         silhouettes = silhouettes_of(inputs.rig, maps.masks(i)) if effects else None
         lifted: dict[int, Lifted] = {}
+        photos: dict[int, Photo] = {}
         for c in np.nonzero(path.served[i])[0]:
             w, h = (int(n) for n in path.size[c])
             camera = Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h)
-            chosen = choose(angles_at(subject, inputs.rig.centres, camera.centre), is_source & inputs.valid[i], params.sources)
-            parts = []
-            for view, weight in chosen:
+            angles, usable = angles_at(subject, inputs.rig.centres, camera.centre), is_source & inputs.valid[i]
+            chosen, parts = choose(angles, usable, params.sources), []
+            for view, _ in chosen:
                 if view not in lifted:
-                    lifted[view] = lift(maps.frame(i, view), inputs.rig.intrinsics[view], inputs.rig.world_to_camera[view], DTYPES[params.precision], device())
+                    lifted[view] = lift(*maps.posed(i, view), DTYPES[params.precision], device())
+                    if blends:
+                        photos[view] = Photo.of(*maps.posed(i, view), DTYPES[params.precision], device())
+            for view, weight in chosen:
                 seen = lifted[view].seen_from(camera)
-                parts.append(replace(seen, opacity=seen.opacity * weight))
+                shown = color_towards(camera, lifted[view], view, {v: photos[v] for v, _ in chosen}, left_out(angles, usable, params.sources)) if blends else seen.color
+                parts.append(replace(seen, opacity=seen.opacity * weight, color=shown))
             if parts:
                 cutoffs = mip_filter(camera, inputs.rig, [v for v, _ in chosen], subject) if "anti_aliasing" in inputs.facts else Cutoffs()
                 picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
@@ -99,6 +105,10 @@ class _MapReader:
             names = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
             self.views[view] = tuple(self.inputs.read(name, view) for name in names)
         return Maps(*(a[i] for a in self.views[view]))
+
+    def posed(self, i: int, view: int) -> tuple[Maps, np.ndarray, np.ndarray]:
+        """Maps of the i-th frame of the partition, and the view's intrinsics and pose."""
+        return self.frame(i, view), self.inputs.rig.intrinsics[view], self.inputs.rig.world_to_camera[view]
 
     def masks(self, i: int) -> dict[int, np.ndarray]:
         """Masks of the i-th frame by source view that has a picture."""
