@@ -85,8 +85,10 @@ def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.nd
         found = median_and_spread(stack, covered)
         del stack, covered
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(inputs.views.names))]).max(axis=0))
-        yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
-        yield Block(SPREAD, _padded(found[1], (y, x)), view)
+        if PLATE in inputs.facts:
+            yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
+        if SPREAD in inputs.facts:
+            yield Block(SPREAD, _padded(found[1], (y, x)), view)
 
 
 def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:

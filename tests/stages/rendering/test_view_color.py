@@ -57,7 +57,7 @@ def test_its_own_camera_sees_a_view_as_it_is(person: PersonCapture) -> None:
 
 def test_halfway_between_two_views_both_have_a_say_where_both_see_the_point(person: PersonCapture) -> None:
     middle = person.views.held_out[0]
-    lifted, towards = seen(person, middle, {0: plain(200, 0, 0), 1: plain(0, 200, 0)})
+    _, towards = seen(person, middle, {0: plain(200, 0, 0), 1: plain(0, 200, 0)})
     total = towards.sum(dim=1) * 255
     torch.testing.assert_close(total, torch.full_like(total, 200.0), rtol=0, atol=1e-6)
     alone = towards[:, 1] == 0
