@@ -15,10 +15,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
-from dags.context import Context
 from dags.plan import Selection
 from dags.session import Session
-from dags.tasks import Product, Task
+from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
 
@@ -343,6 +342,7 @@ def export(
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
     alpha: Annotated[bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")] = False,
+    background: Annotated[str, typer.Option("--background", help="What videos and pictures stand on: none (black), plate (what the camera itself filmed behind the subject), '#RRGGBB', or a picture file.")] = "none",
     splats: Annotated[Path | None, typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each.")] = None,
     view: Annotated[list[str] | None, typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all.")] = None,
     archive: ArchiveOption = None,
@@ -354,26 +354,16 @@ def export(
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
-    if not (video or frames or sheet or splats):
-        raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
-    from dags import exporting_splats
-    from dags.exporting import needed, write_exports
-    from dags.results import Results
+    from dags.export_order import ExportOrder
 
-    # splats alone need no picture of any camera path
-    unrendered = ["rendering.paths=[]"] if not (video or frames or sheet) else []
+    order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
+    unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = _session(config, [*(assignments or []), *unrendered], archive, scheduler)
-
-    def held(c: Context) -> frozenset[Product]:
-        return needed(c, bool(video or frames), bool(sheet)) | (exporting_splats.needed(c, exporting_splats.chosen_views(c, view or ())) if splats else frozenset())
-
-    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and not unrendered else (), held)
+    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
-    _say(write_exports(p, video, frames, sheet, alpha))
-    if splats:
-        _say(exporting_splats.export_splats(Results(p.context), view or (), splats))
+    _say(order.write(p))
 
 
 @app.command()

@@ -36,6 +36,8 @@ class Context:
     """Camera paths as written: in the settings, or asked for by an export."""
     noted: Mapping[str, np.ndarray] = field(default_factory=dict)
     """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    exported: frozenset[str] = frozenset()
+    """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
     """What follows from the context and is asked for by every task again: parts of fingerprints, reads of stages."""
 
@@ -146,6 +148,7 @@ class Context:
             sources,
             tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
             max(1, stride),
+            tuple(self.paths.values()),
             self.noted,
         )
 
@@ -159,7 +162,7 @@ class Context:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided ones count
         as on), and those outputs of sequence-wide stages that are asked for."""
         known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
-        asked = {a for v in self.effects.values() for a in v.asks}
+        asked = self.exported | {a for v in self.effects.values() for a in v.asks}
         asked |= {r.array for s in STAGES if s.unneeded(self.params(s), known) is None for r in s.reads_for(self.params(s), known)}
         return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dags.backdrop import BLACK, Backdrop, over
 from dags.context import Context
 from dags.plan import Plan
 from dags.results import Results
@@ -15,8 +16,8 @@ from storage.errors import UserError
 from storage.rig import CameraPath
 
 
-def pictures(results: Results, path: CameraPath) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
-    """(frame index, camera, [h, w, 3] uint8 over black, [h, w] uint8 alpha) of all served pictures, frame by frame.
+def pictures(results: Results, path: CameraPath, backdrop: Backdrop = BLACK) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """(frame index, camera, [h, w, 3] uint8 over the backdrop, [h, w] uint8 alpha) of all served pictures, frame by frame.
 
     The padding of mixed sizes is cut off.
     """
@@ -25,10 +26,12 @@ def pictures(results: Results, path: CameraPath) -> Iterator[tuple[int, int, np.
     for (frame, color), (_, alpha) in zip(results.iterate(f"rendering/{name}/color"), alphas, strict=True):
         for camera, (width, height) in enumerate(path.size):
             if path.served[frame, camera]:
-                yield frame, camera, color[camera, :height, :width], alpha[camera, :height, :width]
+                shown, coverage = color[camera, :height, :width], alpha[camera, :height, :width]
+                behind = backdrop.behind(results, path, frame, camera)
+                yield frame, camera, shown if behind is None else over(shown, coverage, behind), coverage
 
 
-def export_video(results: Results, path: CameraPath, file: Path) -> list[Path]:
+def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backdrop = BLACK) -> list[Path]:
     """Write H.264 video: of the path's one camera over time, of its steps for a single frame, else one file a camera.
 
     Returns the files written. Raises UserError when the path serves no frame.
@@ -39,13 +42,13 @@ def export_video(results: Results, path: CameraPath, file: Path) -> list[Path]:
         raise UserError(f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to {file}")
     rate = results.context.capture.frame_rate / _stride(results)
     if len(path.served) == 1 or len(path.names) == 1:
-        write_video(file, (picture for _, _, picture, _ in pictures(results, path)), rate if len(path.served) > 1 else 24.0)
+        write_video(file, (picture for _, _, picture, _ in pictures(results, path, backdrop)), rate if len(path.served) > 1 else 24.0)
         return [file]
     written = []
     for camera, name in enumerate(path.names):
         if path.served[:, camera].any():
             own = file.with_name(f"{file.stem}_{name}{file.suffix}")
-            write_video(own, (picture for _, c, picture, _ in pictures(results, path) if c == camera), rate)
+            write_video(own, (picture for _, c, picture, _ in pictures(results, path, backdrop) if c == camera), rate)
             written.append(own)
     return written
 
@@ -56,13 +59,13 @@ def _stride(results: Results) -> float:
     return float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
 
 
-def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool) -> int:
+def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool, backdrop: Backdrop = BLACK) -> int:
     """Write `<camera>/<frame:06d>.png` and frames.csv; returns the number of pictures."""
     from storage.exporters.frames import write_frames
 
     context = results.context
     numbers, times = context.source_frames, context.time
-    items = ((path.names[c], int(numbers[f]), picture, a if alpha else None) for f, c, picture, a in pictures(results, path))
+    items = ((path.names[c], int(numbers[f]), picture, a if alpha else None) for f, c, picture, a in pictures(results, path, backdrop))
     return write_frames(folder, path.names, numbers, times, items)
 
 
@@ -130,7 +133,7 @@ def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.
     return (color * (mask[..., None] / 255.0)).round().astype(np.uint8)
 
 
-def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False) -> list[str]:
+def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False, backdrop: Backdrop = BLACK) -> list[str]:
     """Write what was asked for of every path of a finished plan; returns sentences about the files."""
     if sheet and sheet.suffix.lower() != ".png":
         raise UserError(f"a contact sheet is a PNG; name it {sheet.with_suffix('.png')} instead of {sheet}")
@@ -138,9 +141,9 @@ def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path 
     said = []
     for chosen in p.context.paths.values():
         if video:
-            said += [f"video: {file}" for file in export_video(results, chosen, video)]
+            said += [f"video: {file}" for file in export_video(results, chosen, video, backdrop)]
         if frames:
-            said.append(f"frames: {export_frames(results, chosen, frames, alpha)} pictures in {frames}")
+            said.append(f"frames: {export_frames(results, chosen, frames, alpha, backdrop)} pictures in {frames}")
         if sheet:
             export_sheet(results, chosen, sheet)
             said.append(f"contact sheet: {sheet}")

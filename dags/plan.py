@@ -9,7 +9,7 @@ import gc
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from dags.context import Context
 from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
-from dags.tasks import Product, Task, deciding, dependencies, inputs, producer, tasks
+from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
 from stages.contract import Stage
 from stages.geometry.pairs import pair_notes
 from stages.registry import STAGES
@@ -210,8 +210,10 @@ def _uncollected() -> Iterator[None]:
 def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
     """Judge every task of a sequence. Reads receipts and file sizes only.
 
-    `held`: products that must be there afterwards, whatever `keep` says.
+    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for thereby.
     """
+    constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
+    context = replace(context, exported=constants) if constants else context
     book = Book.open(context, held)
     context = decided(book, selection)
     verdicts: dict[Task, Verdict] = {}

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
-from storage.rig import Rig
+from storage.rig import CameraPath, Rig
 from storage.spec import ArraySpec, Shape, TableSpec
 
 Axis = Literal["sequence", "time", "view", "path"]
@@ -132,6 +132,8 @@ class Evidence:
     """Those of them that came with 2D joints."""
     stride: int
     """Source frames from one worked frame to the next."""
+    targets: tuple[CameraPath, ...]
+    """Camera paths that are rendered."""
     noted: Mapping[str, np.ndarray]
     """[S, ...] of the source views, by array: the noted outputs of the survey; empty before it ran."""
 

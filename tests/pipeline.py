@@ -31,7 +31,7 @@ from storage.exporters.images_layout import write_capture
 from storage.receipts import scan_receipts
 
 NAME = "person"
-FORCED = {"temporal_smoothing": "on", "exposure_matching": "off", "outline_correction": "off", "limb_bounds": "off", "silhouette_clipping": "on", "hole_filling": "on"}
+FORCED = {"temporal_smoothing": "on", "exposure_matching": "off", "outline_correction": "off", "limb_bounds": "off", "view_dependent_color": "off", "silhouette_clipping": "on", "hole_filling": "on"}
 """Effects that are decided by the survey, and what they are in most tests."""
 
 

@@ -22,6 +22,11 @@ def to_linear(color: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
+def to_srgb(light: np.ndarray) -> np.ndarray:
+    """Turn linear light into sRGB values 0..255, not rounded; light is clipped to 0..1. The inverse of `to_linear`."""
+    return _encode(np.clip(np.asarray(light, dtype=np.float64), 0.0, 1.0)) * 255.0
+
+
 def gain_table(gain: np.ndarray) -> np.ndarray:
     """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied by `gain` [3]; for `cv2.LUT`."""
     linear = np.clip(to_linear(np.arange(256))[:, None] * gain, 0.0, 1.0)

@@ -68,7 +68,7 @@ def _crop_refusal(evidence: Evidence) -> str | None:
     return None
 
 
-def _no_comparison(evidence: Evidence) -> str | None:
+def no_comparison(evidence: Evidence) -> str | None:
     """Why exposures cannot be compared."""
     if len(evidence.sources) < 2:
         return "there is a single source view"
@@ -143,7 +143,7 @@ EXPOSURE_MATCHING = Effect(
     "stops",
     _exposure,
     asks=("survey/colors",),
-    lacks=_no_comparison,
+    lacks=no_comparison,
 )
 OUTLINE_CORRECTION = Effect(
     "outline_correction",

@@ -1,11 +1,15 @@
-"""What is done to rendered pictures only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing."""
+"""What rendering does only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing, colour by the angle of view."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
+from stages.frames.effects import NO_LINK, no_comparison
 from stages.geometry.subject import look_at_point
+from stages.survey.disagreement import FEWEST, disagreement
+from stages.survey.exposure import match
+from stages.survey.params import COLORS, NOISE
 
 TRUSTED = 0.98
 """Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1 px too small:
@@ -30,16 +34,41 @@ def _no_masks(evidence: Evidence) -> str | None:
 
 
 def coarseness(evidence: Evidence) -> float:
-    """Size of a pixel at the subject in the coarsest camera, over that in the finest source view."""
-    rig, sources = evidence.rig, list(evidence.sources)
-    centre = look_at_point(rig.subset(sources))
-    pixel = np.linalg.norm(rig.centres - centre, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)
-    return float(pixel.max() / pixel[sources].min())
+    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view; 0 without any target."""
+    rig = evidence.rig.subset(list(evidence.sources))
+    subject = look_at_point(rig)
+    found = [0.0]
+    for path in evidence.targets:
+        k, pose = path.intrinsics[path.served], path.world_to_camera[path.served]  # [N, 3, 3], [N, 4, 4]
+        away = np.linalg.norm(pose[:, :3, :3] @ subject + pose[:, :3, 3], axis=1)
+        found += (away / k[:, [0, 1], [0, 1]].mean(axis=1)).tolist()
+    return float(max(found) / (np.linalg.norm(rig.centres - subject, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)).min())
 
 
 def _aliases(evidence: Evidence, bound: float) -> Decision:
     ratio = coarseness(evidence)
-    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest camera covers {ratio:.2f} of the finest source's at the subject")
+    if not ratio:
+        return Decision(False, None, bound, "no picture is rendered")
+    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest target camera covers {ratio:.2f} of the finest source's at the subject")
+
+
+def _one_view(evidence: Evidence) -> str | None:
+    """Why there is nothing to blend."""
+    if evidence.params.sources < 2:
+        return "rendering.sources is 1: a picture is made of one source view"
+    return no_comparison(evidence)
+
+
+def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
+    if not {COLORS, NOISE} <= evidence.noted.keys():
+        return None
+    colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
+    matching = match(colors) if "exposure_matching" in evidence.facts else None
+    left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
+    if patches < FEWEST:
+        return Decision(False, None, bound, NO_LINK)
+    even = " after exposure matching" if matching is not None else ""
+    return Decision(bool(left > bound), left, bound, f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of {noise:.1f}/255")
 
 
 SILHOUETTE_CLIPPING = Effect(
@@ -64,10 +93,21 @@ HOLE_FILLING = Effect(
 )
 ANTI_ALIASING = Effect(
     "anti_aliasing",
-    "Widen Gaussians to the pixels of a picture that samples more coarsely than the sources.",
-    "pixel of the coarsest camera over the finest source's, at the subject",
+    "Average Gaussians over the pixels of a picture that samples more coarsely than the sources.",
+    "pixel of the coarsest target camera over the finest source's, at the subject",
     # Up to a quarter coarser, Gaussians of half a source pixel still cover the target's.
     1.25,
     "px/px",
     _aliases,
+)
+VIEW_DEPENDENT_COLOR = Effect(
+    "view_dependent_color",
+    "Blend the colour of Gaussians from the source views that see them, by angle to the picture's camera.",
+    "difference of source views on patches they share, beyond noise",
+    # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a strong gloss 8 to 14.
+    5.0,
+    "1/255",
+    _views_disagree,
+    asks=(COLORS, NOISE),
+    lacks=_one_view,
 )

@@ -67,7 +67,7 @@ class Cutoffs:
     frustum_margin: float = 0.3
     """The Jacobian is evaluated inside the frustum widened by this share of tan(half field of view) (gsplat, Inria)."""
     low_pass: float = 0.0
-    """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so only the effect anti_aliasing adds some."""
+    """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so only the effect anti_aliasing adds some, with compensation."""
     variance_min: float = 1e-10
     """A Gaussian whose projection has det <= variance_min * (a + c), so a smallest variance about this in px^2, is culled."""
     compensation: bool = False

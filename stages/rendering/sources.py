@@ -20,8 +20,13 @@ def choose(angles: np.ndarray, usable: np.ndarray, count: int) -> list[tuple[int
     out, pi stands for its angle. Measured on true depth (45 degree ring, a tenth of the way from one source to the
     next): box PSNR 33.9 dB against 33.1 with equal weights and 32.4 with the nearest view alone.
     """
-    order = [int(v) for v in np.argsort(angles, kind="stable") if usable[v]]
-    limit = float(angles[order[count]]) if len(order) > count else np.pi
+    order, limit = [int(v) for v in np.argsort(angles, kind="stable") if usable[v]], left_out(angles, usable, count)
     weights = [np.sqrt(max(0.0, 1 - float(angles[v]) / limit)) if limit > 0 else 0.0 for v in order[:count]]
     largest = max(weights, default=0.0)
     return [(v, float(w / largest) if largest > 0 else 1.0) for v, w in zip(order, weights, strict=False) if w > 0 or largest == 0]
+
+
+def left_out(angles: np.ndarray, usable: np.ndarray, count: int) -> float:
+    """Angle in radians of the nearest of the usable views that is not among the `count` nearest; pi where all are."""
+    found = np.sort(angles[usable], kind="stable")
+    return float(found[count]) if len(found) > count else float(np.pi)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from stages.contract import Read, Resources, Stage
-from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
+from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from stages.rendering.params import RenderingParams
 from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians; the pictures."""
+    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians, their colours while they are blended; the pictures."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
-    lifted = pixels * shape["view"] * 20 * wide
-    picture = pixels * params.sources * 60 * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
+    lifted = pixels * shape["view"] * 24 * wide
+    picture = pixels * (params.sources * 64 + 40) * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
     maps_and_output = shape["frame"] * (pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
     return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture + pixels * shape["view"] * 8, vram=lifted + picture + 2**28)
 
@@ -39,5 +39,5 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
-    effects=(SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
+    effects=(VIEW_DEPENDENT_COLOR, SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
 )

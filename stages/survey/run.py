@@ -13,8 +13,9 @@ from stages.survey.cover import people_cover
 from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
 from stages.survey.motion import jitter_and_motion, run_starts
+from stages.survey.noise import noise_of_view
 from stages.survey.outlines import outline_of_view
-from stages.survey.params import COLORS, JOINT_FIT, MOTION, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from stages.survey.silhouettes import agreement_of_view
 
 UNKNOWN = 255
@@ -50,6 +51,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
         yield Block(OUTLINES, outline_of_view(inputs, view, chosen), view)
     if JOINT_FIT in inputs.facts:
         yield Block(JOINT_FIT, fit_of_view(inputs, view, chosen), view)
+    if NOISE in inputs.facts:
+        yield Block(NOISE, np.array([noise_of_view(inputs, view, chosen)]), view)
 
 
 def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:
@@ -82,8 +85,10 @@ def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.nd
         found = median_and_spread(stack, covered)
         del stack, covered
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(inputs.views.names))]).max(axis=0))
-        yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
-        yield Block(SPREAD, _padded(found[1], (y, x)), view)
+        if PLATE in inputs.facts:
+            yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
+        if SPREAD in inputs.facts:
+            yield Block(SPREAD, _padded(found[1], (y, x)), view)
 
 
 def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:

@@ -69,7 +69,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     events = fresh.run()
     (told,) = [e for e in events if isinstance(e, EffectsDecided)]
     assert told.sequence == NAME
-    assert [s.split(" (auto): ")[0] for s in told.sentences] == ["exposure_matching off", "outline_correction off", "temporal_smoothing off", "limb_bounds on", "silhouette_clipping on", "hole_filling on"]
+    assert [s.split(" (auto): ")[0] for s in told.sentences] == ["exposure_matching off", "outline_correction off", "temporal_smoothing off", "limb_bounds on", "view_dependent_color off", "silhouette_clipping on", "hole_filling on"]
     order = [(e.task.stage, e.task.view) for e in events if isinstance(e, TaskDone)]
     stages = [s for s, _ in order]
     assert "smoothing" not in stages

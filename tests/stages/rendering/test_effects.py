@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from stages.capture.person import PersonCapture, capture_person
+from stages.geometry.paths import make_path
 from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
 from stages.survey.silhouettes import agreeing_share
+from storage.rig import CameraPath
 
 
 @pytest.fixture(scope="module")
@@ -18,8 +20,8 @@ def shares(c: PersonCapture, masks: dict[int, np.ndarray]) -> np.ndarray:
     return np.array([[agreeing_share(c.rig, masks, v)] for v in masks])
 
 
-def evidence(c: PersonCapture, **noted: np.ndarray) -> SimpleNamespace:
-    return SimpleNamespace(facts=frozenset({"masks"}), sources=c.views.sources, rig=c.rig, noted={k.replace("__", "/"): v for k, v in noted.items()})
+def evidence(c: PersonCapture, targets: tuple[CameraPath, ...] = (), **noted: np.ndarray) -> SimpleNamespace:
+    return SimpleNamespace(facts=frozenset({"masks"}), sources=c.views.sources, rig=c.rig, targets=targets, noted={k.replace("__", "/"): v for k, v in noted.items()})
 
 
 def test_masks_are_trusted_where_their_rims_agree(person: PersonCapture) -> None:
@@ -40,13 +42,20 @@ def test_masks_are_trusted_where_their_rims_agree(person: PersonCapture) -> None
         assert effect.lacks(SimpleNamespace(facts=frozenset(), sources=(0, 1, 2)))  # type: ignore[arg-type]
 
 
-def test_anti_aliasing_is_for_cameras_coarser_than_the_sources(person: PersonCapture) -> None:
-    found = ANTI_ALIASING.decide(evidence(person), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
+def test_anti_aliasing_is_for_targets_coarser_than_the_sources(person: PersonCapture) -> None:
+    path = make_path("held_out", person.rig, person.views, np.arange(1))
+    found = ANTI_ALIASING.decide(evidence(person, targets=(path,)), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
     assert found is not None
     assert not found.on
-    coarse = person.rig.intrinsics.copy()
-    coarse[8, :2] *= 0.5
-    found = ANTI_ALIASING.decide(evidence(replace(person, rig=replace(person.rig, intrinsics=coarse))), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
+    coarse = replace(path, intrinsics=path.intrinsics * np.array([0.5, 0.5, 1.0])[:, None])
+    found = ANTI_ALIASING.decide(evidence(person, targets=(path, coarse)), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
     assert found is not None
     assert found.on
     assert found.measured == pytest.approx(2.0, rel=0.1)
+    unserved = replace(coarse, served=np.zeros_like(coarse.served))
+    found = ANTI_ALIASING.decide(evidence(person, targets=(path, unserved)), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
+    assert found is not None
+    assert not found.on
+    nothing = ANTI_ALIASING.decide(evidence(person, targets=()), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
+    assert nothing is not None
+    assert nothing.measured is None

@@ -10,13 +10,11 @@ import torch
 from stages.capture.person import PersonCapture, capture_person
 from stages.gaussians.params import GaussiansParams
 from stages.geometry.paths import make_path
-from stages.geometry.subject import look_at_point
 from stages.io import Block
 from stages.metrics.psnr import psnr
 from stages.registry import stage
 from stages.rendering.params import RenderingParams
-from stages.rendering.run import check, left_out, quantise, run, widening
-from stages.rendering.scene import Camera
+from stages.rendering.run import check, masked_note, quantise, run
 from tests.memory import MemoryInputs, run_stage
 
 COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"
@@ -112,15 +110,6 @@ def test_masks_without_a_background_clip_nothing(person: PersonCapture, arrays: 
     assert all(np.array_equal(found[k], plain[k]) for k in plain)
 
 
-def test_gaussians_are_widened_in_coarse_pictures_only(person: PersonCapture) -> None:
-    k, pose = person.rig.intrinsics[0], person.rig.world_to_camera[0]
-    subject = look_at_point(person.rig)
-    same, half = (widening(Camera(np.diag([s, s, 1.0]) @ k, pose, 48, 48), person.rig, [0, 1], subject) for s in (1.0, 0.5))
-    assert same == pytest.approx(0.0, abs=1e-9)
-    assert half == pytest.approx(0.3 * 0.75)
-    assert widening(Camera(np.diag([4.0, 4.0, 1.0]) @ k, pose, 192, 192), person.rig, [0, 1], subject) == 0
-
-
 def test_a_frame_without_any_picture_is_black_and_one_missing_view_is_replaced(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
     path = make_path("held_out", person.rig, person.views, np.arange(3))
     valid = np.ones((3, 10), bool)
@@ -168,6 +157,6 @@ def test_gaussians_that_are_not_finite_are_left_out_and_spoken_of(person: Person
 
 
 def test_what_was_left_out_is_one_sentence_a_partition() -> None:
-    assert left_out(np.zeros((3, 2), int), range(6, 9)) == ()
-    (said,) = left_out(np.array([[0, 0], [3, 5], [0, 1]]), range(6, 9))
+    assert masked_note(np.zeros((3, 2), int), range(6, 9)) == ()
+    (said,) = masked_note(np.array([[0, 0], [3, 5], [0, 1]]), range(6, 9))
     assert said == "5 Gaussians of frame 7 were not finite and were left out; so were others in 1 more of the frames 6-8"

@@ -1,0 +1,61 @@
+"""What one `posegaussian export` is asked to write: checked before anything runs, told to the plan, written when it is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dags import backdrop, exporting, exporting_splats
+from dags.backdrop import Backdrop
+from dags.context import Context
+from dags.plan import Plan
+from dags.results import Results
+from dags.tasks import Product
+from storage.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ExportOrder:
+    """Files to write; None where not asked for."""
+
+    video: Path | None
+    """H.264 video."""
+    frames: Path | None
+    """Folder of PNG pictures."""
+    sheet: Path | None
+    """Contact sheet."""
+    splats: Path | None
+    """Folder of 3DGS PLY files."""
+    views: tuple[str, ...]
+    """Source views whose Gaussians become splats; empty for all."""
+    alpha: bool
+    """Whether pictures keep their coverage."""
+    backdrop: Backdrop
+    """What videos and pictures stand on."""
+
+    @classmethod
+    def of(cls, video: Path | None, frames: Path | None, sheet: Path | None, splats: Path | None, views: tuple[str, ...], alpha: bool, background: str) -> ExportOrder:
+        """From the command's options. Raises ConfigError where nothing is asked for, or two wishes exclude each other."""
+        if not (video or frames or sheet or splats):
+            raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
+        behind = backdrop.parse(background)
+        if behind.kind != "none" and not (video or frames):
+            raise ConfigError(f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames FOLDER")
+        if behind.kind != "none" and alpha:
+            raise ConfigError(f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out")
+        return cls(video, frames, sheet, splats, views, alpha, behind)
+
+    @property
+    def renders(self) -> bool:
+        """Whether pictures of camera paths are needed: splats alone need none."""
+        return bool(self.video or self.frames or self.sheet)
+
+    def needed(self, context: Context) -> frozenset[Product]:
+        """What must be there when the run is over, whatever `keep` says."""
+        found = exporting.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(context, self.backdrop)
+        return found | (exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views)) if self.splats else frozenset())
+
+    def write(self, plan: Plan) -> list[str]:
+        """Write everything from a finished plan; returns sentences about the files."""
+        said = exporting.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
+        return said + (exporting_splats.export_splats(Results(plan.context), self.views, self.splats) if self.splats else [])

@@ -1,0 +1,23 @@
+"""Noise of a picture: found as it was put on, on whatever smooth ground and beside edges; none where there is none."""
+
+import numpy as np
+import pytest
+
+from stages.survey.noise import noise_level
+
+
+def ground() -> np.ndarray:
+    rows, columns = np.mgrid[:200, :200]
+    smooth = 60 + 0.4 * rows + 0.3 * columns
+    return np.repeat(np.where((columns // 40) % 2 == 1, smooth, 230 - smooth)[..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize("sigma", [2.0, 6.0, 15.0])
+def test_noise_is_found(sigma: float) -> None:
+    noisy = np.clip(np.rint(ground() + np.random.default_rng(0).normal(0, sigma, (200, 200, 3))), 0, 255).astype(np.uint8)
+    assert noise_level(noisy) == pytest.approx(sigma, rel=0.1)
+
+
+def test_a_clean_picture_has_the_noise_of_rounding_and_a_black_one_none() -> None:
+    assert noise_level(np.rint(ground()).astype(np.uint8)) < 0.6
+    assert noise_level(np.zeros((20, 20, 3), np.uint8)) == 0
