@@ -1,21 +1,25 @@
 """Gaussians and cameras in, pictures out: the one way to the back ends.
 
-`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba in float32. Both composite by the
-same definition with the same cut-offs (`reference.py` states it) and are differentiable in the Gaussians and the cameras.
+`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba, `gpu` is Triton, both in float32.
+All composite by the same definition with the same cut-offs (`reference.py` states it) and are differentiable in the
+Gaussians and the cameras.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import get_args
 
 import torch
 
-from stages.rendering import reference
+from stages.rendering import gpu, reference
 from stages.rendering.params import Backend
 from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
 
+log = logging.getLogger(__name__)
 EXTRAS = ("depth", "normal")
 """Pictures beside colour and alpha."""
 SHAPES = {"mean": (3,), "rotation": (3, 3), "scale": (3,), "opacity": (), "color": (3,)}
@@ -29,7 +33,7 @@ class Drawing:
     cutoffs: Cutoffs = field(default_factory=Cutoffs)
     """Thresholds."""
     backend: Backend = "auto"
-    """`auto`: `cpu` for float32 Gaussians on the CPU, else `reference`."""
+    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else `reference`."""
     threads: int = 1
     """Threads of the `cpu` back end; the result does not depend on it."""
 
@@ -62,15 +66,30 @@ def resolve(backend: Backend, gaussians: Gaussians) -> str:
     """The back end that draws these Gaussians."""
     if backend != "auto":
         return backend
-    return "cpu" if gaussians.mean.device.type == "cpu" and gaussians.mean.dtype == torch.float32 else "reference"
+    device = gaussians.mean.device
+    if gaussians.mean.dtype != torch.float32 or device.type not in ("cpu", "cuda"):
+        return "reference"
+    if device.type == "cpu":
+        return "cpu"
+    if lacking := gpu.lacks(device):
+        _say_once(lacking)
+    return "reference" if lacking else "gpu"
+
+
+@cache
+def _say_once(lacking: str) -> None:
+    log.warning("rendering on the GPU by the `reference` back end, slowly, because %s", lacking)
 
 
 def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: Drawing, backend: str) -> tuple[torch.Tensor, torch.Tensor, int]:
     """(picture [h, w, 3, 4 or 7] = colour, depth, normal; alpha [h, w]; masked)."""
+    channels = 7 if "normal" in extras else 4 if "depth" in extras else 3
+    if backend == "gpu":
+        return gpu.render(gaussians, camera, drawing.cutoffs, channels)
     if backend == "cpu":
         from stages.rendering import cpu
 
-        return cpu.render(gaussians, camera, drawing.cutoffs, 7 if "normal" in extras else 4 if "depth" in extras else 3, drawing.threads)
+        return cpu.render(gaussians, camera, drawing.cutoffs, channels, drawing.threads)
     picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
     return torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3], picture[..., 3], masked
 
@@ -106,5 +125,16 @@ def _check(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str
         raise ValueError(f"drawing.backend = {drawing.backend!r}: choose from {', '.join(get_args(Backend))}")
     if drawing.backend == "cpu" and (dtype, device.type) != (torch.float32, "cpu"):
         raise ValueError(f"drawing.backend = 'cpu' with {dtype} Gaussians on {device}: it draws float32 on the CPU; convert them or choose 'reference'")
+    if drawing.backend == "gpu":
+        _check_gpu(dtype, device, drawing.cutoffs)
     if drawing.threads < 1:
         raise ValueError(f"drawing.threads = {drawing.threads}: at least 1")
+
+
+def _check_gpu(dtype: torch.dtype, device: torch.device, cutoffs: Cutoffs) -> None:
+    if dtype != torch.float32:
+        raise ValueError(f"drawing.backend = 'gpu' with {dtype} Gaussians: it draws float32; convert them or choose 'reference'")
+    if lacking := gpu.lacks(device):
+        raise ValueError(f"drawing.backend = 'gpu': {lacking}")
+    if cutoffs.alpha_max >= 1 and cutoffs.transmittance_stop < 0:
+        raise ValueError(f"drawing.cutoffs.alpha_max = {cutoffs.alpha_max} with transmittance_stop = {cutoffs.transmittance_stop}: 'gpu' divides by 1 - alpha; cap alpha below 1 or stop at 0")
