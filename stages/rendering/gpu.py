@@ -126,7 +126,7 @@ def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
     out = Drawn(rows.new_empty((h, w, task.channels)), rows.new_empty((h, w)), *(rows.new_empty((h, w) if training else (1,), dtype=t) for t in (torch.float32, torch.int32)))
     with torch.cuda.device_of(rows):
         composite[(task.tiles,)](
-            rows, lists.ids, lists.starts, *out, cuts.alpha_min, cuts.alpha_max, cuts.transmittance_stop, task.across, w, h,
+            rows, lists.ids, lists.starts, *out, *(float(c) for c in (cuts.alpha_min, cuts.alpha_max, cuts.transmittance_stop)), task.across, w, h,
             CHANNELS=task.channels, TILE=shape.tile, CHUNK=shape.chunk, TRAINING=training, num_warps=shape.warps, enable_fp_fusion=True,
         )  # fmt: skip
     return out
@@ -140,7 +140,7 @@ def draw_backward(rows: torch.Tensor, lists: Lists, task: Job, drawn: Drawn, up_
     slots = rows.new_zeros((len(lists.slots), SLOT))
     with torch.cuda.device_of(rows):
         composite_backward[(task.tiles,)](
-            rows, lists.ids, lists.slots, lists.starts, drawn.light, drawn.ends, up_picture.contiguous(), up_alpha.contiguous(), slots, cuts.alpha_min, cuts.alpha_max, task.across, w, h,
+            rows, lists.ids, lists.slots, lists.starts, drawn.light, drawn.ends, up_picture.contiguous(), up_alpha.contiguous(), slots, float(cuts.alpha_min), float(cuts.alpha_max), task.across, w, h,
             CHANNELS=task.channels, TILE=shape.tile, CHUNK=shape.chunk, num_warps=shape.warps, enable_fp_fusion=True,
         )  # fmt: skip
     return from_moments(rows, torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True))
