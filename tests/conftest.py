@@ -11,10 +11,14 @@ from tests.pipeline import Pipeline, film
 
 
 def pytest_configure() -> None:
-    """One thread a library, before any is imported: tests are quick and alike on every machine."""
+    """One thread a library, before any is imported: tests are quick and alike on every machine. Without a GPU, Triton's kernels are interpreted."""
     from dags import threads
 
     threads.limit(1)
+    from dags.pools import visible_gpus
+
+    if not visible_gpus():
+        os.environ.setdefault("TRITON_INTERPRET", "1")
 
 
 @pytest.fixture(scope="session")

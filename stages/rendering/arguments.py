@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, get_args
 
 import torch
 
+from stages.rendering import gpu
 from stages.rendering.params import Backend
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
 
@@ -83,6 +84,8 @@ def _check_drawing(drawing: Drawing, gaussians: Gaussians) -> None:
     dtype, device = gaussians.mean.dtype, gaussians.mean.device
     if drawing.backend == "cpu" and (dtype, device.type) != (torch.float32, "cpu"):
         raise ValueError(f"drawing.backend = 'cpu' with {dtype} Gaussians on {device}: it draws float32 on the CPU; convert them or choose 'reference'")
+    if drawing.backend == "gpu":
+        _check_gpu(dtype, device, cutoffs)
     if not hasattr(drawing.threads, "__index__") or drawing.threads < 1:
         raise ValueError(f"drawing.threads = {drawing.threads!r}: a whole number of at least 1 is needed; 1 draws without threads")
     for name, low, high in _BOUNDS:
@@ -91,6 +94,15 @@ def _check_drawing(drawing: Drawing, gaussians: Gaussians) -> None:
             raise ValueError(f"drawing.cutoffs.{name} = {value!r}: choose a value in {low:g}..{high:g}, or leave it at {getattr(Cutoffs(), name):g}")
     if not 0 < cutoffs.alpha_min <= cutoffs.alpha_max:
         raise ValueError(f"drawing.cutoffs.alpha_min = {cutoffs.alpha_min!r}: choose a value above 0 and up to alpha_max = {cutoffs.alpha_max:g}; 1e-9 leaves next to nothing out")
+
+
+def _check_gpu(dtype: torch.dtype, device: torch.device, cutoffs: Cutoffs) -> None:
+    if dtype != torch.float32:
+        raise ValueError(f"drawing.backend = 'gpu' with {dtype} Gaussians: it draws float32; convert them or choose 'reference'")
+    if lacking := gpu.lacks(device):
+        raise ValueError(f"drawing.backend = 'gpu': {lacking}")
+    if cutoffs.alpha_max >= 1 and cutoffs.transmittance_stop < 0:
+        raise ValueError(f"drawing.cutoffs.alpha_max = {cutoffs.alpha_max} with transmittance_stop = {cutoffs.transmittance_stop}: 'gpu' divides by 1 - alpha; cap alpha below 1 or stop at 0")
 
 
 _BOUNDS = (

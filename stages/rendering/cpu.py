@@ -26,7 +26,7 @@ from stages.rendering import cpu_composite, cpu_projection, cpu_projection_backw
 from stages.rendering.cpu_composite import BLOCKS, PLACES
 from stages.rendering.cpu_projection import BLOCK, CAMERA_GRADIENTS, REACHES, RECORD, SLOT, VIEW
 from stages.rendering.cpu_tiles import TILE_X, TILE_Y
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from stages.rendering.scene import Camera, Cutoffs, Gaussians, TooLarge
 from stages.rendering.simd import WIDTH
 
 log = logging.getLogger(__name__)
@@ -39,10 +39,6 @@ LARGEST_SIDE = 32767
 """px: boxes are kept in 16 bits."""
 MOST_INTERSECTIONS = 2**32 - 1
 """Slots are numbered in 32 bits; at 64 bytes each nothing near that fits into memory."""
-
-
-class TooLarge(ValueError):
-    """A scene or picture beyond what the back end's numbers hold."""
 
 
 @dataclass(frozen=True, eq=False)

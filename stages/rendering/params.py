@@ -6,7 +6,7 @@ from typing import Literal
 
 from stages.contract import Params, setting
 
-Backend = Literal["auto", "reference", "cpu"]
+Backend = Literal["auto", "reference", "cpu", "gpu"]
 
 
 class RenderingParams(Params):

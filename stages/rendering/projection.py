@@ -34,6 +34,8 @@ class Projected:
     """As in the input."""
     normal: torch.Tensor  # [K, 3]
     """Third axis in camera axes, turned towards the camera."""
+    index: torch.Tensor  # [K]
+    """Which of the input's they are."""
     masked: int
     """Gaussians left out because an input or their projection was not finite."""
 
@@ -44,8 +46,9 @@ def finite_rows(g: Gaussians) -> torch.Tensor:
     return torch.isfinite(torch.cat(parts, dim=1)).all(dim=1)
 
 
-def _rows(g: Gaussians, keep: torch.Tensor) -> Gaussians:
-    return Gaussians(g.mean[keep], g.rotation[keep], g.scale[keep], g.opacity[keep], g.color[keep])
+def _rows(g: Gaussians, index: torch.Tensor) -> Gaussians:
+    """Selected, not indexed: backward then adds rows where an indexing would sort them first, on a GPU."""
+    return Gaussians(*(values.index_select(0, index) for values in (g.mean, g.rotation, g.scale, g.opacity, g.color)))
 
 
 def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected:
@@ -59,7 +62,8 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
         finite = torch.nonzero(finite_rows(gaussians))[:, 0]
         g = _rows(gaussians, finite)
         front = (_camera_axis(g.mean, camera, 2) > cutoffs.near) & (g.opacity >= cutoffs.alpha_min)
-        index, g = finite[front], _rows(g, front)
+        index = finite[front]
+        g = _rows(gaussians, index)
         s = _on_screen(g, camera, cutoffs)
         thick = s.det > cutoffs.variance_min * (s.a + s.c)
         opacity = _shown(g.opacity, s, cutoffs)
@@ -70,10 +74,11 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
         keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
         keep &= (s.v + extent[:, 1] >= PIXEL_CENTRE) & (s.v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
         masked = len(gaussians) - len(finite) + int((~sane).sum())
-    g = _rows(gaussians, index[keep])
+    index = index[keep]
+    g = _rows(gaussians, index)
     s = _on_screen(g, camera, cutoffs)
     opacity = _shown(g.opacity, s, cutoffs)
-    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, opacity, g.color, _normal(g, camera), masked)
+    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, opacity, g.color, _normal(g, camera), index, masked)
 
 
 def _shown(opacity: torch.Tensor, s: _Screen, cutoffs: Cutoffs) -> torch.Tensor:
@@ -136,7 +141,8 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 def _jacobian_rows(g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx, cy."""
     k = _tensor(camera.intrinsics, g.mean)
-    fx, cx, fy, cy = (float(k.detach()[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))  # the limits carry no gradient
+    known = torch.as_tensor(camera.intrinsics, dtype=g.mean.dtype).detach()  # where it is: no device is waited for
+    fx, cx, fy, cy = (float(known[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))  # the limits carry no gradient
     margin_x, margin_y = cutoffs.frustum_margin * 0.5 * camera.width / fx, cutoffs.frustum_margin * 0.5 * camera.height / fy
     xz = xz.clamp(-cx / fx - margin_x, (camera.width - cx) / fx + margin_x)
     yz = yz.clamp(-cy / fy - margin_y, (camera.height - cy) / fy + margin_y)

@@ -1,20 +1,25 @@
 """Gaussians and cameras in, pictures out: the one way to the back ends.
 
-`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba in float32. Both composite by the
-same definition with the same cut-offs (`reference.py` states it) and are differentiable in the Gaussians and the cameras.
+`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba, `gpu` is Triton, both in float32.
+All composite by the same definition with the same cut-offs (`reference.py` states it) and are differentiable in the
+Gaussians and the cameras.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import torch
 
-from stages.rendering import reference
+from stages.rendering import gpu, reference
 from stages.rendering.arguments import check
 from stages.rendering.params import Backend
 from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -24,7 +29,7 @@ class Drawing:
     cutoffs: Cutoffs = field(default_factory=Cutoffs)
     """Thresholds."""
     backend: Backend = "auto"
-    """`auto`: `cpu` for float32 Gaussians on the CPU, else `reference`."""
+    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else `reference`."""
     threads: int = 1
     """Threads of the `cpu` back end; the result does not depend on it."""
 
@@ -57,15 +62,30 @@ def resolve(backend: Backend, gaussians: Gaussians) -> str:
     """The back end that draws these Gaussians."""
     if backend != "auto":
         return backend
-    return "cpu" if gaussians.mean.device.type == "cpu" and gaussians.mean.dtype == torch.float32 else "reference"
+    device = gaussians.mean.device
+    if gaussians.mean.dtype != torch.float32 or device.type not in ("cpu", "cuda"):
+        return "reference"
+    if device.type == "cpu":
+        return "cpu"
+    if lacking := gpu.lacks(device):
+        _say_once(lacking)
+    return "reference" if lacking else "gpu"
+
+
+@cache
+def _say_once(lacking: str) -> None:
+    log.warning("rendering on the GPU by the `reference` back end, slowly, because %s", lacking)
 
 
 def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: Drawing, backend: str) -> tuple[torch.Tensor, torch.Tensor, int]:
     """(picture [h, w, 3, 4 or 7] = colour, depth, normal; alpha [h, w]; masked)."""
+    channels = 7 if "normal" in extras else 4 if "depth" in extras else 3
+    if backend == "gpu":
+        return gpu.render(gaussians, camera, drawing.cutoffs, channels)
     if backend == "cpu":
         from stages.rendering import cpu
 
-        return cpu.render(gaussians, camera, drawing.cutoffs, 7 if "normal" in extras else 4 if "depth" in extras else 3, drawing.threads)
+        return cpu.render(gaussians, camera, drawing.cutoffs, channels, drawing.threads)
     picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
     return torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3], picture[..., 3], masked
 

@@ -58,7 +58,7 @@ def composite(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, tile: int 
     `BATCH_PIXELS` when no gradient is recorded.
     """
     p = project(gaussians, camera, cutoffs)
-    features, boxes = _sorted_by_depth(p, camera, tile)
+    features, boxes, _ = sorted_by_depth(p, camera, tile)
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     picture = features.new_zeros((across * down, CHANNELS, tile * tile))
     # an empty part keeps the picture in autograd's graph when nothing is seen: gradients are zero then, not an error
@@ -75,10 +75,21 @@ def composite(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, tile: int 
     return picture[: camera.height, : camera.width], p.masked
 
 
-def _sorted_by_depth(p: Projected, camera: Camera, tile: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Features [K, 14] = (u, v, whitening, opacity, color, z, normal) by ascending depth, and tile boxes [K, 4] half open."""
+class ByDepth(NamedTuple):
+    """Projected Gaussians by ascending depth, ties by index."""
+
+    features: torch.Tensor  # [K, 14]
+    """u, v, whitening, opacity, color, z, normal."""
+    boxes: torch.Tensor  # [K, 4] int64
+    """Tiles x0, y0, x1, y1 that hold every pixel centre it can reach, half open."""
+    index: torch.Tensor  # [K]
+    """Which of the input's they are."""
+
+
+def sorted_by_depth(p: Projected, camera: Camera, tile: int) -> ByDepth:
+    """What is composited, and where, with tiles of `tile` px a side; features carry gradients."""
     order = torch.argsort(p.depth.detach(), stable=True)
-    features = torch.cat([p.mean, p.whitening, p.opacity[:, None], p.color, p.depth[:, None], p.normal], dim=1)[order]
+    features = torch.cat([p.mean, p.whitening, p.opacity[:, None], p.color, p.depth[:, None], p.normal], dim=1).index_select(0, order)
     with torch.no_grad():
         mean, extent = p.mean[order], p.extent[order]
         limit = mean.new_tensor([camera.width, camera.height])
@@ -87,7 +98,7 @@ def _sorted_by_depth(p: Projected, camera: Camera, tile: int) -> tuple[torch.Ten
         empty = (last < first).any(dim=1, keepdim=True)
         low, high = first // tile, last // tile + 1
         boxes = torch.cat([low, torch.where(empty, low, high)], dim=1)
-    return features, boxes
+    return ByDepth(features, boxes, p.index[order])
 
 
 def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:

@@ -83,6 +83,10 @@ class Cutoffs:
     so that two Gaussians at the cap are both seen whatever the rounding: without the second a pixel is 1 % too dark."""
 
 
+class TooLarge(ValueError):
+    """A scene or picture beyond what a back end's numbers hold."""
+
+
 class Rendering(NamedTuple):
     """C pictures, premultiplied on black."""
 

@@ -9,6 +9,7 @@ import torch
 
 from stages.rendering.rasterizer import Drawing, rasterize
 from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from tests.stages.rendering.scenes import placed
 
 FIELDS = tuple(Gaussians.__dataclass_fields__)
 EXTRAS = ("depth", "normal")
@@ -30,11 +31,13 @@ def weighted(out: Rendering) -> torch.Tensor:
 
 
 def drawn(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, threads: int = 1) -> tuple[Rendering, Gradients]:
-    """Pictures and gradients, after checking that every number of both is finite; float32 is drawn by `cpu`, float64 by `reference`."""
+    """Pictures and gradients, after checking that every number of both is finite; float32 is drawn by the compiled back end that is tried, float64 by `reference`."""
     leaves = {name: getattr(g, name).clone().requires_grad_() for name in FIELDS}
     k, pose = (torch.tensor(np.asarray(m), dtype=torch.float64, requires_grad=True) for m in (cam.intrinsics, cam.world_to_camera))
-    out = rasterize(Gaussians(**leaves), [Camera(k, pose, cam.width, cam.height)], EXTRAS, Drawing(cutoffs or Cutoffs(), threads=threads))
-    assert out.backend == ("cpu" if g.mean.dtype == torch.float32 else "reference")
+    there, backend = placed(Gaussians(**leaves))
+    out = rasterize(there, [Camera(k, pose, cam.width, cam.height)], EXTRAS, Drawing(cutoffs or Cutoffs(), backend, threads))
+    assert out.backend == (backend if g.mean.dtype == torch.float32 else "reference")
+    out = Rendering(*(p.cpu() for p in out[:4]), *out[4:])  # type: ignore[union-attr]
     for picture in pictures(out):
         assert torch.isfinite(picture).all()
     weighted(out).backward()

@@ -5,9 +5,19 @@ import math
 import numpy as np
 import torch
 
+from stages.rendering import gpu
 from stages.rendering.params import Backend
 from stages.rendering.rasterizer import Drawing, rasterize
 from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+
+GPU_DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+"""Where the `gpu` back end is tried."""
+NO_GPU = gpu.lacks(GPU_DEVICE)
+"""Why it cannot be, if so."""
+COMPILED: list[Backend] = ["cpu", "gpu"] if NO_GPU is None else ["cpu"]
+"""Back ends that draw float32 here."""
+compiled: Backend = "cpu"
+"""The one that is tried; see the fixture `each_compiled`."""
 
 
 def camera(width: int = 48, height: int = 40, focal: float = 50.0, cx: float | None = None, cy: float | None = None) -> Camera:
@@ -43,5 +53,13 @@ def turned_about_y(degrees: float) -> np.ndarray:
 
 def draw(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, backend: Backend = "auto", extras: tuple[str, ...] = ("depth",), threads: int = 1) -> Rendering:
     """One camera's pictures without the axis of cameras; `masked` is a number."""
+    g, backend = placed(g, backend)
     out = rasterize(g, [cam], extras, Drawing(cutoffs or Cutoffs(), backend, threads))
-    return Rendering(out.color[0], out.alpha[0], *(None if p is None else p[0] for p in (out.depth, out.normal)), out.masked[0], out.backend)  # type: ignore[arg-type]
+    return Rendering(*(None if p is None else p[0].cpu() for p in out[:4]), out.masked[0], out.backend)  # type: ignore[arg-type]
+
+
+def placed(g: Gaussians, backend: Backend = "auto") -> tuple[Gaussians, Backend]:
+    """Gaussians where the back end draws them, and the back end: `auto` is the compiled one that is tried, in float32."""
+    if backend == "auto" and g.mean.dtype == torch.float32:
+        backend = compiled
+    return (Gaussians(*(getattr(g, name).to(GPU_DEVICE) for name in Gaussians.__dataclass_fields__)) if backend == "gpu" else g), backend

@@ -1,11 +1,16 @@
-"""Compiled kernels: said when they are made, forgotten when any of their sources has changed."""
+"""Compiled kernels: said when they are made, forgotten when any of their sources has changed. Which tiles they list."""
 
+import dataclasses
 import logging
 from pathlib import Path
 
 import pytest
+import torch
 
-from stages.rendering import cpu
+from stages.rendering import cpu, cpu_tiles
+from stages.rendering.scene import Cutoffs
+from tests.hard_cases.laws import agree
+from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 
 KERNELS = ("cpu_tiles.sort_tiles-1.py311.nbi", "cpu_tiles.sort_tiles-1.py311.1.nbc", "cpu_composite.forward-9.py311.nbi")
 
@@ -38,3 +43,22 @@ def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(tmp_path
         (tmp_path / "more" / "cpu_projection.project-154.py311.1.nbc").touch()
         cpu.announce(tmp_path / "more")
     assert len(caplog.messages) == 1
+
+
+def test_s12_more_intersections_than_slots_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cpu, "MOST_INTERSECTIONS", 100)
+    with pytest.raises(cpu.TooLarge, match="intersections"):
+        draw(gaussians([[0, 0, 2.0]] * 60, 10.0, dtype=torch.float32), camera())
+
+
+def test_tiles_that_only_the_box_reaches_are_left_out_and_none_that_the_ellipse_reaches() -> None:
+    """Long diagonal Gaussians over many tiles: the same pictures as without the exact test."""
+    g = cloud(40, seed=5, dtype=torch.float32)
+    g = dataclasses.replace(g, scale=g.scale * torch.tensor([20.0, 1.0, 1.0]))
+    cam = camera(300, 260, 300.0)
+    task = cpu.job(cam, Cutoffs(), 3, 1)
+    records, reaches, _ = cpu.project([cpu.flat(getattr(g, n)) for n in cpu.ATTRIBUTES], task)
+    exact = len(cpu.list_tiles(records, reaches, task)[2])
+    boxes = sum((x1 - x0 + 1) * (y1 - y0 + 1) for x0, x1, y0, y1 in (cpu_tiles._box.py_func(reaches, i) for i in range(40)))
+    assert exact < 0.8 * boxes
+    agree(g, cam, picture=2e-3, gradient=2e-2)  # one threshold that flips is 1/255 of a pixel

@@ -1,0 +1,239 @@
+"""The GPU back end against the reference, on a GPU or, without one, in Triton's interpreter. Hard cases: tests/hard_cases."""
+
+import dataclasses
+import logging
+import os
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from stages.rendering import gpu, gpu_tiles, rasterizer
+from stages.rendering.projection import project
+from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.reference import sorted_by_depth
+from stages.rendering.scene import Camera, Cutoffs, Gaussians, TooLarge
+from tests.hard_cases.extreme import scene
+from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
+from tests.stages.rendering import scenes
+from tests.stages.rendering.reference_render import GSPLAT, reference_case
+from tests.stages.rendering.scenes import GPU_DEVICE, NO_GPU, camera, cloud, draw, gaussians
+
+needs_triton = pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
+QUICK = gpu.Shape(tile=64, chunk=32)
+"""Few programs: the interpreter takes as long for a pixel as for a thousand."""
+
+
+@pytest.fixture
+def on_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Float32 is drawn by `gpu`."""
+    monkeypatch.setattr(scenes, "compiled", "gpu")
+
+
+@pytest.fixture
+def quick(on_gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    if gpu.interpreted():
+        monkeypatch.setattr(gpu, "SHAPE", QUICK)
+
+
+@needs_triton
+@pytest.mark.usefixtures("on_gpu")
+def test_pictures_and_gradients_of_a_scene_of_many_tiles_and_chunks() -> None:
+    """With the tiles and chunks that a GPU gets; cameras included."""
+    g, cam = cloud(30, seed=2, dtype=torch.float32), camera(18, 13, 16.0)
+    (a, da), (_, db) = drawn(g, cam), drawn(to(g, torch.float64), cam)
+    assert a.backend == "gpu"
+    for x, y in zip(pictures(a), pictures(draw(g, cam, backend="reference", extras=("depth", "normal"))), strict=True):
+        assert float((x[0] - y).detach().abs().max()) < 2e-6  # the same projection in float32: a few roundings of numbers up to 4
+    for name, value in db.items():
+        assert relative(da[name], value) < 1e-5, name
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("extras", [(), ("depth",), ("normal",)])
+def test_what_is_not_asked_for_changes_nothing_of_the_rest(extras: tuple[str, ...]) -> None:
+    g = cloud(20, dtype=torch.float32)
+    some, every = draw(g, camera(), extras=extras), draw(g, camera(), extras=("depth", "normal"))
+    assert (some.depth is None, some.normal is None) == ("depth" not in extras, "normal" not in extras)
+    assert all(torch.allclose(a, b, rtol=0, atol=1e-6) for a, b in zip(some[:4], every[:4], strict=True) if a is not None)
+
+
+@needs_triton
+@pytest.mark.usefixtures("on_gpu")
+@pytest.mark.parametrize("shape", [gpu.Shape(4, 4), gpu.Shape(16, 16), gpu.Shape(8, 2)])
+def test_tiles_and_chunks_change_nothing_but_rounding(shape: gpu.Shape, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opaque Gaussians, so that pixels stop within chunks and between them."""
+    monkeypatch.setattr(gpu, "SHAPE", QUICK)
+    g, cam = dataclasses.replace(cloud(12, dtype=torch.float32), opacity=torch.full((12,), 0.98), scale=torch.full((12, 3), 0.3)), camera(7, 6, 7.0)
+    one, gradients = drawn(g, cam)
+    monkeypatch.setattr(gpu, "SHAPE", shape)
+    other, others = drawn(g, cam)
+    assert all(torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True))  # depths up to 4
+    assert all(relative(gradients[n], others[n]) < 1e-5 for n in gradients)
+
+
+@needs_triton
+@pytest.mark.usefixtures("on_gpu")
+def test_two_runs_give_the_same_bits() -> None:
+    g, cam = cloud(25, dtype=torch.float32), camera(12, 7, 10.0)
+    (a, da), (b, db) = drawn(g, cam), drawn(g, cam)
+    assert all(torch.equal(x, y) for x, y in zip(pictures(a), pictures(b), strict=True))
+    assert all(torch.equal(da[n], db[n]) for n in da)
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+def test_cameras_that_have_no_gradient_and_gaussians_that_have_none() -> None:
+    """Inference keeps nothing; a pose alone may be wanted; a backward pass may be run twice."""
+    g, pose = cloud(10, dtype=torch.float32), torch.eye(4, requires_grad=True)
+    assert not draw(g, camera()).alpha.requires_grad
+    out = draw(g, Camera(camera().intrinsics, pose, 48, 40))
+    first, second = (torch.autograd.grad(out.alpha.sum(), pose, retain_graph=True)[0] for _ in range(2))
+    assert first.any()
+    assert torch.equal(first, second)
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+def test_every_number_of_an_extreme_scene_is_finite() -> None:
+    for seed in range(8):
+        out, _ = drawn(*scene(seed))
+        assert not bool((out.alpha > 1 + 1e-6).any())
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+def test_a_gradient_beyond_float32_is_dropped_alone_and_said(caplog: pytest.LogCaptureFixture) -> None:
+    """Two Gaussians far apart; the colour of one makes the gradient of its place overflow."""
+    g = gaussians([[-0.4, 0, 2.0], [0.4, 0, 2.0]], 0.05, dtype=torch.float32)
+    bright = dataclasses.replace(g, color=g.color * torch.tensor([[3e38], [1.0]]))
+    leaves = {n: getattr(bright, n).clone().requires_grad_() for n in FIELDS}
+    k = torch.as_tensor(camera().intrinsics).requires_grad_()
+    with caplog.at_level(logging.WARNING):
+        draw(Gaussians(**leaves), Camera(k, np.eye(4), 48, 40)).color.sum().backward()
+    assert any("gradients of 1 Gaussians are beyond float32" in m for m in caplog.messages)
+    gradients = [leaf.grad for leaf in leaves.values()]
+    assert all(v is not None and torch.isfinite(v).all() and not v[0].any() for v in gradients)
+    assert leaves["mean"].grad is not None
+    assert leaves["mean"].grad[1].any()
+    assert k.grad is not None
+    assert torch.isfinite(k.grad).all()
+    assert k.grad.any()
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+def test_same_picture_as_gsplat() -> None:
+    case = reference_case("tiny_case")
+    out = draw(case.gaussians(torch.float32), case.camera, GSPLAT)
+    assert np.abs(torch.cat([out.color, out.alpha[..., None]], dim=2).numpy() - case.picture).max() < 1e-5
+
+
+def test_lists_hold_every_intersection_once_by_tile_and_depth() -> None:
+    cam, tile = camera(37, 29), 8
+    kept = sorted_by_depth(project(cloud(40, dtype=torch.float32), cam, Cutoffs()), cam, tile)
+    ids, slots, starts, bases = gpu_tiles.list_tiles(kept.boxes, cam, tile)
+    across = -(-cam.width // tile)
+    expected = [[i for i, (x0, y0, x1, y1) in enumerate(kept.boxes.tolist()) if x0 <= t % across < x1 and y0 <= t // across < y1] for t in range(len(starts) - 1)]
+    assert [ids[a:b].tolist() for a, b in pairwise(starts.tolist())] == expected
+    assert sorted(slots.tolist()) == list(range(len(ids)))
+    assert torch.equal(torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long())  # slots of a Gaussian follow each other
+
+
+def test_s12_more_intersections_than_places_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu_tiles, "MOST_INTERSECTIONS", 100)
+    with pytest.raises(TooLarge, match="intersections"):
+        gpu_tiles.list_tiles(torch.tensor([[0, 0, 6, 5]] * 60), camera(), 8)
+
+
+def test_gradients_from_moments_are_those_of_the_exponent() -> None:
+    """One Gaussian, points d with weights m: the sums of slots against autograd of sum m log alpha."""
+    rng = np.random.default_rng(0)
+    row = torch.tensor([3.0, 4.0, 0.8, 0.0, -0.3, 1.2, 0.7], dtype=torch.float64, requires_grad=True)
+    at, m = torch.as_tensor(rng.normal(3.5, 1.0, (50, 2))), torch.as_tensor(rng.normal(size=50))
+    d = at - row[:2]
+    p, q = d @ row[2:4], d @ row[4:6]
+    (expected,) = torch.autograd.grad((m * (torch.log(row[6]) - 0.5 * (p * p + q * q))).sum(), row)
+    sums = torch.stack([(m * v).sum() for v in (torch.ones_like(p), p, q, p * p, p * q, q * q)])
+    found = gpu.from_moments(torch.nn.functional.pad(row.detach(), (0, 9))[None], torch.nn.functional.pad(sums.detach(), (0, 10))[None])
+    torch.testing.assert_close(found[0, :7], expected)
+
+
+@pytest.mark.parametrize(
+    ("version", "says"),
+    [
+        (None, r"Triton is not installed: install the extra: pip install 'posegaussian\[gpu\]'"),
+        ("3.1.0", r"Triton 3\.1\.0 is too old, 3\.2 is needed: install the extra: pip install 'posegaussian\[gpu\]'"),
+        ("3.2.0", "the Gaussians are on cpu.*(choose 'cpu'|move them to 'cuda')"),
+    ],
+)
+def test_what_is_lacking_is_said_with_what_to_do(version: str | None, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu, "triton_version", lambda: version)
+    monkeypatch.setattr(gpu, "interpreted", lambda: False)
+    with pytest.raises(ValueError, match=f"drawing.backend = 'gpu': {says}"):
+        rasterize(cloud(3, dtype=torch.float32), [camera()], (), Drawing(backend="gpu"))
+
+
+def test_triton_of_two_digits_is_not_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu, "triton_version", lambda: "3.10.1+git")
+    assert gpu.lacks(torch.device("cuda")) is None
+
+
+@needs_triton
+def test_what_it_cannot_draw_is_refused() -> None:
+    g = to(cloud(3), torch.float32)
+    there = Gaussians(*(getattr(g, n).to(GPU_DEVICE) for n in FIELDS))
+    with pytest.raises(ValueError, match=r"'gpu' with torch\.float64 Gaussians: it draws float32"):
+        rasterize(to(there, torch.float64), [camera()], (), Drawing(backend="gpu"))
+    with pytest.raises(ValueError, match=r"alpha_max = 1\.0 with transmittance_stop = -1\.0"):
+        rasterize(there, [camera()], (), Drawing(Cutoffs(alpha_max=1.0, transmittance_stop=-1.0), "gpu"))
+
+
+class _OnCuda:
+    """Gaussians as `resolve` asks about them, where there is no GPU."""
+
+    def __init__(self, dtype: torch.dtype) -> None:
+        self.mean = type("mean", (), {"device": torch.device("cuda"), "dtype": dtype})
+
+
+def test_auto_chooses_by_device_and_says_why_it_is_slow(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    rasterizer._say_once.cache_clear()
+    single, double = _OnCuda(torch.float32), _OnCuda(torch.float64)
+    monkeypatch.setattr(gpu, "triton_version", lambda: "3.2.0")
+    assert [rasterizer.resolve("auto", g) for g in (single, double)] == ["gpu", "reference"]  # type: ignore[arg-type]
+    assert rasterizer.resolve("auto", cloud(1, dtype=torch.float32)) == "cpu"
+    monkeypatch.setattr(gpu, "triton_version", lambda: None)
+    with caplog.at_level(logging.WARNING):
+        assert [rasterizer.resolve("auto", single) for _ in range(2)] == ["reference"] * 2  # type: ignore[arg-type]
+    assert len(caplog.messages) == 1
+    assert "Triton is not installed" in caplog.messages[0]
+
+
+COMPILE = """
+import triton
+from triton.backends.compiler import GPUTarget
+from triton.compiler import ASTSource
+from stages.rendering import gpu, gpu_composite
+given = {
+    "composite": ["*fp32", "*i32", "*i32", "*fp32", "*fp32", "*fp32", "*i32", "fp32", "fp32", "fp32", "i32", "i32", "i32"],
+    "composite_backward": ["*fp32", "*i32", "*i32", "*i32", "*fp32", "*i32", "*fp32", "*fp32", "*fp32", "fp32", "fp32", "i32", "i32", "i32"],
+}
+for name, kinds in given.items():
+    kernel = getattr(gpu_composite, name)
+    fixed = {"CHANNELS": 4, "TILE": gpu.SHAPE.tile, "CHUNK": gpu.SHAPE.chunk, **({"TRAINING": True} if name == "composite" else {})}
+    signature = {**dict(zip(kernel.arg_names, kinds)), **dict.fromkeys(fixed, "constexpr")}
+    made = triton.compile(ASTSource(kernel, signature, fixed), target=GPUTarget("cuda", 90, 32), options={"num_warps": gpu.SHAPE.warps, "enable_fp_fusion": True})
+    assert len(made.asm["cubin"]) > 1000
+"""
+
+
+@needs_triton
+def test_kernels_compile_for_a_gpu_without_one() -> None:
+    """The interpreter accepts what the compiler does not."""
+    environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
+    done = subprocess.run([sys.executable, "-c", COMPILE], env=environment, capture_output=True, text=True, check=False, timeout=200)
+    assert done.returncode == 0, done.stderr
