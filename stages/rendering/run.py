@@ -15,7 +15,7 @@ from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.params import RenderingParams
 from stages.rendering.rasterizer import Drawing, rasterize
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
-from stages.rendering.sources import angles_at, choose
+from stages.rendering.sources import angles_at, choose, map_arrays
 from storage.rig import Rig
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
@@ -94,8 +94,7 @@ class _MapReader:
     def frame(self, i: int, view: int) -> Maps:
         """Maps of the i-th frame of the partition."""
         if view not in self.views:
-            names = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
-            self.views[view] = tuple(self.inputs.read(name, view) for name in names)
+            self.views[view] = tuple(self.inputs.read(name, view) for name in map_arrays(self.inputs.facts))
         return Maps(*(a[i] for a in self.views[view]))
 
     def masks(self, i: int) -> dict[int, np.ndarray]:
