@@ -160,8 +160,9 @@ class Context:
     @cached_property
     def facts(self) -> Facts:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided ones count
-        as on), and those outputs of sequence-wide stages that are asked for."""
+        as on), the optional stages that are needed, and those outputs of sequence-wide stages that are asked for."""
         known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
+        known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
         asked = self.exported | {a for v in self.effects.values() for a in v.asks}
         asked |= {r.array for s in STAGES if s.unneeded(self.params(s), known) is None for r in s.reads_for(self.params(s), known)}
         return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}

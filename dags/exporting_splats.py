@@ -12,12 +12,9 @@ from pathlib import Path
 from dags.context import Context
 from dags.results import Results
 from dags.tasks import Product
+from stages.rendering.sources import map_arrays
 from storage.errors import ConfigError, UserError
 from storage.splats import Splats
-
-MAPS = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
-"""What a view's Gaussians are lifted from, in the order `Maps` takes them."""
-
 
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
     """Indices of the source views of these names; all source views without names. Raises ConfigError for other names."""
@@ -30,7 +27,7 @@ def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
 
 def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     """What an export reads: it must be there when the run is over, whatever `keep` says."""
-    return frozenset(Product(a, p, v) for a in MAPS for p in context.grid.partitions for v in views)
+    return frozenset(Product(a, p, v) for a in map_arrays(context.facts) for p in context.grid.partitions for v in views)
 
 
 def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[str]:
@@ -65,7 +62,7 @@ def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
 
     parts = []
     for view in views:
-        maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in MAPS))
+        maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts)))
         lifted = lift(maps, results.context.rig.intrinsics[view], results.context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
         parts.append(Gaussians(lifted.mean, lifted.rotation, lifted.scale, lifted.faces[:, 0], lifted.color))
     return splats_of(Gaussians.concatenate(parts))

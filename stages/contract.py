@@ -229,6 +229,8 @@ class Stage:
     """Settings that are shown with the effects."""
     tolerance: Tolerance | None = None
     """None: serial and distributed results are equal byte by byte."""
+    optional: bool = False
+    """Whether its settings may leave it out: while it is needed, its name is among the facts, so that later stages read its outputs in place of others."""
     sequence_wide: bool = False
     """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
     whatever the sources' growth, until a run says `--from` this stage. An output made only when asked for has `when` = its name."""

@@ -24,6 +24,7 @@ SOURCES = {"pictures", "masks", "joints", "joints3d", "depth"}
 CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames")
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
+OPTIONAL = tuple(s for s in STAGES if s.optional)
 EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
 EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) for on in EFFECT_STATES]
@@ -244,6 +245,18 @@ def test_a_stage_depends_on_the_effects_that_it_declares_and_on_no_other(s: Stag
             return s.reads_for(params, f), s.writes_for(f), s.unneeded(params, f), s.refusal(params, f)
 
         assert answers(facts) == answers(plain), sorted(facts - plain)
+
+
+@pytest.mark.parametrize("s", OPTIONAL, ids=lambda s: s.name)
+def test_outputs_of_an_optional_stage_are_read_only_while_its_name_is_a_fact(s: Stage) -> None:
+    """With the default settings it is left out."""
+    assert s.name not in FACTS
+    made = {w.name for w in s.writes}
+    for facts in EVERY_FACTS:
+        assert s.unneeded(s.params(), facts) is not None
+        for other in STAGES[STAGES.index(s) + 1 :]:
+            assert not made & {r.array for r in other.reads_for(other.params(), facts)}
+    assert any(made & {r.array for r in other.reads_for(other.params(), frozenset({s.name}))} for other in STAGES)
 
 
 @every_stage

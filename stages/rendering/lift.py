@@ -59,6 +59,48 @@ class Lifted:
         return Gaussians(self.mean, self.rotation, self.scale, torch.where(cosine > 0, opacity, 0.0), self.color)
 
 
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Which pixels of one source view make a Gaussian, and where they look."""
+
+    rows: torch.Tensor  # [N]
+    columns: torch.Tensor  # [N]
+    x: torch.Tensor  # [N]
+    """Of the ray through the pixel's centre at unit depth, camera axes."""
+    y: torch.Tensor  # [N]
+    pose: list[list[float]]
+    """World to camera, 4 x 4."""
+    masked: int
+    """Pixels left out because their depth or opacity was not a finite number."""
+
+    @classmethod
+    def of(cls, depth: torch.Tensor, face_on: torch.Tensor, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> Pixels:
+        """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w]. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
+        usable = torch.isfinite(depth) & (depth > 0) & (face_on > 0)
+        masked = int((~usable & ~(depth <= 0) & ~(face_on <= 0)).sum())
+        rows, columns = torch.nonzero(usable, as_tuple=True)
+        k, centre = intrinsics.tolist(), float(points_from_integer_centres(np.zeros(())))
+        y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
+        x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
+        return cls(rows, columns, x, y, world_to_camera.tolist(), masked)
+
+    def at(self, values: Values) -> tuple[torch.Tensor, ...]:
+        """Channels of maps [C, h, w] at the pixels, C x [N], in the dtype and on the device of the rays."""
+        return tuple(torch.as_tensor(values).to(self.x.device)[:, self.rows, self.columns].to(self.x.dtype))
+
+    def colors(self, values: Values) -> torch.Tensor:
+        """[N, 3] sRGB 0..1 of a picture [h, w, 3], uint8 or sRGB 0..1."""
+        color = torch.as_tensor(values).to(self.x.device)[self.rows, self.columns]
+        return color.to(self.x.dtype) / 255 if color.dtype == torch.uint8 else color.to(self.x.dtype)
+
+    def lift(self, depth: torch.Tensor, normal: Sequence[torch.Tensor], scale: torch.Tensor, faces: torch.Tensor, color: torch.Tensor) -> Lifted:
+        """Gaussians of values at the pixels: depth [N] m, normal 3 x [N] of any length in camera axes, scale [N, 3] m, faces [N, 2], color [N, 3]."""
+        axis = _unit(*normal)
+        mean = _to_world(self.pose, (self.x * depth - self.pose[0][3], self.y * depth - self.pose[1][3], depth - self.pose[2][3]))
+        rotation = torch.stack([_to_world(self.pose, v) for v in (*tangents(*axis), axis)], dim=2)  # [N, 3 world, 3 axes]
+        return Lifted(mean, rotation, scale, faces, color, self.masked)
+
+
 def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device) -> Lifted:
     """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 
@@ -68,24 +110,9 @@ def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype:
     single elements is taken, so the result does not depend on the number of threads.
     """
     depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
-    usable = torch.isfinite(depth) & (depth > 0) & (opacity[0] > 0)
-    masked = int((~usable & ~(depth <= 0) & ~(opacity[0] <= 0)).sum())
-    rows, columns = torch.nonzero(usable, as_tuple=True)
-
-    def at(values: Values) -> tuple[torch.Tensor, ...]:
-        return tuple(torch.as_tensor(values).to(device)[:, rows, columns].to(dtype))
-
-    z, k = depth[rows, columns], intrinsics.tolist()
-    centre = float(points_from_integer_centres(np.zeros(())))
-    y = (rows.to(dtype) + (centre - k[1][2])) / k[1][1]
-    x = (columns.to(dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
-    normal = _unit(*at(maps.normal))
-    pose = world_to_camera.tolist()
-    mean = _to_world(pose, (x * z - pose[0][3], y * z - pose[1][3], z - pose[2][3]))
-    rotation = torch.stack([_to_world(pose, axis) for axis in (*tangents(*normal), normal)], dim=2)  # [N, 3 world, 3 axes]
-    color = torch.as_tensor(maps.color).to(device)[rows, columns]
-    color = color.to(dtype) / 255 if color.dtype == torch.uint8 else color.to(dtype)
-    return Lifted(mean, rotation, torch.stack(at(maps.scale), dim=1), torch.stack((opacity[0, rows, columns], opacity[1, rows, columns]), dim=1), color, masked)
+    pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
+    (z,) = pixels.at(depth[None])
+    return pixels.lift(z, pixels.at(maps.normal), torch.stack(pixels.at(maps.scale), dim=1), torch.stack(pixels.at(opacity), dim=1), pixels.colors(maps.color))
 
 
 def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

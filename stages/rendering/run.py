@@ -1,30 +1,16 @@
-"""Kernel of the rendering stage: lift the nearest source views of each frame once, render every target camera."""
+"""Kernel of the rendering stage: every frame of the partition into every target camera that serves it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import torch
 
-from stages.geometry.subject import look_at_point
 from stages.io import Block, Inputs
-from stages.rendering.clipping import retouched, silhouettes_of
-from stages.rendering.lift import Lifted, Maps, lift
+from stages.rendering.frame import FrameRenderer, MapReader
 from stages.rendering.params import RenderingParams
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
-from stages.rendering.sources import angles_at, choose, left_out
-from stages.rendering.view_color import Photo, color_towards
-from storage.rig import Rig
-
-DTYPES = {"float32": torch.float32, "float64": torch.float64}
-
-
-def device() -> torch.device:
-    """The only place where the device is chosen."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+from stages.rendering.scene import Camera
 
 
 def quantise(values: torch.Tensor) -> np.ndarray:
@@ -42,37 +28,14 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
     frames, cameras = path.served.shape
     width, height = (int(n) for n in path.size.max(axis=0))
     color, alpha = np.zeros((frames, cameras, height, width, 3), np.uint8), np.zeros((frames, cameras, height, width), np.uint8)
-    maps, masked = _MapReader(inputs), np.zeros((frames, cameras), int)
-    subject = look_at_point(inputs.rig.subset(inputs.views.sources))
-    is_source = np.isin(np.arange(len(inputs.rig)), inputs.views.sources)
-    effects, blends = inputs.facts & {"silhouette_clipping", "hole_filling"}, "view_dependent_color" in inputs.facts
+    reader, masked = MapReader(inputs), np.zeros((frames, cameras), int)
     for i in range(frames):
-        silhouettes = silhouettes_of(inputs.rig, maps.masks(i)) if effects else None
-        lifted: dict[int, Lifted] = {}
-        photos: dict[int, Photo] = {}
+        renderer = FrameRenderer(reader, i, params)
         for c in np.nonzero(path.served[i])[0]:
             w, h = (int(n) for n in path.size[c])
-            camera = Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h)
-            angles, usable = angles_at(subject, inputs.rig.centres, camera.centre), is_source & inputs.valid[i]
-            chosen, parts = choose(angles, usable, params.sources), []
-            for view, _ in chosen:
-                if view not in lifted:
-                    lifted[view] = lift(*maps.posed(i, view), DTYPES[params.precision], device())
-                    if blends:
-                        photos[view] = Photo.of(*maps.posed(i, view), DTYPES[params.precision], device())
-            for view, weight in chosen:
-                seen = lifted[view].seen_from(camera)
-                shown = color_towards(camera, lifted[view], view, {v: photos[v] for v, _ in chosen}, left_out(angles, usable, params.sources)) if blends else seen.color
-                parts.append(replace(seen, opacity=seen.opacity * weight, color=shown))
-            if parts:
-                cutoffs = mip_filter(camera, inputs.rig, [v for v, _ in chosen], subject) if "anti_aliasing" in inputs.facts else Cutoffs()
-                picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
-                masked[i, c] = picture.masked[0] + sum(lifted[v].masked for v, _ in chosen)
-                shown, coverage = picture.color[0], picture.alpha[0]
-                if silhouettes is not None:
-                    touched = retouched(shown.cpu().numpy(), coverage.cpu().numpy(), silhouettes, camera, "hole_filling" in effects, "silhouette_clipping" in effects)
-                    shown, coverage = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
-                color[i, c, :h, :w], alpha[i, c, :h, :w] = quantise(shown), quantise(coverage)
+            drawn = renderer.picture(Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h))
+            if drawn is not None:
+                color[i, c, :h, :w], alpha[i, c, :h, :w], masked[i, c] = quantise(drawn[0]), quantise(drawn[1]), drawn[2]
     yield Block("rendering/{path}/color", color, notes=masked_note(masked, inputs.partition))
     yield Block("rendering/{path}/alpha", alpha)
 
@@ -85,47 +48,6 @@ def masked_note(masked: np.ndarray, partition: range) -> tuple[str, ...]:
         return ()
     others = f"; so were others in {len(found) - 1} more of the frames {partition.start}-{partition.stop - 1}" if len(found) > 1 else ""
     return (f"{most[found[0]]} Gaussians of frame {partition[int(found[0])]} were not finite and were left out{others}",)
-
-
-def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> Cutoffs:
-    """Cut-offs under which a picture that samples the subject [3] more coarsely than the finest of its source views is averaged over its pixels.
-
-    A pixel that is r source pixels wide is a box of r samples of the full picture, of variance (1 - 1 / r^2) / 12 px^2.
-    Every Gaussian is widened by it and loses as much opacity, so that it keeps its energy (Yu et al., "Mip-Splatting", 2024).
-    Against the averaged full picture (analytic person, 256 px, true depth), PSNR at a half and a quarter of the size: 34.4
-    and 30.8 dB, 28.8 and 24.6 unfiltered, 23.7 and 17.6 without the loss of opacity; 3DGS, 0.3 px^2 without loss: 18.1 and 15.3.
-    """
-    def pixel(intrinsics: np.ndarray, centre: np.ndarray) -> float:
-        return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
-
-    ratio = pixel(camera.intrinsics, camera.centre) / min(pixel(rig.intrinsics[v], rig.centres[v]) for v in views)
-    return Cutoffs(low_pass=(1 - ratio**-2) / 12, compensation=True) if ratio > 1 else Cutoffs()
-
-
-class _MapReader:
-    """Reads a view's maps when a target first asks for them."""
-
-    def __init__(self, inputs: Inputs) -> None:
-        self.inputs = inputs
-        self.views: dict[int, tuple[np.ndarray, ...]] = {}
-        self.silhouettes: dict[int, np.ndarray] = {}
-
-    def frame(self, i: int, view: int) -> Maps:
-        """Maps of the i-th frame of the partition."""
-        if view not in self.views:
-            names = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
-            self.views[view] = tuple(self.inputs.read(name, view) for name in names)
-        return Maps(*(a[i] for a in self.views[view]))
-
-    def posed(self, i: int, view: int) -> tuple[Maps, np.ndarray, np.ndarray]:
-        """Maps of the i-th frame of the partition, and the view's intrinsics and pose."""
-        return self.frame(i, view), self.inputs.rig.intrinsics[view], self.inputs.rig.world_to_camera[view]
-
-    def masks(self, i: int) -> dict[int, np.ndarray]:
-        """Masks of the i-th frame by source view that has a picture."""
-        if not self.silhouettes:
-            self.silhouettes = {v: self.inputs.read("frames/mask", v) for v in self.inputs.views.sources}
-        return {v: m[i] for v, m in self.silhouettes.items() if self.inputs.valid[i, v]}
 
 
 def check(block: Block, params: RenderingParams) -> list[str]:

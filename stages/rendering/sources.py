@@ -4,6 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.contract import Facts
+
+PRIOR = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
+"""What the Gaussians of a view are lifted from, in the order `stages.rendering.lift.Maps` takes it."""
+REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
+"""The same after refinement."""
+
+
+def map_arrays(facts: Facts) -> tuple[str, ...]:
+    """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
+    return REFINED if "refinement" in facts else PRIOR
+
 
 def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:
     """[V] angle in radians at the subject [3] between each camera centre [V, 3] and the target's centre [3], world metres."""

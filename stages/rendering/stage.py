@@ -5,6 +5,7 @@ from __future__ import annotations
 from stages.contract import Read, Resources, Stage
 from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from stages.rendering.params import RenderingParams
+from stages.rendering.sources import PRIOR, REFINED
 from storage.spec import ArraySpec, Shape
 
 
@@ -25,11 +26,8 @@ STAGE = Stage(
     run="stages.rendering.run:run",
     check="stages.rendering.run:check",
     reads=(
-        Read("frames/color"),
-        Read("depth/depth"),
-        Read("gaussians/scale"),
-        Read("gaussians/rotation"),
-        Read("gaussians/opacity"),
+        *(Read(name, when=lambda p, f: "refinement" not in f) for name in PRIOR),
+        *(Read(name, when=lambda p, f: "refinement" in f) for name in REFINED),
         Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
     ),
     writes=(

@@ -12,7 +12,7 @@ from tests.pipeline import Pipeline, receipts
 def test_a_kernels_note_reaches_the_receipt_and_the_run(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As the rendering stage notes Gaussians that it had to leave out."""
     pipeline = finished.copy(tmp_path / "archive")
-    monkeypatch.setattr("stages.rendering.run.left_out", lambda masked, partition: (f"{masked.size} Gaussians of frame {partition.start} were not finite and were left out",))
+    monkeypatch.setattr("stages.rendering.run.masked_note", lambda masked, partition: (f"{masked.size} Gaussians of frame {partition.start} were not finite and were left out",))
     events = pipeline.run(selection=Selection(only=frozenset({"rendering"}), force=frozenset({"rendering"})))
     said = {e.task.partition: e.receipt.warnings for e in events if isinstance(e, TaskDone)}
     assert said == {p: (f"2 Gaussians of frame {2 * p} were not finite and were left out",) for p in range(3)}

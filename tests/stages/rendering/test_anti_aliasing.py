@@ -12,8 +12,8 @@ from stages.gaussians.run import prior
 from stages.geometry.subject import look_at_point
 from stages.metrics.psnr import psnr
 from stages.rendering.lift import Maps, lift
+from stages.rendering.mip import mip_filter
 from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.run import mip_filter
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
 
 SIZE = 128

@@ -1,0 +1,115 @@
+"""Kernel of the refinement stage: frame by frame, each from its own Gaussians or from what the frame before it in its group learnt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+
+from stages.io import Block, Inputs
+from stages.refinement.attributes import Learnt, ViewGaussians
+from stages.refinement.optimise import Filmed, Outcome, optimise
+from stages.refinement.params import RefinementParams
+from stages.refinement.schedule import FEWEST, schedule
+from stages.rendering.lift import Maps
+from stages.rendering.scene import Camera
+from stages.rendering.sources import PRIOR, REFINED
+
+def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
+    """Yield the refined maps of every view, and how each frame went.
+
+    Frames are grouped by their index in the sequence, `params.group` at a time. What a frame starts from depends on the
+    frames before it in its group alone, so those of them that lie before the partition are optimised again; results do
+    not depend on how the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps
+    its maps bit by bit.
+    """
+    frames = _Frames(inputs)
+    first, stop = inputs.partition.start, inputs.partition.stop
+    made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
+    outcomes = []
+    before: dict[int, Learnt] = {}
+    for i in range(first // params.group * params.group, stop):
+        before = {} if i % params.group == 0 else before
+        gaussians = frames.usable(i)
+        outcome = _refined(frames, gaussians, i, params, before)
+        changed = outcome.step > 0 or outcome.warm
+        before = {v: g.learnt() for v, g in gaussians.items()} if changed else {}
+        if i >= first:
+            outcomes.append(outcome.row())
+            for v in gaussians if changed else ():
+                made[v][i - first] = gaussians[v].maps()
+    nothing = [_nothing(*(int(n) for n in inputs.rig.size.max(axis=0)))] * len(inputs.partition)
+    for view in range(len(inputs.rig)):
+        for name, arrays in zip(REFINED, zip(*(_arrays(m) for m in made.get(view, nothing)), strict=True), strict=True):
+            yield Block(name, np.stack(arrays), view)
+    yield Block("refinement/outcome", np.array(outcomes, np.float32).reshape(len(inputs.partition), -1))
+
+
+def _arrays(maps: Maps) -> tuple[np.ndarray, ...]:
+    """In the order of `REFINED`."""
+    return tuple(np.asarray(a) for a in (maps.color, maps.depth, maps.scale, maps.normal, maps.opacity))
+
+
+def _nothing(width: int, height: int) -> Maps:
+    """The maps of a view that is no source."""
+    channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2)]
+    return Maps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
+
+
+def _refined(frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: dict[int, Learnt]) -> Outcome:
+    """Optimise the Gaussians of frame `i` in place, where enough views can teach and judge."""
+    plan = schedule(frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians)))
+    if plan is None:
+        return Outcome(len(gaussians))
+    return optimise(gaussians, {v: frames.filmed(i, v) for v in gaussians}, plan, params.steps, before)
+
+
+class _Frames:
+    """What the task reads, frame by frame and view by view; `i` is a frame of the sequence."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.start = inputs.span("frames/mask").start
+        self.arrays = {v: [inputs.read(name, v) for name in PRIOR] for v in inputs.views.sources}
+        self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
+
+    def maps(self, i: int, view: int) -> Maps:
+        """As they are before refinement."""
+        return Maps(*(a[i - self.start] for a in self.arrays[view]))
+
+    def usable(self, i: int) -> dict[int, ViewGaussians]:
+        """The Gaussians of the source views that have some, and something to compare with. Whether a frame of the halo has a picture is told by its mask."""
+        rig, found = self.inputs.rig, {}
+        for v in self.inputs.views.sources:
+            gaussians = ViewGaussians(self.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v])
+            if len(gaussians) and self.masks[v][i - self.start].any():
+                found[v] = gaussians
+        return found
+
+    def filmed(self, i: int, view: int) -> Filmed:
+        """The view's picture without the padding."""
+        rig = self.inputs.rig
+        width, height = (int(n) for n in rig.size[view])
+        cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
+        color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
+        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), torch.from_numpy(color), torch.from_numpy(cover))
+
+
+def check(block: Block, params: RefinementParams) -> list[str]:
+    """Warn of frames that were passed on as they came, and of gradients set to 0; raise ValueError for values that are not finite."""
+    data = np.asarray(block.data)
+    if not np.isfinite(data).all():
+        raise ValueError(f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} values are not finite; every refined Gaussian must be. Force the gaussians stage, or set refinement.steps to 0")
+    if block.array != "refinement/outcome":
+        return []
+    usable, step, warm, masked = data[:, 0], data[:, 4], data[:, 5], data[:, 6]
+    few, same = usable < FEWEST, (step == 0) & (warm == 0)
+    warnings = []
+    if few.any():
+        warnings.append(f"{int(few.sum())} of {len(data)} frames were passed on as they came: fewer than {FEWEST} source views have a picture, a mask and depth")
+    if (same & ~few).any():
+        warnings.append(f"{int((same & ~few).sum())} of {len(data)} frames were passed on as they came: no step made the judging view's picture better")
+    if masked.any():
+        warnings.append(f"{int(masked.sum())} gradients were not finite and were set to 0")
+    return warnings

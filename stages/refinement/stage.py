@@ -1,0 +1,53 @@
+"""Declaration of the refinement stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.refinement.params import RefinementParams, halo
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: RefinementParams) -> Resources:
+    """Maps of the partition and its halo (24 bytes a pixel and view), as many again to write, one frame's optimisation, one picture's gradients.
+
+    As if every pixel made a Gaussian: 13 numbers each, with their gradient, mean gradient, best and previous values, and the
+    lifted copy; a picture of two views with the slots of its gradients.
+    """
+    before, _ = halo(params)
+    pixels = shape["y"] * shape["x"]
+    maps = pixels * shape["view"] * 24 * (2 * shape["frame"] + before)
+    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 360 + 2 * 1200 + 60))
+
+
+def unneeded(params: RefinementParams, facts: Facts) -> str | None:
+    """Without steps rendering takes the Gaussians as they are."""
+    return None if params.steps else "refinement.steps is 0: rendering takes the Gaussians as they are"
+
+
+STAGE = Stage(
+    name="refinement",
+    summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
+    version=1,
+    run="stages.refinement.run:run",
+    check="stages.refinement.run:check",
+    reads=tuple(Read(name, halo=halo) for name in ("frames/color", "frames/mask", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")),
+    writes=(
+        ArraySpec("refinement/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Colour of the Gaussian of each pixel; the picture where there is none.", keep="until_done"),
+        ArraySpec("refinement/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth of the Gaussian of each pixel along the optical axis; 0 where there is no surface.", keep="until_done"),
+        ArraySpec("refinement/scale", ("frame", "view", "axis", "y", "x"), "float16", "m", "Standard deviations along (tangent, tangent, normal).", keep="until_done"),
+        ArraySpec("refinement/rotation", ("frame", "view", "axis", "y", "x"), "float16", "1", "Unit normal in camera axes; it is the Gaussian's third axis.", keep="until_done"),
+        ArraySpec("refinement/opacity", ("frame", "view", "faces", "y", "x"), "float16", "1", "Opacity seen face-on and at grazing angle.", keep="until_done"),
+        ArraySpec(
+            "refinement/outcome",
+            ("frame", "outcome"),
+            "float32",
+            "1",
+            "Usable source views, index of the judging one (-1: none), its mean squared error before and after (sRGB 0..1), the step that was kept, whether it started from the frame before, and how many gradients were not finite.",
+        ),
+    ),
+    over=("sequence", "time"),
+    params=RefinementParams,
+    needs=needs,
+    unneeded=unneeded,
+    optional=True,
+)

@@ -1,0 +1,95 @@
+"""One frame's pictures: its source views are lifted once, then drawn into one target camera after the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from stages.geometry.subject import look_at_point
+from stages.io import Inputs
+from stages.rendering.clipping import retouched, silhouettes_of
+from stages.rendering.lift import Lifted, Maps, lift
+from stages.rendering.mip import mip_filter
+from stages.rendering.params import RenderingParams
+from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from stages.rendering.sources import angles_at, choose, left_out, map_arrays
+from stages.rendering.view_color import Photo, color_towards
+
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+
+
+def device() -> torch.device:
+    """The only place where the device is chosen."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+class MapReader:
+    """Reads a view's arrays of the whole partition when a picture first asks for them."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.subject = look_at_point(inputs.rig.subset(inputs.views.sources))
+        """[3] world metres: where the source cameras look."""
+        self._maps: dict[int, tuple[np.ndarray, ...]] = {}
+        self._masks: dict[int, np.ndarray] = {}
+
+    def maps(self, i: int, view: int) -> tuple[Maps, np.ndarray, np.ndarray]:
+        """Maps of the i-th frame of the partition, and the view's intrinsics [3, 3] and pose [4, 4]."""
+        if view not in self._maps:
+            self._maps[view] = tuple(self.inputs.read(name, view) for name in map_arrays(self.inputs.facts))
+        return Maps(*(a[i] for a in self._maps[view])), self.inputs.rig.intrinsics[view], self.inputs.rig.world_to_camera[view]
+
+    def masks(self, i: int) -> dict[int, np.ndarray]:
+        """Masks [h, w] of the i-th frame by source view that has a picture."""
+        if not self._masks:
+            self._masks = {v: self.inputs.read("frames/mask", v) for v in self.inputs.views.sources}
+        return {v: m[i] for v, m in self._masks.items() if self.inputs.valid[i, v]}
+
+
+class FrameRenderer:
+    """Draws the i-th frame of a partition, from its own maps only."""
+
+    def __init__(self, reader: MapReader, i: int, params: RenderingParams) -> None:
+        inputs = reader.inputs
+        self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
+        self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
+        self.retouches = bool(self.facts & {"silhouette_clipping", "hole_filling"})
+        self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
+        self._lifted: dict[int, Lifted] = {}
+        self._photos: dict[int, Photo] = {}
+
+    def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
+        """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without any source view."""
+        angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
+        chosen = choose(angles, self.usable, self.params.sources)
+        if not chosen:
+            return None
+        views = [v for v, _ in chosen]
+        for view in views:
+            self._prepare(view)
+        parts = [self._seen(camera, view, weight, views, left_out(angles, self.usable, self.params.sources)) for view, weight in chosen]
+        cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if "anti_aliasing" in self.facts else Cutoffs()
+        picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
+        color, alpha = picture.color[0], picture.alpha[0]
+        if self.silhouettes is not None:
+            touched = retouched(color.cpu().numpy(), alpha.cpu().numpy(), self.silhouettes, camera, "hole_filling" in self.facts, "silhouette_clipping" in self.facts)
+            color, alpha = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+        return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
+
+    def _prepare(self, view: int) -> None:
+        if view in self._lifted:
+            return
+        posed = self.reader.maps(self.i, view)
+        self._lifted[view] = lift(*posed, DTYPES[self.params.precision], device())
+        if "view_dependent_color" in self.facts:
+            self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
+
+    def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
+        """One view's Gaussians as the camera sees them; `limit` rad is the angle of the nearest view left out."""
+        lifted = self._lifted[view]
+        seen = lifted.seen_from(camera)
+        color = color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit) if self._photos else seen.color
+        return replace(seen, opacity=seen.opacity * weight, color=color)

@@ -1,0 +1,148 @@
+"""The kernel: what is learnt, what is passed on, and that neither partitions nor threads change a bit."""
+
+import numpy as np
+import pytest
+import torch
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.gaussians.params import GaussiansParams
+from stages.io import Block
+from stages.refinement.params import RefinementParams
+from stages.refinement.run import check
+from stages.registry import stage
+from stages.rendering.sources import PRIOR, REFINED
+from tests.memory import run_stage
+
+FRAMES = 4
+OUTCOME = "refinement/outcome"
+USABLE, JUDGE, BEFORE, AFTER, STEP, WARM, MASKED = range(7)
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=8, size=48, frames=FRAMES, held_out=1)
+
+
+@pytest.fixture(scope="module")
+def true(person: PersonCapture) -> dict[str, np.ndarray]:
+    """The maps of the true depth."""
+    given = {"depth/depth": person.depth, "depth/confidence": (person.depth > 0).astype(np.float16), "frames/color": person.color, "frames/mask": person.mask}
+    return given | run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, FRAMES)
+
+
+@pytest.fixture(scope="module")
+def spoilt(true: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Too transparent, too large, and a centimetre too far."""
+    found = {name: array.copy() for name, array in true.items()}
+    found["gaussians/opacity"] = (0.6 * found["gaussians/opacity"]).astype(np.float16)
+    found["gaussians/scale"] = (1.5 * found["gaussians/scale"]).astype(np.float16)
+    found["depth/depth"][found["depth/depth"] > 0] += np.float32(0.01)
+    return found
+
+
+def refine(c: PersonCapture, arrays: dict[str, np.ndarray], steps: int, group: int = 1, length: int = FRAMES, frames: int = FRAMES) -> dict[str, np.ndarray]:
+    cut = {k: v[:frames] for k, v in arrays.items()}
+    return run_stage(stage("refinement"), RefinementParams(steps=steps, group=group), cut, c.rig, c.views, frames, length)
+
+
+def passed_on(out: dict[str, np.ndarray], arrays: dict[str, np.ndarray], frame: int, view: int) -> bool:
+    return all(np.array_equal(out[after][frame, view], arrays[before][frame, view], equal_nan=True) for before, after in zip(PRIOR, REFINED, strict=True))
+
+
+def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_the_start(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    out = refine(person, spoilt, 12, frames=1)[OUTCOME][0]
+    assert out[STEP] > 0
+    assert out[AFTER] < 0.9 * out[BEFORE]
+    assert out[MASKED] == 0
+
+
+def test_true_maps_do_not_get_worse_for_the_judge(person: PersonCapture, true: dict[str, np.ndarray]) -> None:
+    out = refine(person, true, 12, frames=1)[OUTCOME][0]
+    assert out[AFTER] <= out[BEFORE]
+
+
+def test_every_attribute_is_optimised_and_stays_what_it_is(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    out = refine(person, spoilt, 12, frames=1)
+    some = spoilt["gaussians/opacity"][:1, :, 0] > 0
+    for before, after in zip(PRIOR, REFINED, strict=True):
+        assert np.isfinite(out[after]).all()
+        assert not np.array_equal(out[after], spoilt[before][:1])
+        where = some[..., None] if before == "frames/color" else some if before == "depth/depth" else some[:, :, None]
+        source = np.isin(np.arange(len(person.rig)), person.views.sources)[None, :, None, None]
+        source = source[..., None] if before == "frames/color" else source if before == "depth/depth" else source[:, :, None]
+        np.testing.assert_array_equal(np.where(where | ~source, 0, out[after]), np.where(where | ~source, 0, spoilt[before][:1]))
+    assert (out["refinement/depth"][some] > 0).all()
+    length = np.linalg.norm(out["refinement/rotation"].astype(np.float32), axis=2)[some]
+    np.testing.assert_allclose(length, 1, atol=2e-3)  # three float16 components
+    assert out["refinement/opacity"].max() <= 1
+    assert (out["refinement/scale"] >= 0).all()
+
+
+def test_views_that_are_no_source_are_empty(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    out = refine(person, spoilt, 1, frames=1)
+    for name in REFINED:
+        assert not out[name][:, list(person.views.held_out)].any()
+
+
+@pytest.mark.parametrize("group", [1, 3])
+def test_partitions_change_nothing(person: PersonCapture, spoilt: dict[str, np.ndarray], group: int) -> None:
+    whole = refine(person, spoilt, 3, group)
+    for length in (1, 2, 3):
+        cut = refine(person, spoilt, 3, group, length)
+        assert all(np.array_equal(whole[k], cut[k]) for k in whole), length
+
+
+def test_a_frame_starts_from_the_one_before_it_only_within_its_group(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    still = {k: np.repeat(v[:1], FRAMES, axis=0) for k, v in spoilt.items()}  # what one frame learnt fits the next exactly
+    out = refine(person, still, 3, group=3)
+    np.testing.assert_array_equal(out[OUTCOME][:, WARM], [0, 1, 1, 0])
+    assert out[OUTCOME][1, AFTER] < out[OUTCOME][0, AFTER]
+    for name in REFINED:
+        np.testing.assert_array_equal(out[name][0], out[name][3])
+
+
+def test_threads_change_nothing(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    one = refine(person, spoilt, 4, frames=1)
+    torch.set_num_threads(2)
+    try:
+        two = refine(person, spoilt, 4, frames=1)
+    finally:
+        torch.set_num_threads(1)
+    assert all(np.array_equal(one[k], two[k]) for k in one)
+
+
+@pytest.mark.parametrize("lack", ["one view", "two views", "no mask", "no depth", "no confidence"])
+def test_a_frame_that_cannot_be_refined_is_passed_on_bit_by_bit(person: PersonCapture, spoilt: dict[str, np.ndarray], lack: str) -> None:
+    """The frame beside it is refined as ever."""
+    arrays = {k: v[:2].copy() for k, v in spoilt.items()}
+    views = person.views.sources
+    if lack.endswith(("view", "views")):
+        for v in views[1 if lack == "one view" else 2 :]:
+            for name in ("frames/mask", "depth/depth", "gaussians/opacity"):
+                arrays[name][0, v] = 0
+    elif lack == "no mask":
+        arrays["frames/mask"][0] = 0
+    elif lack == "no depth":
+        arrays["depth/depth"][0] = np.nan
+        arrays["depth/depth"][0, list(person.views.held_out)] = 0
+    else:
+        arrays["gaussians/opacity"][0] = 0
+    out = refine(person, arrays, 6, frames=2)
+    assert all(passed_on(out, arrays, 0, v) for v in views)
+    assert out[OUTCOME][0, JUDGE] == -1
+    assert out[OUTCOME][1, STEP] > 0
+    (said,) = check(Block(OUTCOME, out[OUTCOME]), RefinementParams(steps=6))
+    assert "1 of 2 frames were passed on as they came: fewer than 3 source views" in said
+
+
+def test_warnings_and_values_that_are_not_finite() -> None:
+    params = RefinementParams(steps=20)
+    row = [5, 0, 1e-3, 9e-4, 20, 0, 0]
+    assert check(Block(OUTCOME, np.array([row], np.float32)), params) == []
+    (said,) = check(Block(OUTCOME, np.array([row, [5, 0, 1e-3, 1e-3, 0, 0, 0]], np.float32)), params)
+    assert "1 of 2 frames" in said
+    assert "no step made the judging view's picture better" in said
+    (said,) = check(Block(OUTCOME, np.array([[*row[:6], 7]], np.float32)), params)
+    assert said == "7 gradients were not finite and were set to 0"
+    with pytest.raises(ValueError, match=r"refinement/depth of view 2: 1 values are not finite"):
+        check(Block("refinement/depth", np.array([[[np.nan, 1.0]]], np.float32), 2), params)
