@@ -130,6 +130,7 @@ class Context:
             "truth_depth": every("depth"),
             "held_out": bool(self.views.held_out),
             "several_frames": len(capture.numbers) > 1,
+            "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
         }
         return frozenset(k for k, present in facts.items() if present)
 

@@ -114,7 +114,7 @@ class Inputs(Protocol):
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]
-    """What the capture has (joints2d, joints3d, masks, truth_depth, held_out, several_frames), the names of the effects that
+    """What the capture has (joints2d, joints3d, masks, truth_depth, held_out, several_frames, linear_light), the names of the effects that
     are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`storage.joints`); None where the capture has no joints."""

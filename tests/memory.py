@@ -32,12 +32,12 @@ class MemoryInputs:
     source_rig: Rig = None  # type: ignore[assignment]
     valid_all: np.ndarray | None = None
     captured_to_calibrated: np.ndarray = None  # type: ignore[assignment]
-    time_invariant: frozenset[str] = frozenset({"survey/plate", "survey/spread", "survey/sample", "survey/colors", "survey/motion", "survey/outlines", "survey/noise"})
+    time_invariant: frozenset[str] = frozenset({"survey/plate", "survey/spread", "survey/sample", "survey/colors", "survey/motion", "survey/outlines", "survey/noise", "survey/light"})
     effects: frozenset[str] | None = None
     """Effects that are on; None: all the stage declares that need no array of the survey."""
 
     def __post_init__(self) -> None:
-        on = {e.name for e in self.stage.effects} - {"exposure_matching", "outline_correction", "limb_bounds", "view_dependent_color"} if self.effects is None else self.effects
+        on = {e.name for e in self.stage.effects} - {"exposure_matching", "outline_correction", "limb_bounds", "view_dependent_color", "tone_mapping"} if self.effects is None else self.effects
         self.facts = self.facts | on
         self.source_rig = self.source_rig or self.rig
         if self.captured_to_calibrated is None:

@@ -7,7 +7,7 @@ import numpy as np
 from stages.contract import Decision, Effect, Evidence
 from stages.frames.layout import distort, reach
 from stages.survey.exposure import FEWEST, match
-from stages.survey.params import OUTLINES
+from stages.survey.params import LIGHT, OUTLINES
 from storage.rig import Rig
 
 NO_LINK = f"no two cameras share well exposed patches of the body beside {FEWEST} joints"
@@ -116,6 +116,25 @@ def _outlines(evidence: Evidence, bound: float) -> Decision | None:
     return Decision(bool(abs(off) > bound), abs(off), bound, f"the masks of {name} end {abs(off):.2f} px {'outside' if off > 0 else 'inside'} the subject's edge")
 
 
+def _no_light(evidence: Evidence) -> str | None:
+    """Why nothing can lie beyond white."""
+    return None if "linear_light" in evidence.facts else "the pictures are display-referred: no source view came as EXR"
+
+
+def _beyond_white(evidence: Evidence, bound: float) -> Decision | None:
+    if LIGHT not in evidence.noted:
+        return None
+    shares = evidence.noted[LIGHT][:, 0]
+    worst = int(shares.argmax())
+    share, name = float(shares[worst]), evidence.rig.names[evidence.sources[worst]]
+    return Decision(bool(share > bound), share, bound, f"{share:.2%} of the light of {name} lies beyond white")
+
+
+def white_point(light: np.ndarray) -> float:
+    """Linear light that becomes white, from `survey/light` [S, 2]: the brightest of the source views, at least 1."""
+    return max(1.0, float(light[:, 1].max()))
+
+
 UNDISTORTION = Effect(
     "undistortion",
     "Undo the lens distortion of pictures, masks and joints.",
@@ -155,4 +174,15 @@ OUTLINE_CORRECTION = Effect(
     _outlines,
     asks=(OUTLINES,),
     lacks=_no_outlines,
+)
+TONE_MAPPING = Effect(
+    "tone_mapping",
+    "Bring light beyond white below it, by one curve for the whole sequence.",
+    "largest share of a view's pixels beyond white",
+    # A thousandth of a picture, glints and lamps, may be clipped without a loss to the subject.
+    0.001,
+    "1",
+    _beyond_white,
+    asks=(LIGHT,),
+    lacks=_no_light,
 )

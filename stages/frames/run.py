@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from stages.frames.display import gain_table, to_display
-from stages.frames.effects import proven_offsets
+from stages.frames.display import gain_table, to_display, tone_mapped
+from stages.frames.effects import proven_offsets, white_point
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
@@ -16,7 +16,7 @@ from stages.frames.params import FramesParams, resolve_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
 from stages.survey.exposure import FEWEST, match
-from stages.survey.params import OUTLINES
+from stages.survey.params import LIGHT, OUTLINES
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -28,7 +28,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8 and, of simulated captures, true depth [F, h, w] float32 m.
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
-    0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB and clipped at 1.
+    0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped at 1 while `tone_mapping` is off.
     While `outline_correction` is on, the outlines of a source view's given masks are moved to the pictures' edges.
     While `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found.
     Raises SourceError for pictures or masks whose size contradicts the calibration or each other.
@@ -41,12 +41,18 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     present = np.flatnonzero(inputs.valid[:, view])
     numbers = [int(n) for n in inputs.source_frames[present]]
 
-    color = _empty(inputs, (3,), np.uint8)
-    for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
-        _place(color[frame], warp(to_display(picture)))
+    color, maps_tones = _empty(inputs, (3,), np.uint8), "tone_mapping" in inputs.facts
+    if not maps_tones or resolve_matte(params, inputs.facts) == "plate":  # the plate is clipped at white, too
+        for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
+            _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
     _fill_mask(inputs, params, warp, present, numbers, color, mask)
-    if "exposure_matching" in inputs.facts and view in inputs.views.sources:
+    matched = "exposure_matching" in inputs.facts and view in inputs.views.sources
+    if maps_tones:
+        white, gain = white_point(np.stack([inputs.read(LIGHT, v) for v in inputs.views.sources])), _gain(inputs, view) if matched else np.ones(3)
+        for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
+            _place(color[frame], warp(tone_mapped(picture, gain, white)))
+    elif matched:
         table = gain_table(_gain(inputs, view))
         for picture in color:
             cv2.LUT(picture, table, dst=picture)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
-from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, UNDISTORTION
+from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
 from stages.frames.params import FramesParams, matte_choice, resolve_matte
-from stages.survey.params import OUTLINES
+from stages.survey.params import LIGHT, OUTLINES
 from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
     """One view's partition of pictures and masks, and one captured picture while it is warped."""
-    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["source_y"] * shape["source_x"] * 40)
+    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["source_y"] * shape["source_x"] * 60)
 
 
 def _given(params: FramesParams, facts: Facts) -> bool:
@@ -28,6 +28,10 @@ def _matched(params: FramesParams, facts: Facts) -> bool:
 
 def _corrected(params: FramesParams, facts: Facts) -> bool:
     return "outline_correction" in facts and _given(params, facts)
+
+
+def _tone_mapped(params: FramesParams, facts: Facts) -> bool:
+    return "tone_mapping" in facts
 
 
 def _truth(params: FramesParams, facts: Facts) -> bool:
@@ -57,6 +61,7 @@ STAGE = Stage(
         Read("survey/spread", views="own", when=_plate),
         Read("survey/colors", views="sources", when=_matched),
         Read(OUTLINES, views="own", when=_corrected),
+        Read(LIGHT, views="sources", when=_tone_mapped),
     ),
     writes=(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
@@ -67,6 +72,6 @@ STAGE = Stage(
     params=FramesParams,
     needs=needs,
     refusal=refusal,
-    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION),
+    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING),
     choices=(Choice("matte", matte_choice),),
 )

@@ -19,7 +19,7 @@ def disagreement(colors: np.ndarray, gains: np.ndarray, noise: float) -> tuple[f
     a median over pixels and frames, so noise is taken out as if a patch were one pixel: what is left is certain.
     """
     shown = to_srgb(colors * gains[:, None, :])
-    known: np.ndarray = (colors > 0).all(axis=2)
+    known: np.ndarray = np.all(colors > 0, axis=2)
     apart = [np.abs(shown[a] - shown[b])[known[a] & known[b]].mean(axis=1) for a in range(len(colors)) for b in range(a)]
     found = np.concatenate(apart) if apart else np.zeros(0)
     typical = float(np.median(found)) if len(found) else 0.0

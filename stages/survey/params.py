@@ -2,7 +2,7 @@
 
 from stages.contract import Params, setting
 
-PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE = "survey/plate", "survey/spread", "survey/colors", "survey/motion", "survey/silhouettes", "survey/outlines", "survey/joint_fit", "survey/noise"
+PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE, LIGHT = "survey/plate", "survey/spread", "survey/colors", "survey/motion", "survey/silhouettes", "survey/outlines", "survey/joint_fit", "survey/noise", "survey/light"
 """Outputs that are made only when asked for."""
 
 

@@ -12,10 +12,11 @@ from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
 from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
+from stages.survey.light import light_of_view
 from stages.survey.motion import jitter_and_motion, run_starts
 from stages.survey.noise import noise_of_view
 from stages.survey.outlines import outline_of_view
-from stages.survey.params import COLORS, JOINT_FIT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from stages.survey.silhouettes import agreement_of_view
 
 UNKNOWN = 255
@@ -51,6 +52,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
         yield Block(OUTLINES, outline_of_view(inputs, view, chosen), view)
     if JOINT_FIT in inputs.facts:
         yield Block(JOINT_FIT, fit_of_view(inputs, view, chosen), view)
+    if LIGHT in inputs.facts:
+        yield Block(LIGHT, light_of_view(inputs, view, chosen), view)
     if NOISE in inputs.facts:
         yield Block(NOISE, np.array([noise_of_view(inputs, view, chosen)]), view)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, JOINT_FIT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
 from storage.spec import ArraySpec, Shape
 
 
@@ -80,6 +80,7 @@ STAGE = Stage(
             when=JOINT_FIT,
             noted=True,
         ),
+        ArraySpec(LIGHT, ("view", "light"), "float64", "linear light", "Share of the pixels with a channel above white (1), and the 99.9th percentile of the pixels' largest channel, largest of 5 frames.", when=LIGHT, noted=True),
         ArraySpec(NOISE, ("view", "one"), "float64", "1/255", "Standard deviation of the pictures' noise, sRGB, median of 5 frames.", when=NOISE, noted=True),
     ),
     over=("sequence", "view"),
