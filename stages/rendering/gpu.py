@@ -10,7 +10,7 @@ nor counted. Beside this one it would make `gpu` two back ends of different numb
 times it where it is installed.
 
 Without a GPU the kernels run on the CPU in Triton's interpreter, slowly, where TRITON_INTERPRET=1 is set before Triton is
-imported: this is for tests. Compiled, they have not been run on a GPU yet.
+imported: this is for tests. Triton 3.2 and 3.9 compile them for a GPU; they have not been run on one yet.
 """
 
 from __future__ import annotations
