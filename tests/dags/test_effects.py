@@ -139,9 +139,9 @@ def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(decid
 
 
 def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
-    forced = fresh.with_settings("effects.temporal_smoothing=on", "effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.silhouette_clipping=off", "effects.hole_filling=on")
+    forced = fresh.with_settings("effects.temporal_smoothing=on", "effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.view_dependent_color=off", "effects.silhouette_clipping=off", "effects.hole_filling=on")
     assert "survey" in forced.plan().unneeded
-    half = fresh.with_settings("effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.silhouette_clipping=off", "effects.hole_filling=off")
+    half = fresh.with_settings("effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.view_dependent_color=off", "effects.silhouette_clipping=off", "effects.hole_filling=off")
     assert {w for w in half.plan().context.facts if w.startswith("survey/")} == {"survey/motion"}
 
 

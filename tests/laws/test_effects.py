@@ -280,6 +280,9 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("left_right_check", "stages.depth.estimate.disagreement"),
         ("limb_bounds", "stages.depth.run.limbs_of"),
         ("limb_bounds", "stages.survey.run.fit_of_view"),
+        ("view_dependent_color", "stages.rendering.run.color_towards"),
+        ("view_dependent_color", "stages.survey.run.noise_of_view"),
+        ("anti_aliasing", "stages.rendering.run.mip_filter"),
     ],
 )
 def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str, work: str) -> None:
@@ -287,7 +290,7 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         raise AssertionError(f"{work} ran with {effect} off")
 
     scene = noisy(through_a_lens(filmed(views=3, frames=4)))
-    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *(f"effects.{e}=off" for e in ("exposure_matching", "silhouette_clipping", "hole_filling") if e != effect))
+    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *(f"effects.{e}=off" for e in ("exposure_matching", "view_dependent_color", "silhouette_clipping", "hole_filling") if e != effect))
     monkeypatch.setattr(work, fail)
     p.run()
 
