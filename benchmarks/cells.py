@@ -127,4 +127,6 @@ def _agreement(results: Results, cell: Cell) -> dict[str, float]:
     residuals = [reprojection_residual(subset, joints[i], world[i]) for i in frames]
     apart = [photometric_disagreement(subset, (a, b), (seen[i, a], seen[i, b]), (depths[i, a], depths[i, b])) for i in frames for a, b in ((k, (k + 1) % len(sources)) for k in range(len(sources)))]
     outlines = [silhouette_offset(seen[i, v], masks[i, v]) for i in frames for v in range(len(sources))]
-    return {"joints px": float(np.median(np.concatenate(residuals))), "photo": float(np.concatenate(apart).mean()), "outline px": float(np.median(np.concatenate(outlines)))}
+    decision = context.effects["outline_correction"].decision
+    given = decision.measured if decision is not None and decision.measured is not None else float("nan")
+    return {"given outline px": given, "joints px": float(np.median(np.concatenate(residuals))), "photo": float(np.concatenate(apart).mean()), "outline px": float(np.median(np.concatenate(outlines)))}
