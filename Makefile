@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | crash | extreme: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-refinement | crash | extreme: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer crash extreme clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-refinement crash extreme clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -32,6 +32,10 @@ bench: $(STAMP)
 
 bench-renderer: $(STAMP)
 	$(BIN)/python -m benchmarks.renderer
+
+# Refinement beside per-scene optimisation from a plain start, on simulated people: two to three hours on one core.
+bench-refinement: $(STAMP)
+	$(BIN)/python -m benchmarks.refinement
 
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)

@@ -20,8 +20,10 @@ MEAN, SQUARE = 0.9, 0.99
 """Decay of the running means of a gradient and of its square."""
 FURTHEST = 20.0
 """Bound of a step, in rates."""
-COVERAGE = 0.2
+COVERAGE = 0.05
 """Weight of the difference in coverage beside that in colour."""
+LESSONS = 4
+"""Pictures rendered and compared for one step."""
 JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
 PATIENCE = 5
@@ -108,9 +110,15 @@ def draw(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, camera: Camera)
 
 
 def loss(rendered: Rendering, filmed: Filmed) -> torch.Tensor:
-    """sum over the pixels of mean_rgb |color - picture| + COVERAGE |alpha - mask|, all premultiplied: what is beside the person should be empty."""
+    """Sum of w (mean_rgb |color - picture| + COVERAGE |alpha - mask|) over the pixels, all premultiplied.
+
+    w is 1 beside the person, where all should be empty, and the rendered alpha, as a constant, on the person: what a view's
+    neighbours do not see is a hole in their picture of it, and Gaussians around it that grow to fill it are wrong in every other.
+    """
+    alpha = rendered.alpha[0]
     difference = (rendered.color[0] - filmed.color).abs()
-    return (difference[..., 0] + difference[..., 1] + difference[..., 2]).sum() / 3 + COVERAGE * (rendered.alpha[0] - filmed.cover).abs().sum()
+    error = (difference[..., 0] + difference[..., 1] + difference[..., 2]) / 3 + COVERAGE * (alpha - filmed.cover).abs()
+    return (error * torch.where(filmed.cover > 0, alpha.detach(), 1.0)).sum()
 
 
 def judged(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, filmed: Filmed) -> float:
@@ -143,9 +151,10 @@ def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed
     kept, at = {v: g.keep() for v, g in gaussians.items()}, 0
     walks = {v: _Steps() for v in gaussians}
     for step in range(1, steps + 1):
-        lesson = plan.at(step - 1)
-        loss(draw(gaussians, lesson, filmed[lesson.target].camera), filmed[lesson.target]).backward()
-        for view, _ in lesson.parts:
+        lessons = [plan.at((step - 1) * LESSONS + k) for k in range(LESSONS)]
+        for lesson in lessons:
+            loss(draw(gaussians, lesson, filmed[lesson.target].camera), filmed[lesson.target]).backward()
+        for view in sorted({v for lesson in lessons for v, _ in lesson.parts}):
             walks[view].take(gaussians[view])
         if step % JUDGED_EVERY == 0 or step == steps:
             found = judged(gaussians, plan.judge, judge)
