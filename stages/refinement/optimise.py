@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ FURTHEST = 20.0
 """Bound of a step, in rates."""
 COVERAGE = 0.05
 """Weight of the difference in coverage beside that in colour."""
-LESSONS = 4
+LESSONS = 2
 """Pictures rendered and compared for one step."""
 JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
@@ -131,8 +131,8 @@ def judged(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, filmed: Filme
 def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], plan: Schedule, steps: int, before: Mapping[int, Learnt]) -> Outcome:
     """Change the offsets of a frame's Gaussians, by view, to those of the best judged step; the start is step 0.
 
-    Starts from what the frame `before` learnt where the judge finds that better. Deterministic: equal arguments give
-    equal bits on any number of threads.
+    Every course of the plan is followed from the same start, and the best of them all is kept. The start is what the frame
+    `before` learnt where the judge finds that better. Deterministic: equal arguments give equal bits on any number of threads.
     """
     judge = filmed[plan.judge.target]
     first = best = judged(gaussians, plan.judge, judge)
@@ -148,20 +148,44 @@ def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed
         else:
             for g in gaussians.values():
                 g.put({name: np.zeros_like(a) for name, a in g.arrays().items()})
-    kept, at = {v: g.keep() for v, g in gaussians.items()}, 0
+    start = {v: g.keep() for v, g in gaussians.items()}
+    kept, at, masked = start, 0, 0
+    for course in plan.courses:
+        for view, g in gaussians.items():
+            g.put(start[view])
+        found = _follow(gaussians, filmed, plan.judge, course, steps, best)
+        masked += found.masked
+        if found.kept is not None:
+            best, at, kept = found.error, found.step, found.kept
+    for view, g in gaussians.items():
+        g.put(kept[view])
+    return Outcome(len(gaussians), plan.judge.target, first, best, at, warm, masked)
+
+
+class _Found(NamedTuple):
+    """What following a course led to."""
+
+    kept: dict[int, Offsets] | None
+    """Offsets by view of its best step; None where none was better than asked for."""
+    error: float
+    step: int
+    masked: int
+
+
+def _follow(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], judge: Lesson, course: Sequence[Lesson], steps: int, bound: float) -> _Found:
+    """Take the steps of a course; its best judged one, if its error is below the bound."""
+    best, at, kept = bound, 0, None
     walks = {v: _Steps() for v in gaussians}
     for step in range(1, steps + 1):
-        lessons = [plan.at((step - 1) * LESSONS + k) for k in range(LESSONS)]
+        lessons = [course[((step - 1) * LESSONS + k) % len(course)] for k in range(LESSONS)]
         for lesson in lessons:
             loss(draw(gaussians, lesson, filmed[lesson.target].camera), filmed[lesson.target]).backward()
         for view in sorted({v for lesson in lessons for v, _ in lesson.parts}):
             walks[view].take(gaussians[view])
         if step % JUDGED_EVERY == 0 or step == steps:
-            found = judged(gaussians, plan.judge, judge)
+            found = judged(gaussians, judge, filmed[judge.target])
             if found < best:
                 best, at, kept = found, step, {v: g.keep() for v, g in gaussians.items()}
             elif step - at >= PATIENCE * JUDGED_EVERY:
                 break
-    for view, g in gaussians.items():
-        g.put(kept[view])
-    return Outcome(len(gaussians), plan.judge.target, first, best, at, warm, sum(w.masked for w in walks.values()))
+    return _Found(kept, best, at, sum(w.masked for w in walks.values()))

@@ -52,4 +52,4 @@ def test_neighbours_are_the_two_nearest_and_targets_follow_one_another_from_afar
         np.testing.assert_allclose([w for _, w in lesson.parts], 1, atol=1e-3)
     targets = [lesson.target for lesson in plan.lessons[::2]]
     assert all(min((a - b) % 8, (b - a) % 8) > 1 for a, b in pairwise(targets))
-    assert plan.at(len(plan.lessons)) == plan.lessons[0]
+    assert plan.courses == (plan.lessons, plan.lessons[::2])
