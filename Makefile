@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-refinement | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-gpu crash extreme stability clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-refinement bench-gpu crash extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -36,6 +36,10 @@ bench-renderer: $(STAMP)
 # Needs a CUDA device; any Python with a CUDA build of torch will do as well: python -m benchmarks.gpu_renderer
 bench-gpu: $(STAMP)
 	$(BIN)/python -m benchmarks.gpu_renderer
+
+# Refinement beside per-scene optimisation from a plain start, on simulated people: two to three hours on one core.
+bench-refinement: $(STAMP)
+	$(BIN)/python -m benchmarks.refinement
 
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)

@@ -48,20 +48,25 @@ class Cell:
 
 def measure_cell(cell: Cell, methods: tuple[str, ...], folder: Path, settings: tuple[str, ...] = ()) -> list[dict[str, Any]]:
     """One row for every method; `folder` is removed afterwards. Raises RuntimeError when a task fails."""
-    scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
-    staged = stage_scene(scene, folder)
-    film(scene, staged, folder / "capture", 1)
-    held_out = json.dumps(list(staged.written.names[staged.sources :]))
+    motion, held_out = film_cell(cell, folder)
     rows = []
     for method in methods:
-        results, seconds = _run(folder, (f"views.held_out={held_out}", f"depth.method={method}", *settings))
+        results, seconds = run_cell(folder, (held_out, f"depth.method={method}", *settings))
         per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
-        rows.append({"seed": cell.seed, "motion": scene.motion.name, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **_pictures(results, cell), **_depths(results, cell), **_agreement(results, cell), **per_frame})
+        rows.append({"seed": cell.seed, "motion": motion, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **pictures(results, cell), **_depths(results, cell), **_agreement(results, cell), **per_frame})
     shutil.rmtree(folder)
     return rows
 
 
-def _run(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter[str]]:
+def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
+    """Film the scene into `folder`; the motion's name, and the setting that keeps its middle cameras aside."""
+    scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
+    staged = stage_scene(scene, folder)
+    film(scene, staged, folder / "capture", 1)
+    return scene.motion.name, f"views.held_out={json.dumps(list(staged.written.names[staged.sources :]))}"
+
+
+def run_cell(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter[str]]:
     """What does not depend on the method stays fresh. Seconds are CPU seconds by stage."""
     url, seconds = str(folder / "archive"), Counter[str]()
     session = Session(load_configuration(None, list(overrides), folder=folder), url, Console(quiet=True))
@@ -79,7 +84,7 @@ def _run(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter[str
     return Results(plan.context), seconds
 
 
-def _pictures(results: Results, cell: Cell) -> dict[str, Any]:
+def pictures(results: Results, cell: Cell) -> dict[str, Any]:
     """Means over held-out pictures; error shares of all of them together; one picture for the eye."""
     context, frames = results.context, range(cell.frames)
     (path,) = context.paths.values()

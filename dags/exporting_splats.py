@@ -16,6 +16,7 @@ from stages.rendering.sources import map_arrays
 from storage.errors import ConfigError, UserError
 from storage.splats import Splats
 
+
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
     """Indices of the source views of these names; all source views without names. Raises ConfigError for other names."""
     sources = {context.views.names[v]: v for v in context.views.sources}

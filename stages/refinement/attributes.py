@@ -78,7 +78,7 @@ class ViewGaussians:
         return self.pixels.lift(depth, normal.unbind(0), scale.T, faces.T, color.T)
 
     def _values(self) -> tuple[torch.Tensor, ...]:
-        """depth [N] m, normal [3, N] of any length, scale [3, N] m, opacities [2, N], color [3, N]."""
+        """Depth [N] m, normal [3, N] of any length, scale [3, N] m, opacities [2, N], color [3, N]."""
         o, b = self.offsets, self.base
         return (
             self.z + o["depth"][0] * self.footprint,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,8 +20,10 @@ MEAN, SQUARE = 0.9, 0.99
 """Decay of the running means of a gradient and of its square."""
 FURTHEST = 20.0
 """Bound of a step, in rates."""
-COVERAGE = 0.2
+COVERAGE = 0.05
 """Weight of the difference in coverage beside that in colour."""
+LESSONS = 2
+"""Pictures rendered and compared for one step."""
 JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
 PATIENCE = 5
@@ -108,9 +110,15 @@ def draw(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, camera: Camera)
 
 
 def loss(rendered: Rendering, filmed: Filmed) -> torch.Tensor:
-    """sum over the pixels of mean_rgb |color - picture| + COVERAGE |alpha - mask|, all premultiplied: what is beside the person should be empty."""
+    """Sum of w (mean_rgb |color - picture| + COVERAGE |alpha - mask|) over the pixels, all premultiplied.
+
+    w is 1 beside the person, where all should be empty, and the rendered alpha, as a constant, on the person: what a view's
+    neighbours do not see is a hole in their picture of it, and Gaussians around it that grow to fill it are wrong in every other.
+    """
+    alpha = rendered.alpha[0]
     difference = (rendered.color[0] - filmed.color).abs()
-    return (difference[..., 0] + difference[..., 1] + difference[..., 2]).sum() / 3 + COVERAGE * (rendered.alpha[0] - filmed.cover).abs().sum()
+    error = (difference[..., 0] + difference[..., 1] + difference[..., 2]) / 3 + COVERAGE * (alpha - filmed.cover).abs()
+    return (error * torch.where(filmed.cover > 0, alpha.detach(), 1.0)).sum()
 
 
 def judged(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, filmed: Filmed) -> float:
@@ -123,8 +131,8 @@ def judged(gaussians: Mapping[int, ViewGaussians], lesson: Lesson, filmed: Filme
 def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], plan: Schedule, steps: int, before: Mapping[int, Learnt]) -> Outcome:
     """Change the offsets of a frame's Gaussians, by view, to those of the best judged step; the start is step 0.
 
-    Starts from what the frame `before` learnt where the judge finds that better. Deterministic: equal arguments give
-    equal bits on any number of threads.
+    Every course of the plan is followed from the same start, and the best of them all is kept. The start is what the frame
+    `before` learnt where the judge finds that better. Deterministic: equal arguments give equal bits on any number of threads.
     """
     judge = filmed[plan.judge.target]
     first = best = judged(gaussians, plan.judge, judge)
@@ -140,19 +148,44 @@ def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed
         else:
             for g in gaussians.values():
                 g.put({name: np.zeros_like(a) for name, a in g.arrays().items()})
-    kept, at = {v: g.keep() for v, g in gaussians.items()}, 0
+    start = {v: g.keep() for v, g in gaussians.items()}
+    kept, at, masked = start, 0, 0
+    for course in plan.courses:
+        for view, g in gaussians.items():
+            g.put(start[view])
+        found = _follow(gaussians, filmed, plan.judge, course, steps, best)
+        masked += found.masked
+        if found.kept is not None:
+            best, at, kept = found.error, found.step, found.kept
+    for view, g in gaussians.items():
+        g.put(kept[view])
+    return Outcome(len(gaussians), plan.judge.target, first, best, at, warm, masked)
+
+
+class _Found(NamedTuple):
+    """What following a course led to."""
+
+    kept: dict[int, Offsets] | None
+    """Offsets by view of its best step; None where none was better than asked for."""
+    error: float
+    step: int
+    masked: int
+
+
+def _follow(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], judge: Lesson, course: Sequence[Lesson], steps: int, bound: float) -> _Found:
+    """Take the steps of a course; its best judged one, if its error is below the bound."""
+    best, at, kept = bound, 0, None
     walks = {v: _Steps() for v in gaussians}
     for step in range(1, steps + 1):
-        lesson = plan.at(step - 1)
-        loss(draw(gaussians, lesson, filmed[lesson.target].camera), filmed[lesson.target]).backward()
-        for view, _ in lesson.parts:
+        lessons = [course[((step - 1) * LESSONS + k) % len(course)] for k in range(LESSONS)]
+        for lesson in lessons:
+            loss(draw(gaussians, lesson, filmed[lesson.target].camera), filmed[lesson.target]).backward()
+        for view in sorted({v for lesson in lessons for v, _ in lesson.parts}):
             walks[view].take(gaussians[view])
         if step % JUDGED_EVERY == 0 or step == steps:
-            found = judged(gaussians, plan.judge, judge)
+            found = judged(gaussians, judge, filmed[judge.target])
             if found < best:
                 best, at, kept = found, step, {v: g.keep() for v, g in gaussians.items()}
             elif step - at >= PATIENCE * JUDGED_EVERY:
                 break
-    for view, g in gaussians.items():
-        g.put(kept[view])
-    return Outcome(len(gaussians), plan.judge.target, first, best, at, warm, sum(w.masked for w in walks.values()))
+    return _Found(kept, best, at, sum(w.masked for w in walks.values()))

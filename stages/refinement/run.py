@@ -16,6 +16,7 @@ from stages.rendering.lift import Maps
 from stages.rendering.scene import Camera
 from stages.rendering.sources import PRIOR, REFINED
 
+
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     """Yield the refined maps of every view, and how each frame went.
 

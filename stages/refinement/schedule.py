@@ -39,9 +39,10 @@ class Schedule:
     lessons: tuple[Lesson, ...]
     """In order; after the last comes the first."""
 
-    def at(self, step: int) -> Lesson:
-        """The lesson of a step, from 0 on."""
-        return self.lessons[step % len(self.lessons)]
+    @property
+    def courses(self) -> tuple[tuple[Lesson, ...], ...]:
+        """All lessons, and those alone that show no Gaussians in their own picture: which teaches more depends on the scene, and the judge tells."""
+        return self.lessons, tuple(x for x in self.lessons if x.target not in {v for v, _ in x.parts})
 
 
 def schedule(rig: Rig, sources: tuple[int, ...], usable: np.ndarray) -> Schedule | None:

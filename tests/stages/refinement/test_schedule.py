@@ -1,5 +1,7 @@
 """Who judges, who teaches, and that no Gaussian sees its own picture alone."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -49,5 +51,5 @@ def test_neighbours_are_the_two_nearest_and_targets_follow_one_another_from_afar
         assert {(v - lesson.target) % 8 for v, _ in lesson.parts} == {1, 7}
         np.testing.assert_allclose([w for _, w in lesson.parts], 1, atol=1e-3)
     targets = [lesson.target for lesson in plan.lessons[::2]]
-    assert all(min((a - b) % 8, (b - a) % 8) > 1 for a, b in zip(targets[:6], targets[1:7], strict=True))
-    assert plan.at(len(plan.lessons)) == plan.lessons[0]
+    assert all(min((a - b) % 8, (b - a) % 8) > 1 for a, b in pairwise(targets))
+    assert plan.courses == (plan.lessons, plan.lessons[::2])
