@@ -37,7 +37,7 @@ bench-renderer: $(STAMP)
 bench-gpu: $(STAMP)
 	$(BIN)/python -m benchmarks.gpu_renderer
 
-# Refinement beside per-scene optimisation from a plain start, on simulated people: two to three hours on one core.
+# Refinement beside per-scene optimisation from a plain start, on simulated people: about an hour on two cores.
 bench-refinement: $(STAMP)
 	$(BIN)/python -m benchmarks.refinement
 

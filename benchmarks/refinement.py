@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -97,31 +98,38 @@ def _box_psnr(results: Results, picture: np.ndarray, view: int, mask: np.ndarray
     return value
 
 
+def scene_rows(seed: int, levels: list[int], minutes: list[float], settings: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Every row of one seed."""
+    cell = Cell(seed, 8, frames=1)
+    with tempfile.TemporaryDirectory() as folder:
+        _, held_out = film_cell(cell, Path(folder))
+        found = refined(cell, Path(folder), (held_out, *settings), levels)
+        for row in found:
+            print(f"seed {seed}, refinement {row['level']}: box {row['box psnr']:.2f} dB, refinement {row['optimisation s']:.1f} s of {row['seconds']:.1f} s", flush=True)
+        found += plain(cell, Path(folder), (held_out, *settings), minutes) if minutes else []
+    return [{"seed": seed, **r} for r in found]
+
+
+def one_thread() -> None:
+    """One thread for every library of this process."""
+    limit(1)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
     parser.add_argument("--steps", type=int, nargs="+", default=[0, 20, 50, 200])
     parser.add_argument("--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of the plain start; none: leave it out")
     parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
+    parser.add_argument("--processes", type=int, default=2)
     a = parser.parse_args()
-    limit(1)
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    rows: list[dict[str, Any]] = []
-    for seed in a.seeds:
-        cell = Cell(seed, 8, frames=1)
-        with tempfile.TemporaryDirectory() as folder:
-            _, held_out = film_cell(cell, Path(folder))
-            settings = (held_out, *a.set)
-            found = refined(cell, Path(folder), settings, a.steps)
-            for row in found:
-                print(f"seed {seed}, refinement {row['level']}: box {row['box psnr']:.2f} dB, refinement {row['optimisation s']:.1f} s of {row['seconds']:.1f} s", flush=True)
-            found += plain(cell, Path(folder), settings, a.minutes) if a.minutes else []
-            rows += [{"seed": seed, **r} for r in found]
-    table = means(rows, "method", "level")
-    table = [{k: r[k] for k in ("method", "level", "optimisation s", "seconds", "box psnr")} for r in table]
-    writes = a.seeds == tuple(REPORTING_SEEDS) and {0, 20, 50, 200} <= set(a.steps)
-    if writes:
+    with ProcessPoolExecutor(a.processes, initializer=one_thread) as pool:
+        jobs = [pool.submit(scene_rows, seed, a.steps, a.minutes, tuple(a.set)) for seed in a.seeds]
+        rows = [row for job in jobs for row in job.result()]
+    table = [{k: r[k] for k in ("method", "level", "optimisation s", "seconds", "box psnr")} for r in means(rows, "method", "level")]
+    if a.seeds == tuple(REPORTING_SEEDS) and {0, 20, 50, 200} <= set(a.steps):
         publish("refinement", table, {"seeds": list(a.seeds), "steps": a.steps, "minutes": a.minutes, "set": a.set, "scenes": rows})
         draw(table, Path("docs/refinement.png"))
     else:
