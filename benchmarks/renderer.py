@@ -2,6 +2,8 @@
 
     python -m benchmarks.renderer [--repeats 15] [--only person512]
 
+A run of every scene is kept in benchmarks/results; the next one is compared with it by ratio.
+
 Times are processor time on one thread, the least of the repeats, those of the two renderers taken in turn; with 2
 threads, and for "fps" (one frame on each of two cores), they are the clock's, the machine's other work included. A pair is
 a pixel in which a Gaussian has at least alpha_min: "tested" all of them, "blended" those before the pixel's stop. The
@@ -14,7 +16,7 @@ from __future__ import annotations
 import argparse
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -23,7 +25,7 @@ import torch
 from numba import njit
 
 from benchmarks.baselines import splat_torch
-from benchmarks.report import publish, show
+from benchmarks.report import kept, publish, show
 from benchmarks.workloads import GUITAR, blobs, guitar, person
 from stages.rendering import cpu
 from stages.rendering.cpu_projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
@@ -199,6 +201,15 @@ def measure(name: str, repeats: int, floor: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def against_last(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """The ratios to plain torch beside those kept from the last release: above 1, today's is faster."""
+    last = {r["scene"]: r for r in kept("renderer")}
+    for row in rows:
+        for ratio in ("f x torch", "f+b x torch"):
+            before = last.get(row["scene"], {}).get(ratio, float("nan"))
+            yield {"scene": row["scene"], "ratio": ratio, "now": row[ratio], "last release": before, "now / last": row[ratio] / before}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=15)
@@ -210,7 +221,9 @@ def main() -> None:
     rows = [measure(n, options.repeats, floor) for n in names]
     show([{k: v for k, v in r.items() if not k.endswith((" ms", "MiB"))} for r in rows])
     show([{k: v for k, v in r.items() if k == "scene" or k.endswith((" ms", "MiB"))} for r in rows])
-    publish("renderer", rows, {"repeats": options.repeats, "floor ns a pair": 1e9 * floor}, shown=False)
+    show(list(against_last(rows)))
+    if names == list(SCENES):
+        publish("renderer", rows, {"repeats": options.repeats, "floor ns a pair": 1e9 * floor}, shown=False)
 
 
 if __name__ == "__main__":

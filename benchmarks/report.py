@@ -32,5 +32,11 @@ def publish(name: str | None, rows: Sequence[Mapping[str, Any]], settings: Mappi
     (RESULTS / f"{name}.json").write_text(json.dumps({"settings": dict(settings), "machine": machine, "rows": [dict(r) for r in rows]}, indent=1) + "\n")
 
 
+def kept(name: str) -> list[dict[str, Any]]:
+    """The rows kept in benchmarks/results/<name>.json, none where there is no such file."""
+    file = RESULTS / f"{name}.json"
+    return list(json.loads(file.read_text())["rows"]) if file.exists() else []
+
+
 def _text(value: Any) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
