@@ -26,7 +26,7 @@ def blocks(page: Path, language: str) -> list[str]:
 def commands(page: Path) -> list[str]:
     """Every `posegaussian COMMAND ...` of a block of shell lines or between backticks; words in capitals stand for something."""
     text = page.read_text(encoding="utf-8")
-    lines = [line.split("#")[0] for block in blocks(page, "") for line in block.splitlines()]
+    lines = [line.split(" #")[0] for block in blocks(page, "") for line in block.splitlines()]
     spans = re.findall(r"`(posegaussian [^`]+)`", text.replace("\n", " "))
     return [line[line.index("posegaussian ") :].strip() for line in (*lines, *spans) if "posegaussian " in line]
 

@@ -106,7 +106,7 @@ VIEW_DEPENDENT_COLOR = Effect(
     "difference of source views on patches they share, beyond noise",
     # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a strong gloss 8 to 14.
     5.0,
-    "1/255",
+    "of 255",
     _views_disagree,
     asks=(COLORS, NOISE),
     lacks=_one_view,

@@ -280,9 +280,9 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("left_right_check", "stages.depth.estimate.disagreement"),
         ("limb_bounds", "stages.depth.run.limbs_of"),
         ("limb_bounds", "stages.survey.run.fit_of_view"),
-        ("view_dependent_color", "stages.rendering.run.color_towards"),
+        ("view_dependent_color", "stages.rendering.frame.color_towards"),
         ("view_dependent_color", "stages.survey.run.noise_of_view"),
-        ("anti_aliasing", "stages.rendering.run.mip_filter"),
+        ("anti_aliasing", "stages.rendering.frame.mip_filter"),
     ],
 )
 def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str, work: str) -> None:
