@@ -163,7 +163,9 @@ def test_a_scheduler_and_workers_of_others_are_used_by_address(archive: Pipeline
         assert set(backend.pools) == {CPU, GPU}
         assert backend.pools[GPU].devices == 1
         archive.run(selection=RENDERING, backend=backend)
-    assert workers_of(archive, "rendering", "metrics") == {"rendering": {"with-gpu"}, "metrics": {"plain"}}
+    ran = workers_of(archive, "rendering", "metrics")
+    assert ran["rendering"] == {"with-gpu"}
+    assert "plain" in ran["metrics"], "CPU work goes to workers without a GPU first; one with a GPU that is idle may take what waits"
     assert_same_content(content(archive), content(finished))
 
 
