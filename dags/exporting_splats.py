@@ -65,5 +65,5 @@ def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
     for view in views:
         maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts)))
         lifted = lift(maps, results.context.rig.intrinsics[view], results.context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
-        parts.append(Gaussians(lifted.mean, lifted.rotation, lifted.scale, lifted.faces[:, 0], lifted.color))
+        parts.append(lifted.from_all_sides())
     return splats_of(Gaussians.concatenate(parts))

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from stages.rendering.lift import Lifted, Maps, Pixels
+from stages.rendering.lift import Maps, Pixels
+from stages.rendering.scene import Gaussians
 
-CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 2, "depth": 1}
-"""Attributes and their channels: sRGB, log of metres, components of the normal, logits face-on and grazing, pixel footprints z/f."""
+CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1}
+"""Attributes and their channels: sRGB, log of metres, components of the normal, logit, pixel footprints z/f."""
 OPACITIES = (1e-3, 1 - 1e-4)
 """Bounds of an opacity, so that its logit is finite."""
 FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0}
@@ -46,7 +47,7 @@ class Learnt:
 
 
 class ViewGaussians:
-    """The Gaussians of one frame of one source view, float32 on the CPU."""
+    """The Gaussians of one frame of one source view, float32 on the CPU; their opacity does not depend on the side they are seen from."""
 
     def __init__(self, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> None:
         """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. All offsets are 0."""
@@ -59,7 +60,7 @@ class ViewGaussians:
             "color": self.pixels.colors(maps.color).T.contiguous(),
             "scale": torch.from_numpy(np.log(np.maximum(self._at(maps.scale), 1e-8))),
             "rotation": torch.from_numpy(self._at(maps.normal)),
-            "opacity": torch.from_numpy(_logit(np.clip(self._at(maps.opacity), *OPACITIES))),
+            "opacity": torch.from_numpy(_logit(np.clip(self._at(maps.opacity)[:1], *OPACITIES))),
         }
         self.offsets = {name: torch.zeros((c, len(self)), requires_grad=True) for name, c in CHANNELS.items()}
         farthest = min(FARTHEST["depth"], NEAREST * float(intrinsics[0, 0] + intrinsics[1, 1]) / 2)
@@ -72,13 +73,13 @@ class ViewGaussians:
         """[C, N] float32 of maps [C, h, w]."""
         return np.asarray(values, np.float32)[:, self.pixels.rows.numpy(), self.pixels.columns.numpy()]
 
-    def lifted(self) -> Lifted:
-        """The Gaussians in the world, differentiable in the offsets."""
-        depth, normal, scale, faces, color = self._values()
-        return self.pixels.lift(depth, normal.unbind(0), scale.T, faces.T, color.T)
+    def gaussians(self) -> Gaussians:
+        """In the world, the same from all sides, differentiable in the offsets."""
+        depth, normal, scale, opacity, color = self._values()
+        return self.pixels.lift(depth, normal.unbind(0), scale.T, opacity.T.expand(-1, 2), color.T).from_all_sides()
 
     def _values(self) -> tuple[torch.Tensor, ...]:
-        """Depth [N] m, normal [3, N] of any length, scale [3, N] m, opacities [2, N], color [3, N]."""
+        """Depth [N] m, normal [3, N] of any length, scale [3, N] m, opacity [1, N], color [3, N]."""
         o, b = self.offsets, self.base
         return (
             self.z + o["depth"][0] * self.footprint,
@@ -126,14 +127,14 @@ class ViewGaussians:
     def maps(self) -> Maps:
         """The optimised maps, types as given; a pixel whose Gaussian is not finite, or that has none, stays as it was."""
         with torch.no_grad():
-            depth, normal, scale, faces, color = (t.numpy() for t in self._values())
+            depth, normal, scale, opacity, color = (t.numpy() for t in self._values())
         length = np.sqrt((normal * normal).sum(axis=0))
-        good = np.isfinite(depth) & np.isfinite(normal).all(axis=0) & np.isfinite(scale).all(axis=0) & np.isfinite(faces).all(axis=0) & np.isfinite(color).all(axis=0) & (length > 0)
+        good = np.isfinite(depth) & np.isfinite(normal).all(axis=0) & np.isfinite(scale).all(axis=0) & np.isfinite(opacity).all(axis=0) & np.isfinite(color).all(axis=0) & (length > 0)
         rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
         out = Maps(*(np.array(m) for m in (self.given.color, self.given.depth, self.given.scale, self.given.normal, self.given.opacity)))
         out.color[rows, columns] = np.rint(color[:, good].T * 255).clip(0, 255)
         out.depth[rows, columns] = depth[good]
-        for target, values in ((out.scale, scale), (out.normal, normal / np.where(length > 0, length, 1)), (out.opacity, faces)):
+        for target, values in ((out.scale, scale), (out.normal, normal / np.where(length > 0, length, 1)), (out.opacity, opacity)):
             target[:, rows, columns] = values[:, good]
         return out
 

@@ -9,10 +9,11 @@ import torch
 
 from stages.io import Block, Inputs
 from stages.refinement.attributes import Learnt, ViewGaussians
-from stages.refinement.optimise import Filmed, Outcome, optimise
+from stages.refinement.optimise import Filmed, Outcome, optimise, unrefined
 from stages.refinement.params import RefinementParams
 from stages.refinement.schedule import FEWEST, schedule
-from stages.rendering.lift import Maps
+from stages.refinement.thinning import thinned
+from stages.rendering.lift import Maps, lift
 from stages.rendering.scene import Camera
 from stages.rendering.sources import PRIOR, REFINED
 
@@ -34,11 +35,10 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
         before = {} if i % params.group == 0 else before
         gaussians = frames.usable(i)
         outcome = _refined(frames, gaussians, i, params, before)
-        changed = outcome.step > 0 or outcome.warm
-        before = {v: g.learnt() for v, g in gaussians.items()} if changed else {}
+        before = {v: g.learnt() for v, g in gaussians.items()} if outcome.refined else {}
         if i >= first:
             outcomes.append(outcome.row())
-            for v in gaussians if changed else ():
+            for v in gaussians if outcome.refined else ():
                 made[v][i - first] = gaussians[v].maps()
     nothing = [_nothing(*(int(n) for n in inputs.rig.size.max(axis=0)))] * len(inputs.partition)
     for view in range(len(inputs.rig)):
@@ -63,7 +63,9 @@ def _refined(frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, param
     plan = schedule(frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians)))
     if plan is None:
         return Outcome(len(gaussians))
-    return optimise(gaussians, {v: frames.filmed(i, v) for v in gaussians}, plan, params.steps, before)
+    filmed, rig = {v: frames.filmed(i, v) for v in gaussians}, frames.inputs.rig
+    lifted = {v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu")) for v, _ in plan.neighbours}
+    return optimise(gaussians, filmed, plan, params.steps, before, unrefined(lifted, plan, filmed[plan.judge]))
 
 
 class _Frames:
@@ -80,10 +82,10 @@ class _Frames:
         return Maps(*(a[i - self.start] for a in self.arrays[view]))
 
     def usable(self, i: int) -> dict[int, ViewGaussians]:
-        """The Gaussians of the source views that have some, and something to compare with. Whether a frame of the halo has a picture is told by its mask."""
+        """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of the halo has a picture is told by its mask."""
         rig, found = self.inputs.rig, {}
         for v in self.inputs.views.sources:
-            gaussians = ViewGaussians(self.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v])
+            gaussians = ViewGaussians(thinned(self.maps(i, v)), rig.intrinsics[v], rig.world_to_camera[v])
             if len(gaussians) and self.masks[v][i - self.start].any():
                 found[v] = gaussians
         return found
@@ -104,8 +106,7 @@ def check(block: Block, params: RefinementParams) -> list[str]:
         raise ValueError(f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} values are not finite; every refined Gaussian must be. Force the gaussians stage, or set refinement.steps to 0")
     if block.array != "refinement/outcome":
         return []
-    usable, step, warm, masked = data[:, 0], data[:, 4], data[:, 5], data[:, 6]
-    few, same = usable < FEWEST, (step == 0) & (warm == 0)
+    few, same, masked = data[:, 0] < FEWEST, ~(data[:, 3] < data[:, 2]), data[:, 6]
     warnings = []
     if few.any():
         warnings.append(f"{int(few.sum())} of {len(data)} frames were passed on as they came: fewer than {FEWEST} source views have a picture, a mask and depth")

@@ -10,13 +10,13 @@ from storage.spec import ArraySpec, Shape
 def needs(shape: Shape, params: RefinementParams) -> Resources:
     """Maps of the partition and its halo (24 bytes a pixel and view), as many again to write, one frame's optimisation, one picture's gradients.
 
-    As if every pixel made a Gaussian: 13 numbers each, with their gradient, mean gradient, best and previous values, and the
-    lifted copy; a picture of two views with the slots of its gradients.
+    As if every pixel had depth: of every sixth a Gaussian of ten numbers, with its gradient, the means of it and of its square, the
+    best value, the lifted copy, and its slots in a picture's gradients; what was learnt, by pixel; the judge's picture of two views.
     """
     before, _ = halo(params)
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 24 * (2 * shape["frame"] + before)
-    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 360 + 2 * 1200 + 60))
+    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 340 + 760))
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:

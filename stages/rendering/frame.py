@@ -15,7 +15,7 @@ from stages.rendering.mip import mip_filter
 from stages.rendering.params import RenderingParams
 from stages.rendering.rasterizer import Drawing, rasterize
 from stages.rendering.scene import Camera, Cutoffs, Gaussians
-from stages.rendering.sources import angles_at, choose, left_out, map_arrays
+from stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
 from stages.rendering.view_color import Photo, color_towards
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
@@ -33,6 +33,8 @@ class MapReader:
         self.inputs = inputs
         self.subject = look_at_point(inputs.rig.subset(inputs.views.sources))
         """[3] world metres: where the source cameras look."""
+        self.refined = refined_frames(inputs)
+        """[F] whether a frame's Gaussians are those of its refinement: all views' together, the same from all sides."""
         self._maps: dict[int, tuple[np.ndarray, ...]] = {}
         self._masks: dict[int, np.ndarray] = {}
 
@@ -55,6 +57,7 @@ class FrameRenderer:
     def __init__(self, reader: MapReader, i: int, params: RenderingParams) -> None:
         inputs = reader.inputs
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
+        self.refined = bool(reader.refined[i])
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {"silhouette_clipping", "hole_filling"})
         self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
@@ -64,7 +67,7 @@ class FrameRenderer:
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
         """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without any source view."""
         angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
-        chosen = choose(angles, self.usable, self.params.sources)
+        chosen = [(int(v), 1.0) for v in np.flatnonzero(self.usable)] if self.refined else choose(angles, self.usable, self.params.sources)
         if not chosen:
             return None
         views = [v for v, _ in chosen]
@@ -84,12 +87,14 @@ class FrameRenderer:
             return
         posed = self.reader.maps(self.i, view)
         self._lifted[view] = lift(*posed, DTYPES[self.params.precision], device())
-        if "view_dependent_color" in self.facts:
+        if "view_dependent_color" in self.facts and not self.refined:
             self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
     def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
         """One view's Gaussians as the camera sees them; `limit` rad is the angle of the nearest view left out."""
         lifted = self._lifted[view]
+        if self.refined:
+            return lifted.from_all_sides()
         seen = lifted.seen_from(camera)
         color = color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit) if self._photos else seen.color
         return replace(seen, opacity=seen.opacity * weight, color=color)

@@ -59,6 +59,11 @@ class Lifted:
         return Gaussians(self.mean, self.rotation, self.scale, torch.where(cosine > 0, opacity, 0.0), self.color)
 
 
+    def from_all_sides(self) -> Gaussians:
+        """The Gaussians with their opacity face-on, whoever looks from wherever: what a splat file holds, and what a refined frame shows."""
+        return Gaussians(self.mean, self.rotation, self.scale, self.faces[:, 0], self.color)
+
+
 @dataclass(frozen=True, eq=False)
 class Pixels:
     """Which pixels of one source view make a Gaussian, and where they look."""

@@ -5,16 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from stages.contract import Facts
+from stages.io import Inputs
 
 PRIOR = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 """What the Gaussians of a view are lifted from, in the order `stages.rendering.lift.Maps` takes it."""
 REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
 """The same after refinement."""
+OUTCOME = "refinement/outcome"
+"""[F, 7] how each frame's refinement went; its third and fourth number are the judge's errors before and after."""
 
 
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
     return REFINED if "refinement" in facts else PRIOR
+
+
+def refined_frames(inputs: Inputs) -> np.ndarray:
+    """[F] bool: frames of the partition whose refinement was kept; the others are drawn as without it."""
+    if "refinement" not in inputs.facts:
+        return np.zeros(len(inputs.partition), bool)
+    outcome = np.asarray(inputs.read(OUTCOME))
+    return np.asarray(outcome[:, 3] < outcome[:, 2])
 
 
 def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from stages.contract import Read, Resources, Stage
 from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from stages.rendering.params import RenderingParams
-from stages.rendering.sources import PRIOR, REFINED
+from stages.rendering.sources import OUTCOME, PRIOR, REFINED
 from storage.spec import ArraySpec, Shape
 
 
@@ -14,9 +14,10 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
     lifted = pixels * shape["view"] * 24 * wide
-    picture = pixels * (params.sources * 64 + 40) * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
+    # A refined frame draws every sixth pixel of all views.
+    picture = pixels * (max(params.sources, shape["view"] / 6) * 64 + 40) * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
     maps_and_output = shape["frame"] * (pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
-    return Resources(cpu=1, gpu=1, ram=maps_and_output + lifted + picture + pixels * shape["view"] * 8, vram=lifted + picture + 2**28)
+    return Resources(cpu=1, gpu=1, ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 8), vram=int(lifted + picture + 2**28))
 
 
 STAGE = Stage(
@@ -27,7 +28,7 @@ STAGE = Stage(
     check="stages.rendering.run:check",
     reads=(
         *(Read(name, when=lambda p, f: "refinement" not in f) for name in PRIOR),
-        *(Read(name, when=lambda p, f: "refinement" in f) for name in REFINED),
+        *(Read(name, when=lambda p, f: "refinement" in f) for name in (*REFINED, OUTCOME)),
         Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
     ),
     writes=(

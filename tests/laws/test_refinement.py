@@ -11,8 +11,8 @@ from dags.results import Results
 from stages.rendering.sources import PRIOR, REFINED
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
-SHORT = ["frames.range=0:3", "gaussians.opacity=0.4"]
-"""Gaussians so transparent that two steps make them better."""
+SHORT = ["frames.range=0:3", "gaussians.opacity=0.1"]
+"""Gaussians so transparent that two steps make their pictures better."""
 
 
 def run(folder: Path, root: Path, *settings: str, partition: int = 2) -> Pipeline:

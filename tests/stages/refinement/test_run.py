@@ -32,11 +32,10 @@ def true(person: PersonCapture) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def spoilt(true: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Too transparent, too large, and a centimetre too far."""
+    """Much too transparent, and three centimetres too far."""
     found = {name: array.copy() for name, array in true.items()}
-    found["gaussians/opacity"] = (0.6 * found["gaussians/opacity"]).astype(np.float16)
-    found["gaussians/scale"] = (1.5 * found["gaussians/scale"]).astype(np.float16)
-    found["depth/depth"][found["depth/depth"] > 0] += np.float32(0.01)
+    found["gaussians/opacity"] = (0.25 * found["gaussians/opacity"]).astype(np.float16)
+    found["depth/depth"][found["depth/depth"] > 0] += np.float32(0.03)
     return found
 
 
@@ -61,20 +60,22 @@ def test_true_maps_do_not_get_worse_for_the_judge(person: PersonCapture, true: d
     assert out[AFTER] <= out[BEFORE]
 
 
-def test_every_attribute_is_optimised_and_stays_what_it_is(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
     out = refine(person, spoilt, 12, frames=1)
-    some = spoilt["gaussians/opacity"][:1, :, 0] > 0
+    some = (spoilt["gaussians/opacity"][:1] > 0).any(axis=2)
+    left = (out["refinement/opacity"] > 0).any(axis=2)
+    assert not (left & ~some).any()
+    assert 0.12 < left.sum() / some.sum() < 0.21
     for before, after in zip(PRIOR, REFINED, strict=True):
         assert np.isfinite(out[after]).all()
-        assert not np.array_equal(out[after], spoilt[before][:1])
-        where = some[..., None] if before == "frames/color" else some if before == "depth/depth" else some[:, :, None]
-        source = np.isin(np.arange(len(person.rig)), person.views.sources)[None, :, None, None]
-        source = source[..., None] if before == "frames/color" else source if before == "depth/depth" else source[:, :, None]
-        np.testing.assert_array_equal(np.where(where | ~source, 0, out[after]), np.where(where | ~source, 0, spoilt[before][:1]))
-    assert (out["refinement/depth"][some] > 0).all()
-    length = np.linalg.norm(out["refinement/rotation"].astype(np.float32), axis=2)[some]
+        moved = np.asarray(out[after] != spoilt[before][:1])
+        moved = moved.any(axis=-1) if before == "frames/color" else moved if before == "depth/depth" else moved.any(axis=2)
+        assert moved[left].mean() > 0.5
+    assert (out["refinement/depth"][left] > 0).all()
+    length = np.linalg.norm(out["refinement/rotation"].astype(np.float32), axis=2)[left]
     np.testing.assert_allclose(length, 1, atol=2e-3)  # three float16 components
     assert out["refinement/opacity"].max() <= 1
+    np.testing.assert_array_equal(out["refinement/opacity"][:, :, 0], out["refinement/opacity"][:, :, 1])
     assert (out["refinement/scale"] >= 0).all()
 
 
