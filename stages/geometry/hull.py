@@ -299,7 +299,8 @@ def _march(
             near = _end(z0, step, pixel, z1, start, along, distance, sizes, focals, order, how)
             if near >= 0:
                 ends[n, 0] = near
-                ends[n, 1] = _end(z1, -step, pixel, near, start, along, distance, sizes, focals, order, how)
+                # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
+                ends[n, 1] = max(near, _end(z1, -step, pixel, near, start, along, distance, sizes, focals, order, how))
                 break
 
 
