@@ -1,1 +1,1 @@
-"""People in pictures: an estimator's joints, heatmaps and segmentation, guided across the views of a rig."""
+"""Finding people and their joints in single pictures: estimators behind one interface, and the models they run."""
