@@ -34,7 +34,9 @@ BLAZEPOSE = (
 
 
 def cache_folder() -> Path:
-    """Folder of fetched models: `posegaussian/models` in XDG_CACHE_HOME, else in the platform's folder for caches."""
+    """Folder of fetched models: POSEGAUSSIAN_MODELS, else `posegaussian/models` in XDG_CACHE_HOME, else in the platform's folder for caches."""
+    if own := os.environ.get("POSEGAUSSIAN_MODELS"):
+        return Path(own)
     chosen = os.environ.get("XDG_CACHE_HOME")
     if chosen:
         base = Path(chosen)

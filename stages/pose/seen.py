@@ -33,18 +33,18 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     rig = inputs.rig.subset(sources)
     read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
     for f in range(frames):
-        people = [_in_frames(inputs, params, v, _found(inputs, f, v) if read is None else read[v][f]) for v in sources]
+        people = [_in_frames(inputs, params, v, _found(inputs, f, v, count) if read is None else read[v][f]) for v in sources]
         seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
         if read is not None:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
     return seen, chosen
 
 
-def _found(inputs: Inputs, frame: int, view: int) -> np.ndarray:
+def _found(inputs: Inputs, frame: int, view: int, count: int) -> np.ndarray:
     """[P, J, 3] people in the capture's files of one source view, as given."""
     if not inputs.valid[frame, view]:
-        return np.zeros((0, 0, 3))
-    return np.asarray(inputs.source("joints").read(view, int(inputs.source_frames[frame])))
+        return np.zeros((0, count, 3))
+    return np.asarray(inputs.source("joints").read(view, int(inputs.source_frames[frame]))).reshape(-1, count, 3)
 
 
 def _in_frames(inputs: Inputs, params: PoseParams, view: int, people: np.ndarray) -> np.ndarray:
