@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from stages.detection.anchors import INPUT, anchors
-from stages.detection.decoding import CROP, detections, landmarks, sigmoid
+from stages.detection.decoding import CROP, centred, detections, landmarks, sigmoid
 from stages.detection.estimator import PERSON_SIDE, Found, seen_inside
 from stages.detection.litert import Network
 from stages.detection.models import missing_sentence, model_files
@@ -99,7 +99,7 @@ class BlazePose:
         found = Found(
             seen_inside(joints, (picture.shape[1], picture.shape[0]))[None],
             region.astype(np.float32)[None],
-            heatmaps[:, :, COCO17].transpose(2, 0, 1).astype(np.float16)[None],
+            centred(heatmaps[:, :, COCO17]).transpose(2, 0, 1).astype(np.float16)[None],
             np.rint(255 * sigmoid(person)).astype(np.uint8).reshape(1, PERSON_SIDE, PERSON_SIDE),
             flag.astype(np.float32),
         )
