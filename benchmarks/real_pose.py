@@ -28,12 +28,13 @@ from dags.results import Results
 from dags.session import Session
 from stages.geometry.projection import project
 from storage.archive import Archive
+from storage.joint_files import read_trc
 from storage.joints import joint_set, to_set
 from storage.rig import Rig
-from storage.sources import open_source
 
 CROPS = ["frames.crop.cam01={scale: 1.00741, offset: [0, -7.06]}", "frames.crop.cam02={scale: 1.00741, offset: [0, -7.06]}"]
 COMPARED = [joint_set("coco17").names.index(n) for n in ("Nose", *(s + part for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for s in "LR"))]
+TRC = "S00_P00_T01_BalancingTrial_0-100.trc"
 CHAIN = ("Head", "Neck", "RHip", "RKnee", "RAnkle", "RHeel")
 """Markers whose distances add up to a person's height, nearly."""
 GATES = {"median px": 15.0, "within 5 % of the height": 0.9}
@@ -67,14 +68,12 @@ def estimated(balance: Path, archive: Path) -> Results:
 
 def given_joints(balance: Path, frames: int) -> tuple[np.ndarray, float]:
     """COCO-17 joints [F, 17, 4] as given, world metres, and the person's height in metres."""
-    settings = load_configuration(None, CROPS, folder=balance).for_sequence("balance")
-    capture = find_capture("pose2sim", balance, [], settings)
-    reader = open_source(capture, "joints3d")
-    found = np.stack([reader.read(n) for n in range(frames)])
-    names = joint_set(reader.joint_set).names
+    names = joint_set("trc21").names
+    markers = read_trc(balance / "keypoints" / "trc" / TRC).joints(names, "yzx")
+    found = np.stack([markers[n] for n in range(frames)])
     chain = found[:, [names.index(n) for n in CHAIN], :3]
     height = float(np.median(np.linalg.norm(np.diff(chain, axis=1), axis=-1).sum(axis=1)))
-    return to_set(found, reader.joint_set, "coco17"), height
+    return to_set(found, "trc21", "coco17"), height
 
 
 def distances(results: Results, given: np.ndarray, height: float) -> dict[str, np.ndarray]:
