@@ -16,11 +16,12 @@ from stages.detection.models import check_files, missing_sentence, model_files
 from stages.detection.regions import crop, region_of, squares, to_picture, whole
 from stages.detection.suppression import overlap
 from storage.errors import ConfigError
+from storage.joints import joint_map
 
 JOINTS = 33
 """Landmarks of the body; those after it serve the region."""
-COCO17 = (0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28)
-"""BlazePose's landmark for each joint of COCO-17."""
+COCO17 = joint_map("blazepose33", "coco17")
+"""[17] BlazePose's landmark for each joint of COCO-17."""
 CENTRE, RIM = 33, 34
 """Landmarks that say where the body's region is."""
 LEAST_SCORE = 0.5
@@ -98,7 +99,8 @@ class BlazePose:
         return Found.together(people, JOINTS)
 
     def _look(self, picture: np.ndarray, region: np.ndarray) -> tuple[Found, np.ndarray]:
-        """One region's landmarks, and the region [4] that they give."""
+        """One region's landmarks, and the region [4] that they give; read exactly where the region, as it is told, lies."""
+        region = np.asarray(region, dtype=np.float32).astype(np.float64)
         values = crop(picture, region, (CROP, CROP), cv2.BORDER_REPLICATE).astype(np.float32) * np.float32(1 / 255)
         raw, flag, person, maps, _world = self._landmarks(values)
         heatmaps = sigmoid(maps)
