@@ -13,6 +13,7 @@ import pytest
 from stages.detection import blazepose
 from stages.detection.anchors import anchors
 from stages.detection.blazepose import COCO17, JOINTS, LEAST_PRESENCE, BlazePose, distance, distinct
+from stages.detection.estimator import Found
 from stages.detection.models import model_files
 from stages.detection.regions import region_of, to_own
 from storage.errors import ConfigError
@@ -65,6 +66,7 @@ class Landmarks:
         raw = np.zeros((39, 5), np.float32)
         raw[:, :2], raw[:, 3:] = in_crop(BODIES[which], affine), 20
         heat = np.full((64, 64, 39), -20, np.float32)
+        heat[5, 5] = 20
         return [raw.ravel(), np.array([0.9 + 0.05 * which], np.float32), np.full((256, 256, 1), 20, np.float32), heat, np.zeros(117, np.float32)]
 
 
@@ -85,7 +87,7 @@ def test_two_people_come_out_as_two_sorted_by_presence(made: BlazePose) -> None:
     assert np.allclose(found.joints[1, :, 2], 0.9)
     assert len(made.find(PICTURE, 1)) == 1
     assert found.person.min() == 255
-    assert not found.heatmaps.any()
+    assert np.allclose(found.heatmaps[:, :, :7, :7].astype(float).sum((2, 3)), 1, atol=0.3)
 
 
 def test_a_region_settles_on_the_body_s_own_whatever_was_detected(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +107,7 @@ def test_looking_needs_no_detector_and_keeps_the_regions(made: BlazePose) -> Non
 
 def test_an_empty_region_is_nobody(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Landmarks.__call__
-    monkeypatch.setattr(Landmarks, "__call__", lambda self, values: [o if i != 1 else np.float32([LEAST_PRESENCE - 0.01]) for i, o in enumerate(plain(self, values))])
+    monkeypatch.setattr(Landmarks, "__call__", lambda self, values: [o if i != 1 else np.array([LEAST_PRESENCE - 0.01], np.float32) for i, o in enumerate(plain(self, values))])
     found = made.find(PICTURE, 4)
     assert found.joints.shape == (0, JOINTS, 3)
     assert found.heatmaps.shape == (0, 17, 64, 64)
@@ -120,12 +122,23 @@ def test_a_joint_outside_the_picture_has_no_score(made: BlazePose, monkeypatch: 
     assert (joints[BODIES[0][:JOINTS, 0] > 0.2, 2] > 0).all()
 
 
-def test_the_same_body_twice_is_one() -> None:
-    joints = np.zeros((3, 33, 3), np.float32)
-    joints[..., :2] = np.random.default_rng(0).uniform(0, 100, (33, 2))
-    joints[1, :, :2] += 3
-    joints[2, :, 0] += 90
-    assert distinct(joints) == [0, 2]
+def test_the_same_body_twice_is_one_even_upside_down() -> None:
+    body = np.random.default_rng(0).uniform(0, 100, (33, 2))
+    joints = np.zeros((4, 33, 3), np.float32)
+    joints[..., :2] = body, body + 3, body + np.array([90, 0]), 50 + 0.4 * (50 - body)
+    regions = np.array([[50, 50, 150, 0], [53, 53, 150, 0], [140, 50, 150, 0], [55, 60, 90, 3]], np.float32)
+    people = Found(joints, regions, np.zeros((4, 17, 64, 64), np.float16), np.zeros((4, 256, 256), np.uint8), np.ones(4, np.float32))
+    assert distinct(people) == [0, 2]
+
+
+def test_zooms_show_the_detector_more_places(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[tuple[float, ...]] = []
+    monkeypatch.setattr(BlazePose, "_detect_in", lambda self, picture, place: shown.append(tuple(place)) or (np.zeros((0, 4)), np.zeros(0)))
+    for zoom, count in ((0, 1), (1, 1 + 3), (2, 1 + 3 + 3 * 7)):
+        shown.clear()
+        made._zoom = zoom
+        assert len(made.find(np.zeros((1920, 1080, 3), np.uint8), 1)) == 0
+        assert len(shown) == count
 
 
 def test_how_far_regions_are_apart() -> None:

@@ -124,5 +124,13 @@ def test_a_nearly_square_picture_needs_no_squares() -> None:
     assert squares((600, 512)).shape == (0, 4)
 
 
+def test_smaller_squares_cover_the_whole_picture() -> None:
+    found = squares((1080, 1920), 0.5)
+    assert (found[:, 2] == 540).all()
+    assert len(found) == 3 * 7
+    for point in np.random.default_rng(0).uniform((0, 0), (1080, 1920), (50, 2)):
+        assert (np.abs(found[:, :2] - point) <= 270).all(1).any()
+
+
 def test_around_a_box() -> None:
     assert np.allclose(around(np.array([10, 20, 30, 60])), [20, 40, 50, 0])
