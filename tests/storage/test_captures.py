@@ -108,11 +108,20 @@ def test_desk_is_found():
     assert next(open_source(desk, "pictures").read(3, [56])).shape == (720, 1280, 3)
 
 
+def test_desk_is_found_by_its_times():
+    plain, timed = (find_capture(layout, SHARED / "desk", {}) for layout in ("pose2sim", "caliscope"))
+    assert (timed.frame_rate, len(timed.numbers)) == (6, 57)
+    assert timed.rig.digest == plain.rig.digest
+    assert timed.pictures == plain.pictures  # nothing was dropped
+    assert "frames are matched by sync_index of timestamps.csv; frames of one instant are up to 19.9 ms apart" in timed.notes
+    assert any("no joints" in n and "xy.csv, stereotriangulated_points.csv" in n for n in timed.notes)
+
+
 def test_desk_corners_triangulate():
     """Board corners seen in several pictures meet in space: rotations, units and lens models are right."""
     import cv2
 
-    rig = find_capture("pose2sim", SHARED / "desk", {}).rig
+    rig = find_capture("caliscope", SHARED / "desk", {}).rig
     k = to_integer_centres(rig.intrinsics)
     seen: dict[tuple[str, str], list[tuple[int, np.ndarray]]] = {}
     with (SHARED / "desk" / "xy.csv").open() as f:
