@@ -23,14 +23,14 @@ from storage.rig import Rig
 
 FURTHEST = 20
 """Frames by which two cameras may differ, at most; and never more than a third of the tracks."""
-BLOCKS = 8
+BLOCKS = 16
 """Parts of the time that are left out in turn."""
 FEWEST = 8
 """Frames, joint by joint, that two cameras must share at a shift."""
 OUTLIER = 3.0
 """Standard deviations beyond which a distance counts as an outlier and costs no more."""
-CURVED = 8.0
-"""Standard errors by which the cost must rise around its least: of eight blocks, one in 20 000 by chance at one shift, and the least of some hundred was chosen."""
+DEEP = 5.5
+"""Standard errors by which the least must lie below the mean cost of all shifts: of sixteen blocks, one in 30 000 by chance at one shift, and the least of some forty was chosen."""
 SURE = 0.25
 """Frames of standard error up to which an offset is told: whole frames can be told apart at twice that."""
 
@@ -66,8 +66,8 @@ class TimeOffsets:
 def time_offsets(rig: Rig, tracks: np.ndarray) -> TimeOffsets:
     """Offsets of the cameras from tracks [F, V, J, 3] (u, v, score) of consecutive frames, px of `rig` without lens; score 0 = unknown.
 
-    Joints of one subject; score above 0 counts as known. A camera is told where the cost of its pairs rises by `CURVED` standard
-    errors around the least, and the offset's standard error is at most `SURE` frames. Offsets that change are not looked for.
+    Joints of one subject; score above 0 counts as known. A camera is told where the mean cost of all shifts lies `DEEP` standard
+    errors above the least of its pairs, and the offset's standard error is at most `SURE` frames. Offsets that change are not looked for.
     """
     count, views = tracks.shape[:2]
     most = min(FURTHEST, count // 3)
@@ -82,17 +82,17 @@ def time_offsets(rig: Rig, tracks: np.ndarray) -> TimeOffsets:
     if not pairs:
         return nothing
     whole = _whole(pairs, _mean(sums), views, most)
-    found, curve = _refined(pairs, _mean(sums), whole, most)
+    found, depth = _refined(pairs, _mean(sums), whole, most)
     parts = [_refined(pairs, _mean(np.delete(sums, k, axis=1)), whole, most) for k in range(BLOCKS)]
     factor = (BLOCKS - 1) / BLOCKS
-    spread = np.sqrt(factor * ((np.array([c for _, c in parts]) - curve) ** 2).sum(axis=0))
-    curved = (curve > 0) & (curve >= CURVED * spread)
-    if curved.sum() < 2:
+    spread = np.sqrt(factor * ((np.array([d for _, d in parts]) - depth) ** 2).sum(axis=0))
+    proven = (depth > 0) & (depth >= DEEP * spread)
+    if proven.sum() < 2:
         return nothing
-    reference = _middle(found, curved)
+    reference = _middle(found, proven)
     shifted = np.array([f - f[reference] for f, _ in parts])
     error = np.sqrt(factor * ((shifted - (found - found[reference])) ** 2).sum(axis=0))
-    told = curved & (error <= SURE)
+    told = proven & (error <= SURE)
     if told.sum() < 2:
         return nothing
     return TimeOffsets(np.where(told, found - found[reference], 0.0), np.where(told, error, 0.0), told, reference, motion)
@@ -193,14 +193,14 @@ def _descended(pairs: list[tuple[int, int]], cost: np.ndarray, offsets: np.ndarr
 
 
 def _refined(pairs: list[tuple[int, int]], cost: np.ndarray, whole: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets [V] in frames near the whole ones, mean 0 within a group of linked cameras, and the curvature [V] of the cost of each camera's pairs."""
+    """Offsets [V] in frames near the whole ones, mean 0 within a group of linked cameras, and how deep [V] the least of each camera's pairs lies below their mean cost."""
     views = len(whole)
-    laplacian, right, curve = np.zeros((views, views)), np.zeros(views), np.zeros(views)
+    laplacian, right, depth = np.zeros((views, views)), np.zeros(views), np.zeros(views)
     for (a, b), c in zip(pairs, cost, strict=True):
         shift = int(np.clip(whole[b] - whole[a], 1 - most, most - 1))
         low, middle, high = c[shift + most - 1 : shift + most + 2]
         bend = float(low - 2 * middle + high)
-        curve[[a, b]] += bend
+        depth[[a, b]] += c.mean() - middle
         if bend > 1e-9:
             # Minimum of the parabola; the weight of a pair is its curvature.
             least = shift + float(np.clip((low - high) / (2 * bend), -1.5, 1.5))
@@ -208,4 +208,4 @@ def _refined(pairs: list[tuple[int, int]], cost: np.ndarray, whole: np.ndarray, 
             laplacian[[a, b], [b, a]] -= bend
             right[a] -= bend * least
             right[b] += bend * least
-    return np.linalg.pinv(laplacian, hermitian=True) @ right, curve
+    return np.linalg.pinv(laplacian, hermitian=True) @ right, depth
