@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -110,24 +110,23 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
 
 
 def table(name: str, report: Report) -> Table:
-    """One row a finding that is not good, and one a measure for those that are."""
+    """One row a finding, without its sentence; those that are good or only noted stand together, see `rows`."""
     out = Table(title=f"{name}: is the capture usable?", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column, fold in (("measure", False), ("of", False), ("number", False), ("verdict", False), ("bounds", True), ("what was found", True)):
-        out.add_column(column, overflow="fold", no_wrap=not fold)
-    for f in rows(report.findings):
-        out.add_row(f.measure, escape(f.about), f.number, f"[{STYLE[f.verdict]}]{f.verdict}[/]", f.bounds, escape(f.sentence))
+    for column in ("measure", "of", "number", "verdict", "bounds"):
+        out.add_column(column, overflow="fold", no_wrap=column == "verdict")
+    for f, more in rows(report.findings):
+        out.add_row(f.measure, escape(f.about) + (f" and {more} more" if more else ""), f.number, f"[{STYLE[f.verdict]}]{f.verdict}[/]", f.bounds)
     return out
 
 
-def rows(findings: Sequence[Finding]) -> Iterator[Finding]:
-    """Findings worst first; of a measure's good ones, and of those that are only noted, the one nearest to its bound stands for all."""
+def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
+    """Findings worst first; of a measure that is good, noted or unknown the one nearest to its bound, and how many more there are."""
     kept: dict[tuple[str, Verdict], list[Finding]] = {}
     for f in worst_first(findings):
-        many = f.verdict in (Verdict.GOOD, Verdict.NOTE) or (f.verdict is Verdict.UNKNOWN)
-        kept.setdefault((f.measure, f.verdict) if many else (f"{f.measure} {f.about}", f.verdict), []).append(f)
+        alone = f.verdict in (Verdict.BAD, Verdict.DOUBTFUL)
+        kept.setdefault((f"{f.measure} {f.about}" if alone else f.measure, f.verdict), []).append(f)
     for same in kept.values():
-        more = len(same) - 1
-        yield replace(same[0], sentence=f"{same[0].sentence} (and {more} more like it)") if more else same[0]
+        yield same[0], len(same) - 1
 
 
 def spoken(report: Report) -> list[str]:
