@@ -1,4 +1,4 @@
-"""Do the joints that cameras see meet in space? Residuals camera by camera, scattered ones apart from those that all point one way."""
+"""Do the joints that cameras see meet in space? Residuals camera by camera."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ class JointFit:
     """Px from the triangulated joint's projection."""
     share: float
     """Share within `WITHIN`."""
-    shift: tuple[float, float]
-    """Px by which the joints lie beside the projections on the whole: mean over joints of the median over time, and so free of scatter."""
 
 
 def joint_offsets(rig: Rig, seen: np.ndarray, space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,6 +39,4 @@ def joint_fit(offsets: np.ndarray, known: np.ndarray, longest: float) -> JointFi
     if known.sum() < FEWEST:
         return None
     off = np.linalg.norm(offsets, axis=-1)[known]
-    each = np.array([np.median(offsets[known[:, j], j], axis=0) for j in range(known.shape[1]) if known[:, j].any()])
-    shift = np.median(each, axis=0)
-    return JointFit(len(off), float(np.median(off)), float((off <= WITHIN * longest).mean()), (float(shift[0]), float(shift[1])))
+    return JointFit(len(off), float(np.median(off)), float((off <= WITHIN * longest).mean()))

@@ -17,9 +17,11 @@ WIDEST = 55.0
 """Degrees at the subject beyond which features of the same place no longer look alike (SIFT loses them from 40 to 50 degrees on)."""
 MOST_PAIRS = 40
 """Pairs whose features are compared, narrowest first."""
-EPIPOLAR = (1.5, 4.0)
-"""Captured px. A careful calibration reprojects to 0.3 to 1.2 px, a feature lies within 1 px; rows that are 4 px apart are not matched, and a silhouette that is 4 px off cuts a finger away."""
-ADVICE = "calibrate again, or look for a wrong size, crop, unit or direction of the pose: these matched points fit each other, but not the calibration"
+EPIPOLAR = (1.0, 3.0)
+"""Captured px: a feature lies within one. Rows that are 3 px apart are not matched, and silhouettes that are 3 px off cut fingers away."""
+LARGE = (0.001, 0.003)
+"""The same as a share of the longer side, which counts for pictures of more than 1000 px: 2.4 and 7 mm on a person who fills it."""
+ADVICE = "calibrate again, or look for a wrong size, crop, unit or direction of the pose: these matched points fit each other, but not the calibration (or the cameras are out of step, where points on the subject miss their lines and those around it do not)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +74,20 @@ def of_matches(footage: Footage, pairs: list[Rectified], found: list[Matched]) -
 
 def _of_pair(footage: Footage, pair: Rectified, found: Matched | None) -> Finding:
     names = tuple(footage.names[v] for v in pair.views)
-    what = ("epipolar distance", names, "px", *EPIPOLAR)
+    longest = float(footage.longest[list(pair.views)].max())
+    good, bad = (round(max(least, share * longest), 2) for least, share in zip(EPIPOLAR, LARGE, strict=True))
+    what = "epipolar distance"
     if found is None:
         why = "they stand in the same place" if pair.kind == "coincident" else f"{pair.angle:.0f} degrees apart at the subject, features look alike up to {WIDEST:g}" if pair.angle > WIDEST else f"the {MOST_PAIRS} narrowest pairs were looked at"
-        return unmeasured(what[0], names, "px", *EPIPOLAR, f"not compared: {why}")
+        return unmeasured(what, names, "px", good, bad, f"not compared: {why}")
     fit, n = found.fit, len(found.first)
     if fit.error is None:
-        return unmeasured(what[0], names, "px", *EPIPOLAR, f"{n} matched points tell nothing: they agree neither with the calibration nor with each other beyond chance", "a textured background, a carpet or posters give features")
+        return unmeasured(what, names, "px", good, bad, f"{n} matched points tell nothing: they agree neither with the calibration nor with each other beyond chance", "a textured background, a carpet or posters give features")
     error = fit.error * found.px
     right = int(fit.agree.sum())
-    close = int((fit.distances[fit.agree] * found.px <= EPIPOLAR[0]).sum())
+    close = int((fit.distances[fit.agree] * found.px <= good).sum())
     freely = f"; without any calibration {int(fit.free.sum())} fit each other within a median of {fit.free_error * found.px:.2f} px" if fit.free_error is not None else ""
-    return measured(*what[:2], error, "px", *EPIPOLAR, f"{right} of {n} matched points are held for right, {close} of them within {EPIPOLAR[0]:g} px of the calibration's lines, median {error:.2f} px{freely}", ADVICE)
+    return measured(what, names, error, "px", good, bad, f"{right} of {n} matched points are held for right, {close} of them within {good:g} px of the calibration's lines, median {error:.2f} px{freely}", ADVICE)
 
 
 def color_differences(footage: Footage, found: list[Matched]) -> dict[tuple[int, int], np.ndarray]:

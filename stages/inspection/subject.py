@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from stages.geometry.projection import project
 from stages.geometry.subject import body_points, look_at_point, up_direction
 from stages.geometry.sync import TimeOffsets, time_offsets
+from stages.inspection.bundle import pair_error, refit
 from stages.inspection.finding import Finding, measured, unmeasured
 from stages.inspection.footage import Footage
 from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
@@ -14,17 +17,18 @@ from stages.inspection.light import stops_apart
 from stages.inspection.matching import Matched, color_differences
 from stages.inspection.sharpness import edge_width
 from stages.survey.exposure import match, patch_colors, typical_colors
-from stages.survey.joints import joints_in_space
+from stages.survey.joints import SCORE, joints_in_space
 from stages.survey.silhouettes import agreeing_share, masks_of
 
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""
-SHIFT = (0.0035, 0.006)
-"""Share of the longer side by which all joints of a camera lie beside the others': 0.8 and 1.4 cm. Two views differ by up to a centimetre in what they call a hip, but not all joints the same way."""
+POSES = (0.005, 0.008)
+"""Share of the longer side by which the calibration's epipolar lines miss the joints, scatter taken out: 1.2 and 2 cm. Two views differ by
+about a centimetre in what a detector calls a hip, in every frame alike, so that less is no proof against a calibration."""
 OFFSET = (0.25, 0.75)
 """Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be corrected."""
-LIGHT = (0.25, 2.0)
-"""Stops: a quarter is just visible; two leave 6 of 8 bits."""
+LIGHT = (0.5, 2.0)
+"""Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""
 BLUR = (0.7, 2.0)
 """Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave none of it."""
 SHARP = (2.0, 4.0)
@@ -35,6 +39,29 @@ NO_JOINTS = "the capture has no 2D joints"
 ADD_JOINTS = "import it with joints"
 
 
+def of_poses(footage: Footage) -> list[Finding]:
+    """Every pair's calibration by the joints: how far poses that fit the joints lie from it."""
+    if "joints2d" not in footage.facts or len(footage.rig) < 2:
+        return []
+    seen, space = footage.joints
+    found = refit(footage.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
+    if found is None:
+        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by every camera")]
+    out = []
+    for a, b in combinations(range(len(footage.rig)), 2):
+        px, longest = float(footage.px[[a, b]].mean()), float(footage.longest[[a, b]].max())
+        off, error = (n * px for n in pair_error(footage.rig, found, a, b))
+        bounds = (round(POSES[0] * longest, 2), round(POSES[1] * longest, 2))
+        names = (footage.names[a], footage.names[b])
+        if not np.isfinite(error):
+            out.append(unmeasured("calibration by joints", names, "px", *bounds, "they see no joint in common"))
+            continue
+        told = f"poses of the cameras that fit the joints lie {off:.1f} +- {error:.1f} px beside the calibration's epipolar lines; they would lower the joints' median residual from {found.before * px:.1f} to {found.after * px:.1f} px in all cameras"
+        advice = "calibrate these cameras again: the joints fit each other, but not the calibration; check size, crop, units and pose.joints_frame first"
+        out.append(measured("calibration by joints", names, max(0.0, off - 2 * error), "px for sure", *bounds, told, advice))
+    return out
+
+
 def joint_fits(footage: Footage) -> list[JointFit | None]:
     """How each camera's joints fit, captured px; None where they cannot be judged."""
     offsets, known = footage.joint_offsets
@@ -42,19 +69,19 @@ def joint_fits(footage: Footage) -> list[JointFit | None]:
 
 
 def of_joints(footage: Footage) -> list[Finding]:
-    """Residual and common shift of every camera's joints."""
+    """Residual of every camera's joints."""
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
-        return [unmeasured(m, (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "") for m in ("joint residual", "joint shift")]
+        return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
     out = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
-        bounds = [tuple(float(round(b * longest, 2)) for b in pair) for pair in (RESIDUAL, SHIFT)]
+        bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
         if fit is None:
-            out += [unmeasured(m, (name,), "px", *b, f"fewer than {FEWEST} joints could be compared with another camera's") for m, b in zip(("joint residual", "joint shift"), bounds, strict=True)]
+            out.append(unmeasured("joint residual", (name,), "px", *bounds, f"fewer than {FEWEST} joints could be compared with another camera's"))
             continue
-        far = float(np.hypot(*fit.shift))
-        out.append(measured("joint residual", (name,), fit.median, "px", *bounds[0], f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side", "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"))
-        out.append(measured("joint shift", (name,), far, "px", *bounds[1], f"all joints together lie ({fit.shift[0]:+.1f}, {fit.shift[1]:+.1f}) px beside the projections", f"calibrate {name} again: scatter of a detector would average out; check size, crop and pose.joints_frame first"))
+        told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
+        advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
+        out.append(measured("joint residual", (name,), fit.median, "px", *bounds, told, advice))
     return out
 
 
@@ -135,7 +162,7 @@ def of_masks(footage: Footage) -> list[Finding]:
 
 
 def of_focus(footage: Footage) -> list[Finding]:
-    """Blur of every camera's sharpest edges around the subject, absolutely and against the others."""
+    """Blur of every camera's strong edges around the subject, absolutely and against the others."""
     found = [_width(footage, v) for v in range(len(footage.rig))]
     known = [w for w in found if w is not None]
     out = []
@@ -144,7 +171,7 @@ def of_focus(footage: Footage) -> list[Finding]:
             out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))
             continue
         advice = f"focus {name} on the subject, clean its lens, shorten its shutter; or leave it out with views.sources"
-        out.append(measured("focus", (name,), width, "px", *SHARP, f"its sharpest edges are blurred by {width:.2f} px", advice))
+        out.append(measured("focus", (name,), width, "px", *SHARP, f"its strong edges are blurred by {width:.2f} px", advice))
         if len(known) > 1:
             others = float(np.median([w for o, w in zip(footage.names, found, strict=True) if w is not None and o != name]))
             more = float(np.sqrt(max(0.0, width**2 - others**2)))
