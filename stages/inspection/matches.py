@@ -45,7 +45,7 @@ def features(picture: np.ndarray, coverage: np.ndarray) -> Features:
     gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     inside = cv2.erode(coverage, np.ones((9, 9), np.uint8), borderValue=0)
     # A lower contrast than Lowe's .04: floors and clothes are plain.
-    keypoints, descriptors = cv2.SIFT_create(FEATURES, contrastThreshold=0.02).detectAndCompute(gray, inside)
+    keypoints, descriptors = cv2.SIFT_create(FEATURES, contrastThreshold=0.02).detectAndCompute(gray, inside)  # type: ignore[attr-defined]
     if descriptors is None or not len(descriptors):
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
     points = points_from_integer_centres(np.array([k.pt for k in keypoints]))
