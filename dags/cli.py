@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, models, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -366,6 +366,28 @@ def export(
     if outcome:
         raise typer.Exit(outcome)
     _say(order.write(p))
+
+
+@app.command()
+def inspect(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
+
+    Example: posegaussian inspect balance --config balance.yaml
+    """
+    from dags.context import Context
+    from dags.inspecting import run_inspection
+
+    session = _session(config, assignments, archive)
+    name = session.one_name(sequence)
+    # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
+    context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    raise typer.Exit(run_inspection(context, console, output))
 
 
 @app.command()

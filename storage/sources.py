@@ -139,7 +139,7 @@ class Joints(_Source):
         if stream.kind == "coco":
             if view not in self._coco:
                 self._coco[view] = read_coco(self._path(stream.files[0]), stream.options.get("view"))
-            path, found = stream.files[0].path, self._coco[view].get(number, no_people(self._count))
+            path, found = stream.files[0].path, self._coco[view].get(number + stream.late, no_people(self._count))
         else:
             path = next(self._files(view, [number]))
             found = _ONE_PICTURE[stream.kind](path)
