@@ -8,6 +8,7 @@ detection of a single view, which says where the joint is but not how deep, move
 """
 
 from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

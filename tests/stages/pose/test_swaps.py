@@ -91,7 +91,7 @@ def test_without_a_swap_nothing_changes_by_a_bit(motion: str, views: int) -> Non
 @pytest.mark.parametrize("parts", [WHOLE, ONLY_ARMS, ONLY_LEGS])
 @pytest.mark.parametrize("swapped", [(1,), (0, 5), (2, 3, 7)])
 def test_a_minority_of_views_comes_back_exactly(parts: np.ndarray, swapped: tuple[int, ...]) -> None:
-    rig, points = ring(8, size=512), turning(3, 25.0) + [0.2, 0.1, 0.0]
+    rig, points = ring(8, size=512), turning(3, 25.0) + np.array([0.2, 0.1, 0.0])
     exact = pixels(rig, points)
     given = exact.copy()
     given[:, list(swapped)] = SIDES.exchange(exact[:, list(swapped)], parts)
@@ -105,7 +105,7 @@ def test_a_minority_of_views_comes_back_exactly(parts: np.ndarray, swapped: tupl
 @pytest.mark.parametrize("views", [range(8), range(4), range(5)])
 @pytest.mark.parametrize("frames", [(0,), (4,), (3, 4), (8,)])
 def test_neighbours_decide_where_all_half_or_most_views_of_a_frame_are_wrong(parts: np.ndarray, views: range, frames: tuple[int, ...]) -> None:
-    rig, points = ring(8, size=512), striding(9) + [0.15, 0.1, 0.0]
+    rig, points = ring(8, size=512), striding(9) + np.array([0.15, 0.1, 0.0])
     exact = pixels(rig, points)
     given = exact.copy()
     for f in frames:
