@@ -11,6 +11,9 @@ import numpy as np
 
 from dags.effects import Verdict, judged, refusals
 from stages.contract import Evidence, Facts, Stage
+from stages.detection.choose import blazepose_is_here, named_joint_set
+from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
+from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
 from stages.geometry.paths import make_path
 from stages.io import Views
@@ -122,10 +125,15 @@ class Context:
             streams = capture.streams(kind)
             return bool(streams) and all(streams[v] is not None for v in self.active_views)
 
-        streams = capture.joints
+        streams, here = capture.joints, capture.joints3d is not None
+        given = any(streams[v] is not None for v in sources) if streams else False
+        known = frozenset(k for k, present in {GIVEN_JOINTS: given or here, BLAZEPOSE: blazepose_is_here()}.items() if present)
+        estimator = estimator_choice(self.settings.detection, known)[0]
         facts = {
-            "joints2d": any(streams[v] is not None for v in sources) if streams else False,
-            "joints3d": capture.joints3d is not None,
+            **dict.fromkeys(known, True),
+            ESTIMATED: estimator in ("blazepose", "onnx"),
+            "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
+            "joints3d": here and estimator != "none",
             "masks": every("masks"),
             "truth_depth": every("depth"),
             "held_out": bool(self.views.held_out),
@@ -133,6 +141,12 @@ class Context:
             "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
         }
         return frozenset(k for k, present in facts.items() if present)
+
+    @property
+    def estimator(self) -> DetectionParams:
+        """The settings of detection, with `auto` resolved."""
+        params = self.settings.detection
+        return params.model_copy(update={"estimator": estimator_choice(params, self.capture_facts)[0]})
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -147,7 +161,7 @@ class Context:
             np.array([s.size for s in capture.pictures]),
             self.captured_to_calibrated,
             sources,
-            tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
+            sources if ESTIMATED in self.capture_facts else tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
             max(1, stride),
             tuple(self.paths.values()),
             self.noted,
@@ -187,7 +201,11 @@ class Context:
 
     @cached_property
     def joint_set(self) -> str | None:
-        """Joint set of `pose/*`: of the source views' 2D joints, else of the 3D joints; None without either."""
+        """Joint set of `pose/*`: the estimator's, else of the source views' 2D joints, else of the 3D joints; None without any."""
+        if ESTIMATED in self.capture_facts:
+            return named_joint_set(self.estimator)
+        if not {"joints2d", "joints3d"} & self.capture_facts:
+            return None
         kind = "joints2d" if "joints2d" in self.capture_facts else "joints3d"
         streams = [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
         return next((s.options["joint_set"] for s in streams if s is not None), None)
@@ -203,6 +221,7 @@ class Context:
             "source_y": int(captured[:, 1].max()),
             "source_x": int(captured[:, 0].max()),
             "sample": self.settings.survey.sample,
+            "person": self.settings.detection.people,
         }
         if self.joint_set is not None:
             shape["joint"] = len(JOINT_SETS[self.joint_set].names)

@@ -25,6 +25,8 @@ from dags import threads
 from dags.memory import Peak
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
+from stages.detection.choose import estimator_of
+from stages.detection.params import DetectionParams
 from stages.io import Block, Views
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
@@ -112,6 +114,12 @@ class Order:
     """By declared name."""
     parts: dict[str, Any]
     """Fingerprint parts."""
+    source_spans: dict[str, range]
+    """Frame indices for which each declared source may be asked."""
+    footage: tuple[int, np.ndarray, np.ndarray]
+    """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
+    estimator: DetectionParams | None
+    """Whose pose estimator a stage that declares it gets."""
     survey_sources: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int
@@ -164,7 +172,15 @@ class StoreInputs:
 
     def span(self, array: str) -> range:
         """Frame indices that `read(array)` covers."""
+        if array in self._order.source_spans:
+            return self._order.source_spans[array]
         return self._reading(array).span
+
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`."""
+        span, first = self.span(array), self._order.footage[0]
+        own = slice(span.start - first, span.stop - first)
+        return self._order.footage[1][own], self._order.footage[2][own]
 
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         """[len(span), ...]; only views the stage declared can be read."""
@@ -179,7 +195,7 @@ class StoreInputs:
         declared = [r.array for r in stage.reads_for(self._order.params, self.facts) if r.is_source]
         if kind not in declared:
             raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
-        return open_source(self._capture, kind)
+        return estimator_of(self._order.estimator) if kind == "estimator" and self._order.estimator is not None else open_source(self._capture, kind)
 
 
 def execute(order: Order) -> Receipt:

@@ -9,6 +9,7 @@ from dags.code import code_digest
 from dags.context import Context
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
+from stages.detection.choose import KERNELS, models_digest
 from stages.registry import stage as stage_named
 from storage.spec import digest
 
@@ -83,13 +84,16 @@ def _camera_parts(context: Context, task: Task) -> list[Any]:
 def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
     """Digest of the source files a task may open, by kind and camera."""
     found: dict[str, str] = {}
-    own = context.grid.bounds(task.partition) if task.partition is not None else None
-    numbers = context.source_frames[own.start : own.stop] if own is not None else context.capture.numbers
     key = ("sources", stage.name)
     if key not in context.memo:
         context.memo[key] = [r for r in stage.reads_for(context.params(stage), context.facts) if r.is_source]
     for read in context.memo[key]:
+        if read.array == "estimator":
+            found["estimator"] = digest([models_digest(context.estimator), code_digest(KERNELS[context.estimator.estimator])])
+            continue
         streams = context.capture.streams(read.array)
+        span = None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))
+        numbers = context.capture.numbers if span is None else context.source_frames[span.start : span.stop]
         if read.array == "joints3d":
             chosen = {"joints3d": streams[0]}
         else:

@@ -12,8 +12,9 @@ import numpy as np
 from dags.context import Context
 from dags.execute import Load, Order, Promise, Reading
 from dags.plan import Book, Plan, State
-from dags.tasks import Task, inputs, path_frames, producer
+from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
+from stages.detection.stage import ESTIMATED
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ReceiptKey, ShardFile
@@ -38,6 +39,9 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
             promises.append(Promise(ReceiptKey(maker.stage, maker.partition, maker.view, maker.path), product.array, product.view, output.digest))
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     pictures = context.capture.pictures
+    spans = source_spans(context, task)
+    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()] if task.partition is not None else [frames]
+    first, last = min(s.start for s in every), max(s.stop for s in every)
     return Order(
         root=context.sequence.root,
         stage=stage.name,
@@ -57,6 +61,9 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         joint_set=context.joint_set,
         readings=readings,
         parts=parts,
+        source_spans=spans,
+        footage=(first, context.source_frames[first:last], context.valid[first:last]),
+        estimator=context.estimator if ESTIMATED in context.facts else None,
         survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,

@@ -117,6 +117,15 @@ def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tup
     return context.memo[key]
 
 
+def source_spans(context: Context, task: Task) -> dict[str, range]:
+    """{source: frame indices for which a task may ask it}, halo included; empty for tasks of the whole sequence."""
+    if task.partition is None:
+        return {}
+    stage = next(s for s in STAGES if s.name == task.stage)
+    params = context.params(stage)
+    return {r.array: context.grid.span(task.partition, r.halo_for(params)) for r in stage.reads_for(params, context.facts) if r.is_source}
+
+
 def path_frames(context: Context, task: Task) -> range:
     """Frames over which a task sees its camera path: its partition and the halo of its reads."""
     assert task.partition is not None, f"{task.stage} runs over paths but not over time"

@@ -73,9 +73,9 @@ class Read:
     """Whether it is a source file of the capture, read through a lazy reader."""
 
     @classmethod
-    def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always) -> Read:
-        """A source of the capture: pictures, masks, joints, joints3d or depth."""
-        return cls(kind, views=views, when=when, is_source=True)
+    def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always, halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)) -> Read:
+        """A source of the capture: pictures, masks, joints, joints3d or depth; or the pose estimator."""
+        return cls(kind, views=views, halo=halo, when=when, is_source=True)
 
     def halo_for(self, params: Any) -> tuple[int, int]:
         """(before, after) in frames."""

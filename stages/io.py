@@ -49,6 +49,9 @@ class PictureReader(Protocol):
     def size(self, view: int) -> tuple[int, int]:
         """(width, height) of the captured pictures, px."""
 
+    def identity(self, view: int, number: int) -> str:
+        """A text that no other picture has."""
+
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w, 3] for each of the ascending frame numbers: uint8 sRGB, or float16 linear for HDR files."""
 
@@ -114,16 +117,19 @@ class Inputs(Protocol):
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]
-    """What the capture has (joints2d, joints3d, masks, truth_depth, held_out, several_frames, linear_light), the names of the effects that
-    are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
+    """What the capture has (joints3d, masks, truth_depth, held_out, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated),
+    the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`storage.joints`); None where the capture has no joints."""
 
     def span(self, array: str) -> range:
-        """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence."""
+        """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence; of a source those that may be asked for."""
 
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views."""
 
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`, of an array or a source."""
+
     def source(self, kind: str) -> Any:
-        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d" or "depth"."""
+        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d" or "depth"; or the pose "estimator"."""

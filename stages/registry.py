@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from stages.contract import Stage
 from stages.depth.stage import STAGE as DEPTH
+from stages.detection.stage import STAGE as DETECTION
 from stages.frames.stage import STAGE as FRAMES
 from stages.gaussians.stage import STAGE as GAUSSIANS
 from stages.metrics.stage import STAGE as METRICS
@@ -13,7 +14,7 @@ from stages.rendering.stage import STAGE as RENDERING
 from stages.smoothing.stage import STAGE as SMOOTHING
 from stages.survey.stage import STAGE as SURVEY
 
-STAGES: tuple[Stage, ...] = (SURVEY, FRAMES, POSE, SMOOTHING, DEPTH, GAUSSIANS, REFINEMENT, RENDERING, METRICS)
+STAGES: tuple[Stage, ...] = (SURVEY, DETECTION, POSE, FRAMES, SMOOTHING, DEPTH, GAUSSIANS, REFINEMENT, RENDERING, METRICS)
 
 
 def stage(name: str) -> Stage:

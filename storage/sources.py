@@ -68,6 +68,10 @@ class Pictures(_Source):
         width, height = self._stream(view).size
         return width, height
 
+    def identity(self, view: int, number: int) -> str:
+        """Digest of the file and the frame's number: no other picture has it."""
+        return self._stream(view).digest([number])
+
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w, 3] uint8 sRGB or float16 linear for each of the ascending frame numbers. Raises SourceError."""
         stream = self._stream(view)

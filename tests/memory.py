@@ -51,6 +51,11 @@ class MemoryInputs:
         before, after = next((r.halo_for(self.params) for r in self.stage.reads if r.array == array), (0, 0))
         return range(max(0, self.partition.start - before), min(self.frames, self.partition.stop + after))
 
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        span = self.span(array)
+        valid = self.valid_all if self.valid_all is not None else np.ones((self.frames, len(self.rig)), bool)
+        return np.asarray(span), valid[span.start : span.stop]
+
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         data = self.arrays[array]
         if array in self.time_invariant:

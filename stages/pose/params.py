@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from stages.contract import Params, setting
+from stages.contract import Facts, Params, setting
 
 
 class PoseParams(Params):
@@ -15,3 +15,9 @@ class PoseParams(Params):
     max_residual: float = setting(0.02, "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side.", gt=0, le=0.5)
     sigma: float = setting(0.04, "Standard deviation of a joint's Gaussian.", unit="m, or px with sigma_unit: px", gt=0)
     sigma_unit: Literal["m", "px"] = setting("m", "Whether sigma is in metres around the 3D joint or in pixels of the full-size picture.")
+    heatmaps: Literal["model", "drawn"] = setting("model", "Heatmaps of estimated joints: the estimator's own, or a Gaussian at each joint as for given ones.")
+
+
+def uses_model_maps(params: PoseParams, facts: Facts) -> bool:
+    """Whether the estimator's own heatmaps are used."""
+    return params.heatmaps == "model" and {"detected", "pose_heatmaps"} <= facts

@@ -1,4 +1,4 @@
-"""The pose kernel: read joints of the source views, triangulate, fill every view by reprojection, draw heatmaps."""
+"""The pose kernel: the subject's joints in the source views, triangulated, fill every view by reprojection, draw heatmaps."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.frames.layout import switched
 from stages.io import Block, Inputs
 from stages.pose.heatmaps import draw, grid_of
-from stages.pose.params import PoseParams
-from stages.pose.people import subject
-from stages.pose.points import NEAR, focus, project, to_frames
+from stages.pose.model_maps import put_model_maps
+from stages.pose.params import PoseParams, uses_model_maps
+from stages.pose.points import NEAR, focus, project
+from stages.pose.seen import joint_set_of, subject_in_views
 from stages.pose.triangulate import triangulate
 from storage.joints import joint_set, to_set
 from storage.rig import Rig
@@ -21,59 +21,48 @@ NEAREST_SUBJECT = 0.5
 
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
-    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view.
+    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; of estimated joints pose/chosen, too.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
     detections are read, of frames where the view is valid; every other view knows its camera only and gets reprojections.
     With one source view its detections pass through and joints3d is unknown, unless the capture gives 3D joints.
+    A joint whose estimate stands has the estimator's own heatmap while `params.heatmaps` is model, every other one a Gaussian.
     """
-    set_id = inputs.source("joints" if "joints2d" in inputs.facts else "joints3d").joint_set
-    frames = [_frame(inputs, params, f, set_id) for f in range(len(inputs.partition))]
-    yield Block("pose/joints3d", np.stack([j3 for j3, _, _ in frames]).astype(np.float32))
-    joints2d, depth = np.stack([j2 for _, j2, _ in frames]), np.stack([z for _, _, z in frames])
+    set_id = joint_set_of(inputs)
+    seen, chosen = subject_in_views(inputs, params, len(joint_set(set_id)))
+    frames = [_frame(inputs, params, f, seen[f], set_id) for f in range(len(inputs.partition))]
+    joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
+    yield Block("pose/joints3d", joints3d.astype(np.float32))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v)
+        if "detected" in inputs.facts:
+            yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
         if "pose_heatmaps" not in inputs.facts:
             continue
         sigma = np.full(depth[:, v].shape, params.sigma)
         if params.sigma_unit == "m":
             sigma *= np.sqrt(inputs.rig.intrinsics[v, 0, 0] * inputs.rig.intrinsics[v, 1, 1]) / depth[:, v]
-        coco = to_set(np.concatenate([joints2d[:, v, :, :2], sigma[..., None], joints2d[:, v, :, 2:]], axis=-1), set_id, "coco17")
+        coco = to_set(np.concatenate([joints2d[:, v, :, :2], sigma[..., None], joints2d[:, v, :, 2:], stands[:, v, :, None]], axis=-1), set_id, "coco17")
         width, height = (int(n) for n in inputs.rig.size[v])
-        yield Block("pose/heatmaps", draw(coco[..., [0, 1, 3]], coco[..., 2], (width, height), grid), v)
+        maps = draw(coco[..., [0, 1, 3]], coco[..., 2], (width, height), grid)
+        if uses_model_maps(params, inputs.facts) and v in inputs.views.sources:
+            put_model_maps(inputs, maps, coco[..., 3] * (coco[..., 4] > 0), chosen[:, v], v)
+        yield Block("pose/heatmaps", maps, v)
 
 
-def _frame(inputs: Inputs, params: PoseParams, frame: int, set_id: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints of one frame of the partition: 3D [J, 4], 2D in all views [V, J, 3], depth of each [V, J] in metres."""
-    count, sources = len(joint_set(set_id)), list(inputs.views.sources)
-    detected = np.zeros((len(inputs.rig), count, 3))
-    joints3d = np.zeros((count, 4))
+def _frame(inputs: Inputs, params: PoseParams, frame: int, seen: np.ndarray, set_id: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Joints of one frame of the partition, of the subject's detections [V, J, 3] in it.
+
+    3D [J, 4], 2D in all views [V, J, 3], depth of each [V, J] in metres, and whether a view's own detection stands [V, J].
+    """
+    joints3d, sources = np.zeros((len(joint_set(set_id)), 4)), list(inputs.views.sources)
     if "joints2d" in inputs.facts:
-        rig = inputs.rig.subset(sources)
-        people = [_detections(inputs, params, frame, v, count) for v in sources]
-        seen = subject(rig, people, params.min_score, params.max_residual)
-        detected[sources] = seen
-        joints3d = triangulate(rig, seen, params.min_score, params.max_residual)
+        joints3d = triangulate(inputs.rig.subset(sources), seen[sources], params.min_score, params.max_residual)
     if "joints3d" in inputs.facts:
         given = to_set(_given(inputs, frame), inputs.source("joints3d").joint_set, set_id)
         joints3d = np.where(joints3d[:, 3:] > 0, joints3d, given)
-    return joints3d, *_in_views(inputs.rig, joints3d, detected, params)
-
-
-def _detections(inputs: Inputs, params: PoseParams, frame: int, view: int, count: int) -> np.ndarray:
-    """[P, J, 3] people seen by one source view, in pixels of frames/*; what is not finite or cannot be mapped has score 0."""
-    if not inputs.valid[frame, view]:
-        return np.zeros((0, count, 3))
-    people = np.asarray(inputs.source("joints").read(view, int(inputs.source_frames[frame])), dtype=np.float64)
-    people = people.reshape(-1, count, 3)
-    sound = np.isfinite(people).all(axis=-1) & (people[..., 2] > 0)
-    people = np.where(sound[..., None], people, 0.0)
-    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
-    crop = crops[view] if params.joints_frame == "video" else np.array([1.0, 0.0, 0.0])
-    pixels, mapped = to_frames(people[..., :2], crop, source_rig, inputs.rig, view)
-    score = np.minimum(people[..., 2:], 1.0)
-    return np.where((sound & mapped)[..., None], np.concatenate([pixels, score], axis=-1), 0.0)
+    return joints3d, *_in_views(inputs.rig, joints3d, seen, params)
 
 
 def _given(inputs: Inputs, frame: int) -> np.ndarray:
@@ -83,8 +72,8 @@ def _given(inputs: Inputs, frame: int) -> np.ndarray:
     return np.where(known[:, None], np.concatenate([given[:, :3], np.minimum(given[:, 3:], 1.0)], axis=-1), 0.0)
 
 
-def _in_views(rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: PoseParams) -> tuple[np.ndarray, np.ndarray]:
-    """2D joints [V, J, 3] and the depth [V, J] at which they lie, from joints3d [J, 4] and detections [V, J, 3].
+def _in_views(rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: PoseParams) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """2D joints [V, J, 3], the depth [V, J] at which they lie, and which of them are detections, from joints3d [J, 4] and detections [V, J, 3].
 
     A detection stands where it agrees with the 3D joint or where there is none; elsewhere the reprojection takes its place
     with the 3D joint's score. A joint without 3D lies at the mean depth of the known ones, and where none is known as
@@ -100,7 +89,7 @@ def _in_views(rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: Pose
     mean = np.where(known, depth, 0.0).sum(-1) / np.maximum(known.sum(-1), 1)
     looked_at = np.maximum(project(rig, focus(rig))[1], NEAREST_SUBJECT)
     assumed = np.where(known.any(-1), mean, looked_at)
-    return joints2d, np.where(known, depth, assumed[:, None])
+    return joints2d, np.where(known, depth, assumed[:, None]), stands
 
 
 def check(block: Block, params: PoseParams) -> list[str]:
@@ -110,6 +99,8 @@ def check(block: Block, params: PoseParams) -> list[str]:
     bad = ~np.isfinite(data)
     if bad.any():
         raise ValueError(f"{where}: {int(bad.sum())} of {data.size} values are not finite, the first is {data[bad][0]}")
+    if block.array == "pose/chosen":
+        return []
     score = data if block.array == "pose/heatmaps" else data[..., -1]
     if data.size and (score.min() < 0 or score.max() > 1):
         raise ValueError(f"{where}: scores run from {score.min():g} to {score.max():g}, the bounds are 0 and 1")

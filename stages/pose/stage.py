@@ -5,7 +5,7 @@ from __future__ import annotations
 from stages.contract import Facts, Read, Resources, Stage
 from stages.frames.effects import CROP_SCALE, UNDISTORTION
 from stages.pose.effects import POSE_HEATMAPS
-from stages.pose.params import PoseParams
+from stages.pose.params import PoseParams, uses_model_maps
 from storage.spec import ArraySpec, Shape
 
 
@@ -16,23 +16,27 @@ def needs(shape: Shape, params: PoseParams) -> Resources:
 
 def unneeded(params: PoseParams, facts: Facts) -> str | None:
     """Without joints of any kind there is nothing to encode."""
-    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints"
+    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints, and none are estimated"
 
 
 STAGE = Stage(
     name="pose",
     summary="Triangulate joints across views, fill what is missing, encode heatmaps.",
-    version=1,
+    version=2,
     run="stages.pose.run:run",
     check="stages.pose.run:check",
     reads=(
-        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f),
+        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f),
+        Read("detection/joints2d", when=lambda p, f: "detected" in f),
+        Read("detection/region", when=uses_model_maps),
+        Read("detection/heatmaps", when=uses_model_maps),
         Read.source("joints3d", when=lambda p, f: "joints3d" in f),
     ),
     writes=(
         ArraySpec("pose/joints2d", ("frame", "view", "joint", "uvs"), "float32", "px", "Joints in frames/* pixels and their score; 0 score = unknown."),
         ArraySpec("pose/joints3d", ("frame", "joint", "xyzs"), "float32", "m", "Joints in the world and their score; 0 score = unknown."),
         ArraySpec("pose/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).", keep="until_done", when="pose_heatmaps"),
+        ArraySpec("pose/chosen", ("frame", "view"), "int32", "1", "Which of the people of detection/* is the subject; -1: none of them.", when="detected"),
     ),
     over=("sequence", "time"),
     params=PoseParams,

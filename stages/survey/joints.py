@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.detection.reader import joint_reader
 from stages.geometry.consistency import reprojection_residual
 from stages.geometry.projection import project
 from stages.io import Inputs
@@ -36,8 +37,8 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
 
 
 def seen_joints(inputs: Inputs, number: int) -> np.ndarray:
-    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints."""
-    joints, sources = inputs.source("joints"), list(inputs.views.sources)
+    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints, given or estimated."""
+    joints, sources = joint_reader(inputs), list(inputs.views.sources)
     people = []
     for v in sources:
         found = np.asarray(joints.read(v, number), dtype=np.float64).reshape(-1, len(joint_set(joints.joint_set)), 3)
@@ -78,7 +79,7 @@ def runs_of_joints(inputs: Inputs, view: int, runs: list[np.ndarray]) -> np.ndar
     Without 2D joints, given 3D joints as a camera without lens would see them.
     """
     if "joints2d" in inputs.facts:
-        joints = inputs.source("joints")
+        joints = joint_reader(inputs)
         found = [[largest(joints.read(view, int(n))) for n in run] for run in runs]
     else:
         joints3d = inputs.source("joints3d")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numba import njit
 
+from stages.detection.reader import joint_reader
 from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
@@ -69,7 +70,7 @@ def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.nd
     """
     pictures = inputs.source("pictures")
     width, height = pictures.size(view)
-    joints = inputs.source("joints") if "joints2d" in inputs.facts and params.joints_margin > 0 else None
+    joints = joint_reader(inputs) if "joints2d" in inputs.facts and params.joints_margin > 0 else None
     seen = colors and view in inputs.views.sources
     stack = np.empty((len(numbers) if plate else 0, height, width, 3), dtype=np.uint8)
     covered = np.zeros(stack.shape[:3], dtype=np.uint8)

@@ -13,6 +13,14 @@ def needs(shape: Shape, params: SurveyParams) -> Resources:
 
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
+    return "detected" not in facts and _looks_at_joints(params, facts)
+
+
+def _estimator(params: SurveyParams, facts: Facts) -> bool:
+    return "detected" in facts and _looks_at_joints(params, facts)
+
+
+def _looks_at_joints(params: SurveyParams, facts: Facts) -> bool:
     covered = bool(facts & {PLATE, SPREAD}) and params.joints_margin > 0
     return "joints2d" in facts and (covered or bool(facts & {COLORS, MOTION, JOINT_FIT}))
 
@@ -30,6 +38,7 @@ STAGE = Stage(
     reads=(
         Read.source("pictures", views="own"),
         Read.source("joints", views="all", when=_joints),
+        Read.source("estimator", when=_estimator),
         Read.source("joints3d", when=_joints3d),
         Read.source("masks", views="sources", when=lambda p, f: "masks" in f and bool(f & {SILHOUETTES, OUTLINES})),
     ),

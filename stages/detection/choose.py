@@ -1,0 +1,66 @@
+"""From settings to an estimator: whether it can be had, which joints it names, what its models are, and the thing itself.
+
+Nothing heavy is imported before an estimator is made: a plan asks all but the last.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from stages.detection.description import Description
+from stages.detection.estimator import Estimator
+from stages.detection.models import MODELS, model_files
+from stages.detection.params import FETCH, DetectionParams
+from storage.capture import SourceFile
+from storage.errors import SourceError
+from storage.spec import digest
+
+KERNELS = {"blazepose": "stages.detection.blazepose", "onnx": "stages.detection.onnx"}
+"""Module of each estimator: its code counts as that of the stages that ask it."""
+RUNNER = "ai_edge_litert"
+"""Package that runs BlazePose's models."""
+
+
+def blazepose_is_here() -> bool:
+    """Whether BlazePose can be run: its models are in the cache, and the package that runs them is installed."""
+    return model_files() is not None and find_spec(RUNNER) is not None
+
+
+def named_joint_set(params: DetectionParams) -> str:
+    """Id of the joint set of a resolved estimator. Raises SourceError for a description that cannot be read."""
+    return "blazepose33" if params.estimator == "blazepose" else described(params).joint_set
+
+
+def described(params: DetectionParams) -> Description:
+    """The description of the user's model."""
+    assert params.model is not None, "estimator onnx without a model is refused before a plan"
+    return Description.read(Path(params.model).expanduser())
+
+
+def models_digest(params: DetectionParams) -> str:
+    """Digest of the contents of a resolved estimator's models."""
+    if params.estimator == "blazepose":
+        return digest(sorted(MODELS.items()))
+    found = described(params)
+    return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256])
+
+
+def estimator_of(params: DetectionParams) -> Estimator:
+    """A resolved estimator, made once in a process. Raises SourceError where its models are gone."""
+    return _made(params.estimator, params.model)
+
+
+@lru_cache(maxsize=2)
+def _made(estimator: str, model: str | None) -> Estimator:
+    if estimator == "onnx":
+        from stages.detection.onnx import load
+
+        return load(described(DetectionParams(estimator="onnx", model=model)), model_files())
+    files = model_files()
+    if files is None:
+        raise SourceError(f"the models of BlazePose are not on this machine: {FETCH}")
+    from stages.detection.blazepose import BlazePose
+
+    return BlazePose(files)

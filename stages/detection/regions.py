@@ -1,0 +1,84 @@
+"""Regions of interest: rotated squares of a picture, the crops taken of them, and points carried to and fro.
+
+A region is (centre u, centre v, side, angle), px and rad, in pictures whose top-left pixel is centred at (0.5, 0.5). Its
+own coordinates run from (0, 0) to (1, 1); a positive angle turns its upright clockwise as seen in the picture:
+`picture = centre + side R(angle) (own - 1/2)` with R = [[cos, -sin], [sin, cos]] on (right, down).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from storage.rig import points_from_integer_centres, points_to_integer_centres
+
+MARGIN = 1.25
+"""Side of a region over twice the radius of the circle around the body: the margin the landmark model was trained with."""
+
+
+def own_to_picture(region: np.ndarray) -> np.ndarray:
+    """[..., 2, 3] affine from a region's own coordinates to px, for regions [..., 4]."""
+    r = np.asarray(region, dtype=np.float64)
+    u, v, side, angle = np.moveaxis(r, -1, 0)
+    c, s = side * np.cos(angle), side * np.sin(angle)
+    return np.stack([np.stack([c, -s, u - (c - s) / 2], -1), np.stack([s, c, v - (s + c) / 2], -1)], -2)
+
+
+def to_picture(points: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Points [N, 2] in a region's own coordinates (0..1) -> px of the picture, for one region [4]."""
+    m = own_to_picture(region)
+    return np.asarray(points, dtype=np.float64) @ m[:, :2].T + m[:, 2]
+
+
+def to_own(points: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Points [N, 2] px of the picture -> a region's own coordinates (0..1), the inverse of `to_picture`."""
+    m = own_to_picture(region)
+    return (np.asarray(points, dtype=np.float64) - m[:, 2]) @ np.linalg.inv(m[:, :2]).T
+
+
+def region_of(centre: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """[4] region of a body from its centre and a point on the circle around it, above the head: px [2] each.
+
+    The side is 2 x 1.25 x their distance, and the region's upright points from the centre to the rim.
+    """
+    du, dv = (np.asarray(rim, dtype=np.float64) - centre).tolist()
+    return np.array([centre[0], centre[1], 2 * MARGIN * np.hypot(du, dv), np.arctan2(du, -dv)])
+
+
+def whole(size: tuple[int, int]) -> np.ndarray:
+    """[4] the smallest square around a picture of size (width, height): with it a crop is a letterbox."""
+    return np.array([size[0] / 2, size[1] / 2, max(size), 0.0])
+
+
+def squares(size: tuple[int, int]) -> np.ndarray:
+    """[N, 4] squares as wide as the short side of a picture of size (width, height), overlapping by a half or more, over its long side.
+
+    None for a picture up to 1.2 times as long as wide: there the whole picture shows people nearly as large.
+    """
+    short, long = min(size), max(size)
+    if long <= 1.2 * short:
+        return np.zeros((0, 4))
+    count = int(np.ceil((long - short) / (short / 2))) + 1
+    along = np.linspace(short / 2, long - short / 2, count)
+    across = np.full(count, short / 2)
+    u, v = (along, across) if size[0] >= size[1] else (across, along)
+    return np.stack([u, v, np.full(count, float(short)), np.zeros(count)], axis=1)
+
+
+def crop(picture: np.ndarray, region: np.ndarray, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
+    """[height, width, 3] the region of a picture [h, w, 3] uint8, sampled bilinearly; `size` is (width, height) in cells.
+
+    The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region. A picture more than
+    twice as fine as the crop is averaged over whole pixels first, so that nothing aliases. Outside is black, or as
+    OpenCV's `border` says.
+    """
+    h, w = picture.shape[:2]
+    shrink = int(region[2] / max(size))
+    scale = np.ones(2)
+    if shrink >= 2:
+        small = (max(1, round(w / shrink)), max(1, round(h / shrink)))
+        picture, scale = cv2.resize(picture, small, interpolation=cv2.INTER_AREA), np.array(small) / (w, h)
+    cells = points_from_integer_centres(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])) / size
+    origin, right, down = points_to_integer_centres(to_picture(cells, region) * scale)
+    affine = np.stack([right - origin, down - origin, origin], axis=1)
+    return cv2.warpAffine(picture, affine, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=border)

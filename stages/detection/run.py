@@ -1,0 +1,81 @@
+"""The detection kernel: an estimator on every source view, then another look where the rig knows better."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stages.detection.estimator import Estimator, Found
+from stages.detection.guided import Space, astray
+from stages.detection.params import DetectionParams
+from stages.frames.display import to_display
+from stages.io import Block, Inputs
+from storage.joints import joint_set
+
+
+def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
+    """Yield detection/joints2d, region, heatmaps and person of every view; of views that are no sources, and of frames a view lacks, zeros.
+
+    Every picture of a source view is looked at by itself. Then, frame by frame, the person on whom the views agree is
+    projected into those views that did not find her there, and the estimator looks again in that place; what it finds
+    stands beside the others, in place of the least clear of too many. A result depends on no other frame.
+    """
+    estimator: Estimator = inputs.source("estimator")
+    space = Space(inputs, estimator.joint_set)
+    found = {v: [_chosen(f, params, inputs.views.names[v]) for f in _looked(inputs, estimator, params, v)] for v in inputs.views.sources}
+    for v, regions in astray(space, found).items():
+        for frame, again in _look_again(inputs, estimator, v, regions):
+            first = found[v][frame]
+            found[v][frame] = Found.together([again, first.pick(range(min(len(first), params.people - 1)))], len(joint_set(estimator.joint_set)))
+    for v in range(len(inputs.rig)):
+        yield from _blocks(inputs, params, found.get(v), v, len(joint_set(estimator.joint_set)))
+
+
+def _looked(inputs: Inputs, estimator: Estimator, params: DetectionParams, view: int) -> list[Found]:
+    """What the estimator finds in every frame of one view; nobody where the view has no picture."""
+    present = np.flatnonzero(inputs.valid[:, view])
+    out = [Found.nobody(len(joint_set(estimator.joint_set)))] * len(inputs.partition)
+    pictures = inputs.source("pictures").read(view, [int(n) for n in inputs.source_frames[present]])
+    for frame, picture in zip(present, pictures, strict=True):
+        out[frame] = estimator.find(to_display(picture), params.people)
+    return out
+
+
+def _look_again(inputs: Inputs, estimator: Estimator, view: int, regions: dict[int, np.ndarray]) -> Iterator[tuple[int, Found]]:
+    """(frame, what is seen in its region [4]) of one view; the picture is decoded again, so that a partition's need not be kept."""
+    frames = sorted(regions)
+    pictures = inputs.source("pictures").read(view, [int(inputs.source_frames[f]) for f in frames])
+    for frame, picture in zip(frames, pictures, strict=True):
+        yield frame, estimator.look(to_display(picture), regions[frame][None])
+
+
+def _chosen(found: Found, params: DetectionParams, name: str) -> Found:
+    """The people whose joints' middle lies in the camera's box, where it has one."""
+    if name not in params.box or not len(found):
+        return found
+    left, top, right, bottom = params.box[name]
+    weight = np.maximum(found.joints[..., 2:], 1e-6)
+    u, v = ((found.joints[..., :2] * weight).sum(axis=1) / weight.sum(axis=1)).T
+    return found.pick(np.flatnonzero((left <= u) & (u <= right) & (top <= v) & (v <= bottom)).tolist())
+
+
+def _blocks(inputs: Inputs, params: DetectionParams, found: list[Found] | None, view: int, joints: int) -> Iterator[Block]:
+    """The four outputs of one view, people padded with nobody."""
+    frames, most = len(inputs.partition), params.people
+    shapes = {"joints2d": ((joints, 3), np.float32), "region": ((4,), np.float32), "heatmaps": ((17, 64, 64), np.float16), "person": ((256, 256), np.uint8)}
+    for name, (tail, dtype) in shapes.items():
+        data = np.zeros((frames, most, *tail), dtype=dtype)
+        for f, people in enumerate(found or ()):
+            data[f, : len(people)] = getattr(people, "joints" if name == "joints2d" else name)[:most]
+        yield Block(f"detection/{name}", data, view)
+
+
+def check(block: Block, params: DetectionParams) -> list[str]:
+    """Raise ValueError for what is not finite or a score outside 0..1."""
+    data = np.asarray(block.data)
+    if not np.isfinite(data).all():
+        raise ValueError(f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} of {data.size} values are not finite")
+    if block.array == "detection/joints2d" and data.size and not 0 <= data[..., 2].min() <= data[..., 2].max() <= 1:
+        raise ValueError(f"{block.array} of view {block.view}: scores run from {data[..., 2].min():g} to {data[..., 2].max():g}, the bounds are 0 and 1")
+    return []

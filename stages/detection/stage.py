@@ -1,0 +1,45 @@
+"""Declaration of the detection stage."""
+
+from __future__ import annotations
+
+from stages.contract import Choice, Facts, Read, Resources, Stage
+from stages.detection.params import DetectionParams, estimator_choice, refusal
+from stages.frames.effects import CROP_SCALE, UNDISTORTION
+from storage.spec import ArraySpec, Shape
+
+ESTIMATED = "detected"
+"""Fact: the 2D joints are estimated by this stage."""
+
+
+def needs(shape: Shape, params: DetectionParams) -> Resources:
+    """A few captured pictures, the models, and what is found in all views of a partition."""
+    found = shape["frame"] * shape["view"] * params.people * (17 * 64 * 64 * 2 + 256 * 256)
+    return Resources(cpu=1, ram=shape["source_y"] * shape["source_x"] * 30 + 2 * found + 2**28)
+
+
+def unneeded(params: DetectionParams, facts: Facts) -> str | None:
+    """Joints that came with the capture, or none at all."""
+    return None if ESTIMATED in facts else estimator_choice(params, facts)[1]
+
+
+STAGE = Stage(
+    name="detection",
+    summary="Find people in the pictures: joints, heatmaps, segmentation; where a view missed the subject, look where the others see it.",
+    version=1,
+    run="stages.detection.run:run",
+    check="stages.detection.run:check",
+    reads=(Read.source("pictures", views="sources"), Read.source("estimator")),
+    writes=(
+        ArraySpec("detection/joints2d", ("frame", "view", "person", "joint", "uvs"), "float32", "px", "Joints of everybody found, in captured pixels, and their score; all 0 = nobody."),
+        ArraySpec("detection/region", ("frame", "view", "person", "region"), "float32", "px", "Square in which a person was looked at: centre u, v, side in captured pixels, turn in radians; side 0 = nobody."),
+        ArraySpec("detection/heatmaps", ("frame", "view", "person", "coco17", "map", "map"), "float16", "1", "The estimator's heatmaps over the region, 0..1.", keep="until_done"),
+        ArraySpec("detection/person", ("frame", "view", "person", "hint", "hint"), "uint8", "1/255", "The estimator's segmentation of the person over the region; 0 where it gives none.", keep="until_done"),
+    ),
+    over=("sequence", "time"),
+    params=DetectionParams,
+    needs=needs,
+    unneeded=unneeded,
+    refusal=refusal,
+    effects=(UNDISTORTION, CROP_SCALE),
+    choices=(Choice("estimator", estimator_choice),),
+)

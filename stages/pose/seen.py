@@ -1,0 +1,67 @@
+"""What the source views saw of the subject: detections from files or of the detection stage, brought to frames/*, one person a view."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.frames.layout import switched
+from stages.io import Inputs
+from stages.pose.params import PoseParams
+from stages.pose.people import subject
+from stages.pose.points import to_frames
+
+DETECTIONS = "detection/joints2d"
+
+
+def joint_set_of(inputs: Inputs) -> str:
+    """Joint set of the detections, or of the 3D joints where there are none in 2D."""
+    if "detected" in inputs.facts:
+        assert inputs.joint_set is not None, "estimated joints belong to a joint set"
+        return inputs.joint_set
+    return inputs.source("joints" if "joints2d" in inputs.facts else "joints3d").joint_set
+
+
+def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is; -1: none, or not told.
+
+    F: frames of the partition; zeros where a view did not see her, is no source, or there are no 2D joints.
+    """
+    frames, sources = len(inputs.partition), list(inputs.views.sources)
+    seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)
+    if "joints2d" not in inputs.facts:
+        return seen, chosen
+    rig = inputs.rig.subset(sources)
+    read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
+    for f in range(frames):
+        people = [_in_frames(inputs, params, v, _found(inputs, f, v) if read is None else read[v][f]) for v in sources]
+        seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
+        if read is not None:
+            chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
+    return seen, chosen
+
+
+def _found(inputs: Inputs, frame: int, view: int) -> np.ndarray:
+    """[P, J, 3] people in the capture's files of one source view, as given."""
+    if not inputs.valid[frame, view]:
+        return np.zeros((0, 0, 3))
+    return np.asarray(inputs.source("joints").read(view, int(inputs.source_frames[frame])))
+
+
+def _in_frames(inputs: Inputs, params: PoseParams, view: int, people: np.ndarray) -> np.ndarray:
+    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0."""
+    people = np.asarray(people, dtype=np.float64)
+    if not len(people):
+        return people
+    sound = np.isfinite(people).all(axis=-1) & (people[..., 2] > 0)
+    people = np.where(sound[..., None], people, 0.0)
+    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
+    crop = crops[view] if params.joints_frame == "video" or "detected" in inputs.facts else np.array([1.0, 0.0, 0.0])
+    pixels, mapped = to_frames(people[..., :2], crop, source_rig, inputs.rig, view)
+    score = np.minimum(people[..., 2:], 1.0)
+    return np.where((sound & mapped)[..., None], np.concatenate([pixels, score], axis=-1), 0.0)
+
+
+def _which(people: np.ndarray, subject: np.ndarray) -> int:
+    """Index of the person [P, J, 3] that the subject [J, 3] is; -1 where nobody was seen."""
+    same = [i for i, p in enumerate(people) if p[:, 2].any() and np.array_equal(p, subject)]
+    return same[0] if same else -1
