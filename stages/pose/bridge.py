@@ -69,17 +69,16 @@ def bridge(rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int
     """Points [J, 4] (x, y, z, score) of frame `at`, world metres, 0 score = unknown, from those of the frames around it.
 
     points [F, J, 4] as triangulated; joints [V, J, 3] the detections of frame `at` in pixels of `rig` (no lens); only frames
-    within `reach` are looked at. A joint known here and not rejected is returned bit by bit. A bridged one's score falls
-    from that of the frames it comes from, by 1 / (reach + 1) for every frame to the nearest of them; it is halved where
-    there is only a before or only an after, which takes a view's ray to be believed.
+    within `reach` are looked at. A joint known here and not rejected is returned bit by bit. A frame in which nothing is
+    known stays so: nobody may be there. A bridged joint's score falls from that of the frames it comes from, by
+    1 / (reach + 1) for every frame to the nearest of them; it is halved where there is only a before or only an after,
+    which takes a view's ray to be believed.
     """
     first = max(0, at - reach)
     window, here = points[first : at + reach + 1], at - first
     sound = ~rejected(window, bones) & (window[..., 3] > 0)
-    if sound[here].all():
-        return points[at]
     out = np.where(sound[here][:, None], points[at], 0.0)
-    for j in bones.order:
+    for j in bones.order if sound[here].any() else ():
         if not sound[here, j]:
             out[j] = _joint(rig, joints[:, j], _expect(window, sound, here, reach, j, bones.parents[j], out), min_score)
     return out

@@ -94,6 +94,12 @@ def test_what_no_frame_within_reach_knows_stays_unknown() -> None:
     assert not found[10:30, LWRIST].any()  # an end alone says too little
 
 
+def test_where_nobody_is_nobody_is_invented() -> None:
+    points = swinging(20)
+    points[8] = 0
+    assert bridged(points).tobytes() == points.tobytes()
+
+
 @pytest.mark.parametrize("reach", [1, 4, 9])
 def test_any_window_that_holds_the_reach_gives_the_same_bytes(reach: int) -> None:
     points = swinging(26)
