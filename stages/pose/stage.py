@@ -21,7 +21,7 @@ def unneeded(params: PoseParams, facts: Facts) -> str | None:
 
 STAGE = Stage(
     name="pose",
-    summary="Triangulate joints across views, put left and right where they belong, fill what is missing, encode heatmaps.",
+    summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
     version=3,
     run="stages.pose.run:run",
     check="stages.pose.run:check",
