@@ -8,13 +8,12 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from stages.detection.description import Description
 from stages.detection.estimator import Estimator
-from stages.detection.models import MODELS, model_files
-from stages.detection.params import FETCH, DetectionParams
+from stages.detection.models import BLAZEPOSE, model_files
+from stages.detection.params import DetectionParams
 from storage.capture import SourceFile
-from storage.errors import SourceError
 from storage.spec import digest
 
 KERNELS = {"blazepose": "stages.detection.blazepose", "onnx": "stages.detection.onnx"}
@@ -33,8 +32,10 @@ def named_joint_set(params: DetectionParams) -> str:
     return "blazepose33" if params.estimator == "blazepose" else described(params).joint_set
 
 
-def described(params: DetectionParams) -> Description:
+def described(params: DetectionParams) -> Any:
     """The description of the user's model."""
+    from stages.detection.description import Description
+
     assert params.model is not None, "estimator onnx without a model is refused before a plan"
     return Description.read(Path(params.model).expanduser())
 
@@ -42,13 +43,13 @@ def described(params: DetectionParams) -> Description:
 def models_digest(params: DetectionParams) -> str:
     """Digest of the contents of a resolved estimator's models."""
     if params.estimator == "blazepose":
-        return digest(sorted(MODELS.items()))
+        return digest([m.sha256 for m in BLAZEPOSE])
     found = described(params)
     return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256])
 
 
 def estimator_of(params: DetectionParams) -> Estimator:
-    """A resolved estimator, made once in a process. Raises SourceError where its models are gone."""
+    """A resolved estimator, made once in a process. Raises ConfigError where its models are gone."""
     return _made(params.estimator, params.model)
 
 
@@ -58,9 +59,6 @@ def _made(estimator: str, model: str | None) -> Estimator:
         from stages.detection.onnx import load
 
         return load(described(DetectionParams(estimator="onnx", model=model)), model_files())
-    files = model_files()
-    if files is None:
-        raise SourceError(f"the models of BlazePose are not on this machine: {FETCH}")
     from stages.detection.blazepose import BlazePose
 
-    return BlazePose(files)
+    return BlazePose()

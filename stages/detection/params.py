@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from stages.contract import Facts, Params, setting
+from stages.detection.models import FETCH
 
 Answer = Literal["files", "blazepose", "onnx", "none"]
 GIVEN_JOINTS = "given_joints"
 """Fact: joints came with the capture, 2D ones of a source view or 3D ones."""
 BLAZEPOSE = "blazepose"
 """Fact: BlazePose's models are in the cache and what runs them is installed."""
-FETCH = "`posegaussian models fetch blazepose` adds it"
+ADDED = f"`{FETCH}` adds it"
 """What to do where BlazePose is missing."""
 
 
@@ -42,7 +43,7 @@ def estimator_choice(params: DetectionParams, facts: Facts) -> tuple[Answer, str
         return "files", "joints came with the capture"
     if BLAZEPOSE in facts:
         return "blazepose", "no joints came with the capture, and the models of BlazePose are here"
-    return "none", f"no joints came with the capture, and BlazePose is not here: {FETCH}"
+    return "none", f"no joints came with the capture, and BlazePose is not here: {ADDED}"
 
 
 def refusal(params: DetectionParams, facts: Facts) -> str | None:
@@ -50,7 +51,7 @@ def refusal(params: DetectionParams, facts: Facts) -> str | None:
     if params.estimator == "files" and GIVEN_JOINTS not in facts:
         return "detection.estimator is files, but no joints came with the capture; import them with it, or use auto"
     if params.estimator == "blazepose" and BLAZEPOSE not in facts:
-        return f"detection.estimator is blazepose, but its models or ai-edge-litert, which runs them, are not here: {FETCH}; or use files"
+        return f"detection.estimator is blazepose, but its models or ai-edge-litert, which runs them, are not here: {ADDED}; or use files"
     if params.estimator == "onnx" and params.model is None:
         return "detection.estimator is onnx, but detection.model names no file; give the YAML that describes your model (docs/pose.md)"
     return None
