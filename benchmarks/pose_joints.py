@@ -84,12 +84,13 @@ def in_space(rig: Rig, joints: np.ndarray, min_score: float, max_residual: float
 def body_axes(truth: np.ndarray) -> np.ndarray:
     """[F, 17, 3, 3] axes (forward, left, up in rows) that turn with each joint's own part of the body, of true joints [F, 17, 3].
 
-    Those of the trunk, turned with a limb by the smallest rotation that takes "down" to the limb; of the face, those of ears and nose.
+    Those of shoulders or hips and the spine, turned with a limb by the smallest rotation that takes "down" to the limb; of the face,
+    those of ears and nose.
     """
     up = _unit(truth[:, _SHOULDERS].mean(axis=1) - truth[:, _HIPS].mean(axis=1))
-    left = truth[:, _SHOULDERS[0]] - truth[:, _SHOULDERS[1]]
-    trunk = _axes(up, left)
-    out = np.repeat(trunk[:, None], 17, axis=1)
+    chest, pelvis = (_axes(up, truth[:, a] - truth[:, b]) for a, b in (_SHOULDERS, _HIPS))
+    out = np.repeat(chest[:, None], 17, axis=1)
+    out[:, _HIPS[0] :] = pelvis[:, None]
     ears = truth[:, _EARS[0]] - truth[:, _EARS[1]]
     ahead = truth[:, NAMES.index("Nose")] - truth[:, _EARS].mean(axis=1)
     out[:, _FACE] = _axes(_unit(np.cross(ahead, ears)), ears)[:, None]
@@ -97,7 +98,7 @@ def body_axes(truth: np.ndarray) -> np.ndarray:
     for j, name in enumerate(NAMES):
         if name[1:] in ("Elbow", "Wrist", "Knee", "Ankle"):
             limb = _unit(truth[:, j] - truth[:, parents[j]])
-            out[:, j] = np.einsum("fab,fcb->fca", _least_turn(-up, limb), trunk)
+            out[:, j] = np.einsum("fab,fcb->fca", _least_turn(-up, limb), out[:, j])
     return out
 
 
@@ -126,17 +127,28 @@ def offsets(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.einsum("fjab,fjb->fja", body_axes(truth), off)
 
 
+def constant_of(found: np.ndarray) -> np.ndarray:
+    """[17, 3] the median of offsets [N, 17, 3]; what a name means is the same on both sides but for the sign of left."""
+    mirrored = found[:, list(COCO17.flips)] * [1.0, -1.0, 1.0]
+    return np.asarray(np.nanmedian(np.concatenate([found, mirrored]), axis=0))
+
+
 def without_offset(points: np.ndarray, truth: np.ndarray, constant: np.ndarray) -> np.ndarray:
     """Found joints [F, 17, 4] less the constant offset [17, 3] of what each name means."""
     shift = np.einsum("fjab,ja->fjb", body_axes(truth), constant)
     return np.concatenate([points[..., :3] - shift, points[..., 3:]], axis=-1)
 
 
-def measures(points: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+SLOW = 0.005
+"""Metres a frame, root of the mean square, below which nothing can be said about lag."""
+
+
+def measures(points: np.ndarray, truth: np.ndarray) -> dict[str, float | None]:
     """Of found joints [F, 17, 4] against true ones [F, 17, 3], over known ones: errors and jitter in mm, lag in frames.
 
     Jitter is the mean length of the error's second difference from frame to frame. Lag is the t that explains most of the error
-    by the joints' own velocity: the least squares solution of found(f) = true(f) - t true'(f), velocities by central differences.
+    by the joints' own velocity: the least squares solution of found(f) = true(f) - t true'(f), velocities by central differences;
+    None for a body that hardly moves.
     """
     known = points[..., 3] > 0
     error = np.where(known[..., None], points[..., :3] - truth, 0.0)
@@ -150,5 +162,5 @@ def measures(points: np.ndarray, truth: np.ndarray) -> dict[str, float]:
         "median mm": float(np.median(length[known])),
         "95 % mm": float(np.percentile(length[known], 95)),
         "jitter mm": float(second[three].mean()),
-        "lag frames": float(-(error[1:-1] * velocity).sum() / (velocity**2).sum()),
+        "lag frames": None if np.sqrt((velocity**2).sum(axis=-1).mean()) < SLOW else float(-(error[1:-1] * velocity).sum() / (velocity**2).sum()),
     }
