@@ -29,6 +29,7 @@ from rich.console import Console
 from benchmarks.pose_joints import CLEAN, NAMES, SPOILS, constant_of, in_space, measures, off_heatmaps, offsets, spoilt, without_offset
 from benchmarks.report import publish, show
 from dags.config import load_configuration
+from dags.estimator import blazepose_is_here
 from dags.events import Event, TaskDone, TaskFailed
 from dags.importing import find_capture, register
 from dags.plan import Selection
@@ -38,7 +39,6 @@ from dags.serial import SerialBackend
 from dags.session import Session
 from dags.simulate import film, stage_scene
 from stages.capture.scene import Scene
-from stages.detection.choose import blazepose_is_here
 from storage.archive import Archive
 from storage.exporters.images_layout import write_capture
 from storage.joints import to_set

@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.cli_models import models
 from dags.plan import Selection
 from dags.session import Session
 from dags.tasks import Task
@@ -28,6 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
 )
+app.add_typer(models, name="models")
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dags.effects import Verdict, judged, refusals
+from dags.estimator import blazepose_is_here, named_joint_set
 from stages.contract import Evidence, Facts, Stage
-from stages.detection.choose import blazepose_is_here, named_joint_set
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from dags import threads
+from dags.estimator import estimator_of
 from dags.memory import Peak
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
-from stages.detection.choose import estimator_of
 from stages.detection.params import DetectionParams
 from stages.io import Block, Views
 from stages.registry import stage as stage_named

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from stages.detection.anchors import INPUT, anchors
-from stages.detection.decoding import CROP, detections, landmarks, sigmoid
+from stages.detection.decoding import CROP, centred, detections, landmarks, sigmoid
 from stages.detection.estimator import PERSON_SIDE, Found, seen_inside
 from stages.detection.litert import Network
-from stages.detection.models import missing_sentence, model_files
+from stages.detection.models import check_files, missing_sentence, model_files
 from stages.detection.regions import crop, region_of, squares, to_picture, whole
 from stages.detection.suppression import overlap
 from storage.errors import ConfigError
@@ -28,9 +28,11 @@ LEAST_SCORE = 0.5
 LEAST_PRESENCE = 0.5
 """Below it a region holds nobody."""
 ROUNDS = 3
-"""Most times the landmarks are read again in the region they themselves give."""
+"""Most times the landmarks are read again in the region they themselves give, unless more are asked for."""
 STILL = 0.02
 """A region that moves, grows and turns by less than this share of its side is settled."""
+TAKEN = 0.3
+"""A detection whose region moves, grows and turns into a settled person's by less than this share of its side is that person."""
 SAME_PERSON = 0.5
 """Intersection over union of two bodies above which they are one person, found twice."""
 
@@ -40,14 +42,19 @@ class BlazePose:
 
     joint_set = "blazepose33"
 
-    def __init__(self, files: Mapping[str, Path] | None = None) -> None:
-        """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or LiteRT are missing."""
+    def __init__(self, files: Mapping[str, Path] | None = None, rounds: int = ROUNDS) -> None:
+        """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or LiteRT are missing, SourceError where one is not what was published.
+
+        Landmarks are read again up to `rounds` times in the region they themselves give.
+        """
         found = files or model_files()
         if found is None:
             raise ConfigError(missing_sentence())
+        check_files(found)
         self._detector = Network(found["pose_detection"])
         self._landmarks = Network(found["pose_landmark_full"])
         self._anchors = anchors()
+        self._rounds = rounds
 
     def find(self, picture: np.ndarray, most: int) -> Found:
         """At most `most` people in a picture [h, w, 3] uint8 sRGB, sorted by presence."""
@@ -76,11 +83,13 @@ class BlazePose:
 
     def _settle(self, picture: np.ndarray, regions: np.ndarray) -> Found:
         """Whoever is in the regions [D, 4], read in the region their own landmarks give; empty regions are left out."""
-        people = []
+        people: list[Found] = []
         for region in regions:
+            if any(distance(region, p.region[0]) < TAKEN for p in people):
+                continue
             person, own = self._look(picture, region)
-            for _ in range(ROUNDS):
-                if person.presence[0] < LEAST_PRESENCE or settled(region, own):
+            for _ in range(self._rounds):
+                if person.presence[0] < LEAST_PRESENCE or distance(region, own) < STILL:
                     break
                 region = own
                 person, own = self._look(picture, region)
@@ -99,18 +108,17 @@ class BlazePose:
         found = Found(
             seen_inside(joints, (picture.shape[1], picture.shape[0]))[None],
             region.astype(np.float32)[None],
-            heatmaps[:, :, COCO17].transpose(2, 0, 1).astype(np.float16)[None],
+            centred(heatmaps[:, :, COCO17]).transpose(2, 0, 1).astype(np.float16)[None],
             np.rint(255 * sigmoid(person)).astype(np.uint8).reshape(1, PERSON_SIDE, PERSON_SIDE),
             flag.astype(np.float32),
         )
         return found, region_of(places[CENTRE], places[RIM])
 
 
-def settled(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether a region [4] moved, grew and turned by less than STILL of its side."""
+def distance(before: np.ndarray, after: np.ndarray) -> float:
+    """How far a region [4] moves, grows and turns to become another, as a share of its side."""
     turn = (after[3] - before[3] + np.pi) % (2 * np.pi) - np.pi
-    moved = np.hypot(*(after[:2] - before[:2])) + abs(after[2] - before[2]) / 2 + abs(turn) * before[2] / 2
-    return bool(moved < STILL * before[2])
+    return float((np.hypot(*(after[:2] - before[:2])) + abs(after[2] - before[2]) / 2) / before[2] + abs(turn) / 2)
 
 
 def distinct(joints: np.ndarray) -> list[int]:

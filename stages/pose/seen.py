@@ -50,7 +50,7 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
 
 def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:
     """[P, J, 3] people in the capture's files of one source view, as given; nobody in a frame without a picture."""
-    return np.asarray(inputs.source("joints").read(view, number)) if valid else np.zeros((0, count, 3))
+    return np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3) if valid else np.zeros((0, count, 3))
 
 
 def _in_frames(inputs: Inputs, params: PoseParams, view: int, people: np.ndarray) -> np.ndarray:
