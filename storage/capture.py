@@ -77,19 +77,22 @@ class SourceFile:
 class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
-    kind: Literal["video", "images", "openpose", "coco", "easymocap", "trc"]
-    """video: one file, frame n at 0-based index n, unless `options["indices"]` gives the index of every number; images: one file a frame number; the others: joint formats."""
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc"]
+    """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
     files: tuple[SourceFile, ...]
-    """One file for video, coco and trc; else one for every number."""
+    """One file for video, coco, caliscope and trc; else one for every number."""
     numbers: tuple[int, ...]
     """Source frame numbers, ascending."""
     size: tuple[int, int] = (0, 0)
     """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
     options: dict[str, Any] = field(default_factory=dict)
-    """What a reader of this format must know besides, for example a joint set or a person's id."""
+    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in `index_of`."""
 
-    def video_index(self, number: int) -> int | None:
-        """0-based frame of the video that is this source frame; None where the video is known to lack it."""
+    def index_of(self, number: int) -> int | None:
+        """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
+
+        Without indices it is the number itself; with them, None for a number that the stream does not have.
+        """
         return self._index_of.get(number) if "indices" in self.options else number
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
@@ -101,7 +104,7 @@ class Stream:
 
     @cached_property
     def _index_of(self) -> dict[int, int]:
-        """{frame number: frame of the video}, where these differ."""
+        """{frame number: what the file calls it}, where these differ."""
         return dict(zip(self.numbers, self.options["indices"], strict=True))
 
     @cached_property
