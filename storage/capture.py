@@ -73,23 +73,30 @@ class SourceFile:
             raise SourceError(f"source file {p} changed since it was imported: {how}; put the old one back or import the capture again")
 
 
+ONE_FILE = ("video", "coco", "caliscope", "trc")
+"""Kinds of streams whose one file holds all frames."""
+
+
 @dataclass(frozen=True)
 class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
-    kind: Literal["video", "images", "openpose", "coco", "easymocap", "trc"]
-    """video: one file, frame n at 0-based index n, unless `options["indices"]` gives the index of every number; images: one file a frame number; the others: joint formats."""
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc"]
+    """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
     files: tuple[SourceFile, ...]
-    """One file for video, coco and trc; else one for every number."""
+    """One file for video, coco, caliscope and trc; else one for every number."""
     numbers: tuple[int, ...]
     """Source frame numbers, ascending."""
     size: tuple[int, int] = (0, 0)
     """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
     options: dict[str, Any] = field(default_factory=dict)
-    """What a reader of this format must know besides, for example a joint set or a person's id."""
+    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in `index_of`."""
 
-    def video_index(self, number: int) -> int | None:
-        """0-based frame of the video that is this source frame; None where the video is known to lack it."""
+    def index_of(self, number: int) -> int | None:
+        """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
+
+        Without indices it is the number itself, later by as much as the camera is `late`; with them, None for a number that the stream does not have.
+        """
         return self._index_of.get(number) if "indices" in self.options else number + self.late
 
     @property
@@ -100,7 +107,7 @@ class Stream:
     def renumbered(self, late: int, first: int, last: int) -> Stream:
         """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
         kept = [(i, n - late) for i, n in enumerate(self.numbers) if first <= n - late <= last]
-        files = self.files if self.kind in ("video", "coco", "trc") else tuple(self.files[i] for i, _ in kept)
+        files = self.files if self.kind in ONE_FILE else tuple(self.files[i] for i, _ in kept)
         if "indices" in self.options:
             options = {**self.options, "indices": [self.options["indices"][i] for i, _ in kept]}
         else:
@@ -117,7 +124,7 @@ class Stream:
 
     @cached_property
     def _index_of(self) -> dict[int, int]:
-        """{frame number: frame of the video}, where these differ."""
+        """{frame number: what the file calls it}, where these differ."""
         return dict(zip(self.numbers, self.options["indices"], strict=True))
 
     @cached_property

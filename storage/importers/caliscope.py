@@ -18,6 +18,7 @@ from pydantic import Field
 
 from storage.capture import Capture, SourceFile, Stream
 from storage.errors import CalibrationError, SourceError
+from storage.importers.caliscope_joints import tracked_joints
 from storage.importers.caliscope_times import Instants, instants
 from storage.importers.cameras import build_rig, check_sizes, rig_notes
 from storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
@@ -36,6 +37,7 @@ class CaliscopeOptions(ImportOptions):
     """What to take where several files fit; paths are relative to the recording's folder."""
 
     calibration: str | None = Field(None, description="Calibration file; by default camera_array.toml beside the videos, below them, or the workspace's.")
+    tracker: str | None = Field(None, description="Tracker whose landmarks become 2D joints, by the name of its folder; by default the one whose joints are known.")
 
 
 def find(source: Path, options: CaliscopeOptions) -> Capture:
@@ -51,8 +53,9 @@ def find(source: Path, options: CaliscopeOptions) -> Capture:
     pictures = [_stream(video, opened[_id(name)], matched.frames[_id(name)]) for name, video in videos.items()]
     rig = build_rig([table_camera(name, t) for name, t in tables.items()], [s.size for s in pictures], half=False)
     check_sizes(rig, pictures, options.crops)
-    notes = [f"calibration: {shown(base, [path])}", *matched.notes, *more, *picture_gaps(rig.names, pictures), *_turned(tables), *_left_out(base), "no 2D joints"]
-    return Capture("caliscope", rig, rate, tuple(pictures), notes=(*notes, *rig_notes(rig)))
+    joints, found = tracked_joints(base, {n: _id(n) for n in rig.names}, matched, pictures, options.tracker, options.joint_set)
+    notes = [f"calibration: {shown(base, [path])}", *matched.notes, *more, *picture_gaps(rig.names, pictures), *_turned(tables), *_left_out(base), *found]
+    return Capture("caliscope", rig, rate, tuple(pictures), joints=joints, notes=(*notes, *rig_notes(rig)))
 
 
 def _id(name: str) -> int:

@@ -18,6 +18,8 @@ class Instants(NamedTuple):
 
     frames: dict[int, dict[int, int]]
     """{camera: {instant: 0-based frame of its video}}, ascending; an instant that a camera missed is not there."""
+    times: dict[int, list[float]]
+    """{camera: frame_time of each frame of its video}, empty where there is no table."""
     rate: float
     """Instants a second, 0 where nothing tells."""
     notes: list[str]
@@ -39,7 +41,7 @@ def instants(table: Path | None, videos: Mapping[int, VideoFile]) -> Instants:
         counts = {f"camera {c}": v.count for c, v in videos.items()}
         if len(set(counts.values())) > 1:
             raise SourceError(f"there is no timestamps.csv, and the videos have {', '.join(f'{n} frames ({c})' for c, n in counts.items())}; add the file, or cut all videos to the same instants")
-        return Instants({c: {n: n for n in range(v.count)} for c, v in videos.items()}, 0.0, ["no timestamps.csv: frame n of each video is taken as one instant"])
+        return Instants({c: {n: n for n in range(v.count)} for c, v in videos.items()}, {}, 0.0, ["no timestamps.csv: frame n of each video is taken as one instant"])
     rows = _rows(table)
     for camera, video in videos.items():
         found = len(rows.get(camera, ()))
@@ -125,6 +127,7 @@ def _described(groups: Mapping[int, Sequence[int]], rows: Mapping[int, Sequence[
     left = {c: sum(g < 0 for g in found) for c, found in groups.items()}
     return Instants(
         frames,
+        {c: [r.time for r in found] for c, found in rows.items()},
         rate,
         [f"{how}; frames of one instant are up to {1000 * apart:.1f} ms apart", *(f"camera {c}: {n} frames lie between two instants and are left out" for c, n in left.items() if n)],
     )

@@ -167,6 +167,81 @@ def test_boards_are_no_joints_and_turned_cameras_are_told(base: Path) -> None:
     assert "camera cam_1 is shown turned by 90 degrees in Caliscope; its pictures are used as filmed" in notes
 
 
+def write_landmarks(base: Path, tracker: str, joints: int, first: int = 0, index: int = 0, columns: str = "cam_id,point_id") -> None:
+    """Landmark j of video frame k of a camera at (10 j + camera, k); instants are numbered from `first`, frames from `index`."""
+    camera, point = columns.split(",")
+    rows = [f"sync_index,{camera},frame_index,frame_time,{point},img_loc_x,img_loc_y"]
+    for c, found in SEEN.items():
+        for k, n in enumerate(found):
+            place = f"{first + n},{c},{index + k},{7.25 + n / RATE + LATE[c]!r}"
+            rows += [f"{place},{j},{10 * j + c},{k}" for j in [*range(joints), 100, 200] if j != 3]
+    (base / tracker).mkdir()
+    (base / tracker / f"xy_{tracker}.csv").write_text("\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize(("tracker", "id", "joints"), [("POSE", "blazepose33", 33), ("ONNX_rtmpose_t_halpe26", "halpe26", 26)])
+@pytest.mark.parametrize("numbered", [{}, {"first": 35, "index": 400, "columns": "port,keypoint_id"}])
+@pytest.mark.parametrize("index", [True, False])
+def test_landmarks_become_joints_of_their_instant(base: Path, tracker: str, id: str, joints: int, numbered: dict[str, int], index: bool) -> None:
+    write_recording(base, SEEN, index=index)
+    write_landmarks(base, tracker, joints, **numbered)
+    capture = find(base)
+    assert f"2D joints: landmarks of {tracker}, joint set {id}" in capture.notes
+    reader = open_source(Capture.from_json(json.loads(json.dumps(capture.to_json()))), "joints")
+    assert reader.joint_set == id
+    for v, c in enumerate(CAMERAS):
+        for n in range(FRAMES):
+            people = reader.read(v, n)
+            assert len(people) == (n in SEEN[c])
+            if len(people):
+                np.testing.assert_array_equal(people[0, [0, 2], :], [[c + 0.5, SEEN[c].index(n) + 0.5, 1], [20 + c + 0.5, SEEN[c].index(n) + 0.5, 1]])
+                assert people[0, 3, 2] == 0
+                assert people.shape == (1, joints, 3)
+
+
+def test_landmarks_without_times_go_by_the_frame_of_the_video(base: Path) -> None:
+    write_recording(base, {c: list(range(6)) for c in CAMERAS})
+    write_landmarks(base, "POSE", 33, first=7)
+    (base / "timestamps.csv").unlink()
+    assert [len(open_source(find(base), "joints").read(1, n)) for n in range(6)] == [1, 1, 1, 1, 1, 0]
+    write_landmarks(base, "HOLISTIC", 33, index=3)
+    with pytest.raises(SourceError, match=r"xy_HOLISTIC\.csv: camera 1 has landmarks at frame_index 6, where its video has no frame; track this recording again"):
+        find(base, tracker="HOLISTIC")
+
+
+def test_trackers_that_are_not_known_are_told_and_several_need_a_choice(base: Path) -> None:
+    write_landmarks(base, "HAND", 21)
+    capture = find(base)
+    assert not capture.joints
+    assert any(n.startswith("landmarks of HAND are left out: which joints it numbers is not known") for n in capture.notes)
+    with pytest.raises(SourceError, match="option tracker: which joints HAND numbers is not known; name a joint set"):
+        find(base, tracker="HAND")
+    assert open_source(find(base, tracker="HAND", joint_set="coco17"), "joints").joint_set == "coco17"
+    with pytest.raises(SourceError, match=r"option tracker: no FACE/xy_FACE\.csv in .*; there are HAND"):
+        find(base, tracker="FACE")
+    write_landmarks(base, "POSE", 33)
+    write_landmarks(base, "HOLISTIC", 33)
+    with pytest.raises(SourceError, match="landmarks of several trackers fit: HOLISTIC, POSE; choose one with the option tracker"):
+        find(base)
+    assert any("landmarks of POSE" in n for n in find(base, tracker="POSE").notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("7.25,", "9.0,", r"xy_POSE\.csv: camera 1 has landmarks at frame_time 9, where its video has no frame"),
+        ("frame_time,", "time,", r"xy_POSE\.csv lacks the columns frame_time; track the recording"),
+        ("7.25,", "soon,", r"xy_POSE\.csv line 2: could not convert"),
+    ],
+)
+def test_wrong_landmarks_get_a_sentence(base: Path, old: str, new: str, sentence: str) -> None:
+    write_landmarks(base, "POSE", 33)
+    path = base / "POSE" / "xy_POSE.csv"
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(SourceError, match=sentence):
+        find(base)
+
+
 def add(base: Path, text: str) -> None:
     with (base / "timestamps.csv").open("a") as f:
         f.write(text)
