@@ -15,6 +15,19 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.cli_inspect import inspect
+from dags.cli_options import (
+    ArchiveOption,
+    ConfigOption,
+    ForceOption,
+    FromOption,
+    JsonOption,
+    OnlyOption,
+    PathOption,
+    SchedulerOption,
+    SequenceOption,
+    SetOption,
+)
 from dags.plan import Selection
 from dags.session import Session
 from dags.tasks import Task
@@ -30,17 +43,6 @@ app = typer.Typer(
 )
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
-
-ArchiveOption = Annotated[str | None, typer.Option("--archive", help="Folder of the archive; default: `archive` of the configuration.")]
-ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration laid over the packaged default; default: ./pipeline.yaml where it exists.")]
-SequenceOption = Annotated[list[str] | None, typer.Option("--sequence", help="Sequences to work on (a name or glob; may be repeated). Default: all.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one setting, for example --set depth.method=hull (may be repeated).")]
-OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
-FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
-ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
-PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
-JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
 
 
 def _session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False) -> Session:
@@ -366,26 +368,7 @@ def export(
     _say(order.write(p))
 
 
-@app.command()
-def inspect(
-    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
-    archive: ArchiveOption = None,
-    config: ConfigOption = None,
-    assignments: SetOption = None,
-) -> None:
-    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
-
-    Example: posegaussian inspect balance --config balance.yaml
-    """
-    from dags.context import Context
-    from dags.inspecting import run_inspection
-
-    session = _session(config, assignments, archive)
-    name = session.one_name(sequence)
-    # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
-    context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
-    raise typer.Exit(run_inspection(context, console, output))
+app.command()(inspect)
 
 
 @app.command()
