@@ -78,7 +78,7 @@ class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
     kind: Literal["video", "images", "openpose", "coco", "easymocap", "trc"]
-    """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
+    """video: one file, frame n at 0-based index n, unless `options["indices"]` gives the index of every number; images: one file a frame number; the others: joint formats."""
     files: tuple[SourceFile, ...]
     """One file for video, coco and trc; else one for every number."""
     numbers: tuple[int, ...]
@@ -88,23 +88,36 @@ class Stream:
     options: dict[str, Any] = field(default_factory=dict)
     """What a reader of this format must know besides, for example a joint set or a person's id."""
 
+    def video_index(self, number: int) -> int | None:
+        """0-based frame of the video that is this source frame; None where the video is known to lack it."""
+        return self._index_of.get(number) if "indices" in self.options else number
+
     @property
     def late(self) -> int:
-        """Frames by which the camera is late, see `Capture.in_step`; a reader of a file that holds all frames looks so much further."""
+        """Frames by which numbers within a file of joints are higher than those of the stream, see `Capture.in_step`."""
         return int(self.options.get("late", 0))
 
     def renumbered(self, late: int, first: int, last: int) -> Stream:
         """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
-        one = self.kind in ("video", "coco", "trc")
-        kept = [(n - late, f) for n, f in zip(self.numbers, self.files * len(self.numbers) if one else self.files, strict=True) if first <= n - late <= last]
-        files = self.files if one else tuple(f for _, f in kept)
-        return replace(self, files=files, numbers=tuple(n for n, _ in kept), options={**self.options, "late": self.late + late})
+        kept = [n for n in self.numbers if first <= n - late <= last]
+        numbers = tuple(n - late for n in kept)
+        if self.kind == "video":
+            return replace(self, numbers=numbers, options={**self.options, "indices": [self.video_index(n) for n in kept]})
+        if self.kind in ("coco", "trc"):
+            return replace(self, numbers=numbers, options={**self.options, "late": self.late + late})
+        return replace(self, numbers=numbers, files=tuple(self._file_of[n] for n in kept))
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
-        """Digest of the files behind some frame numbers: of the whole file where one file holds all."""
+        """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of its frames these are."""
         held = sorted({int(n) for n in numbers} & self._file_of.keys())
         shas = [self.files[0].sha256] if len(self.files) == 1 else [self._file_of[n].sha256 for n in held]
-        return digest([self.kind, shas, held, self.options])
+        options = {**self.options, "indices": [self._index_of[n] for n in held]} if "indices" in self.options else self.options
+        return digest([self.kind, shas, held, options])
+
+    @cached_property
+    def _index_of(self) -> dict[int, int]:
+        """{frame number: frame of the video}, where these differ."""
+        return dict(zip(self.numbers, self.options["indices"], strict=True))
 
     @cached_property
     def _file_of(self) -> dict[int, SourceFile]:

@@ -90,7 +90,72 @@ TRC21 = _joint_set(
 )
 """The 21 markers that pose2sim writes to TRC files from BODY_25B; its Neck is BODY_25B's UpperNeck, not BODY_25's Neck."""
 
-JOINT_SETS: Mapping[str, JointSet] = MappingProxyType({s.id: s for s in (COCO17, BODY_25, BODY_25B, TRC21)})
+_BLAZEPOSE_NAMES = (
+    "Nose LEyeInner LEye LEyeOuter REyeInner REye REyeOuter LEar REar LMouth RMouth LShoulder RShoulder LElbow RElbow LWrist RWrist "
+    "LPinky RPinky LIndex RIndex LThumb RThumb LHip RHip LKnee RKnee LAnkle RAnkle LHeel RHeel LFootIndex RFootIndex"
+)
+_BLAZEPOSE_LIMBS = (
+    "Nose-*EyeInner *EyeInner-*Eye *Eye-*EyeOuter *EyeOuter-*Ear *Ear-*Shoulder Nose-*Mouth LMouth-RMouth "
+    f"{_TORSO} {_ARMS_AND_LEGS} *Wrist-*Pinky *Wrist-*Index *Wrist-*Thumb *Pinky-*Index *Ankle-*Heel *Heel-*FootIndex *Ankle-*FootIndex"
+)
+
+BLAZEPOSE33 = _joint_set("blazepose33", _BLAZEPOSE_NAMES, _BLAZEPOSE_LIMBS)
+"""MediaPipe's pose landmarks (https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker).
+
+Its hands are knuckles, its mouth points the corners of the mouth. FootIndex is the tip of the second toe: no BigToe."""
+
+BLAZEPOSE39 = _joint_set(
+    "blazepose39",
+    f"{_BLAZEPOSE_NAMES} MidHip BodyCircle LPalm LHandRoot RPalm RHandRoot",
+    f"{_BLAZEPOSE_LIMBS} MidHip-*Hip",
+)
+"""All points of MediaPipe's landmark model: BLAZEPOSE33, then six that only place regions of interest.
+
+MidHip is the middle of a circle around the whole body and BodyCircle a point on it, above the head along the body's axis
+(https://arxiv.org/abs/2006.10204, section 2.2). The last four are undocumented; on real pictures each HandRoot lies within
+a pixel of the wrist and each Palm between the knuckles of pinky and index. BodyCircle and the four are no joints: no limb
+ends there and no other set has them."""
+
+H36M17 = _joint_set(
+    "h36m17",
+    "Hip RHip RKnee RAnkle LHip LKnee LAnkle Spine Thorax NeckNose Head LShoulder LElbow LWrist RShoulder RElbow RWrist",
+    "Hip-*Hip *Hip-*Knee *Knee-*Ankle Hip-Spine Spine-Thorax Thorax-NeckNose NeckNose-Head Thorax-*Shoulder *Shoulder-*Elbow *Elbow-*Wrist",
+    anatomy={"Hip": "MidHip", "Head": "HeadTop"},
+)
+"""The 17 joints of Human3.6M that move (http://vision.imar.ro/human3.6m), in the order of its 3D pose estimators.
+
+Its Hip is midway between the hip joints, its Head the crown. Thorax is a joint of the motion capture's spine and not the
+middle of the shoulders, NeckNose lies between throat and nose: neither is a Neck of another set."""
+
+HALPE26 = _joint_set(
+    "halpe26",
+    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle Head Neck Hip "
+    "LBigToe RBigToe LSmallToe RSmallToe LHeel RHeel",
+    f"{_FACE} Nose-Neck Neck-Head Neck-*Shoulder Neck-Hip Hip-*Hip {_ARMS_AND_LEGS} {_FEET}",
+    anatomy={"Head": "HeadTop", "Hip": "MidHip", "Neck": "HalpeNeck"},
+)
+"""The body of Halpe (https://github.com/Fang-Haoshu/Halpe-FullBody), which AlphaPose and RTMPose detect: COCO-17 first.
+
+Its Head is the crown. Its detectors learn the Neck from sets that put it at the base of the skull, at the throat or between
+the shoulders, so it is no other set's."""
+
+SMPL24 = _joint_set(
+    "smpl24",
+    "Pelvis LHip RHip Spine1 LKnee RKnee Spine2 LAnkle RAnkle Spine3 LFoot RFoot Neck LCollar RCollar Head LShoulder RShoulder "
+    "LElbow RElbow LWrist RWrist LHand RHand",
+    "Pelvis-*Hip *Hip-*Knee *Knee-*Ankle *Ankle-*Foot Pelvis-Spine1 Spine1-Spine2 Spine2-Spine3 Spine3-Neck Neck-Head Spine3-*Collar "
+    "*Collar-*Shoulder *Shoulder-*Elbow *Elbow-*Wrist *Wrist-*Hand",
+    anatomy={"LHip": "SmplLHip", "RHip": "SmplRHip", "Neck": "SmplNeck", "Head": "SmplHead"},
+)
+"""The skeleton of the body model SMPL (https://smpl.is.tue.mpg.de).
+
+Its hips are centimetres closer together than those that detectors learn, its Pelvis lies above the line between them, its Neck
+within the spine and its Head where the skull turns: these are no other set's. Knees, ankles, shoulders, elbows and wrists are
+the same joints."""
+
+JOINT_SETS: Mapping[str, JointSet] = MappingProxyType(
+    {s.id: s for s in (COCO17, BODY_25, BODY_25B, TRC21, BLAZEPOSE33, BLAZEPOSE39, H36M17, HALPE26, SMPL24)}
+)
 """All known joint sets by id."""
 
 

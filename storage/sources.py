@@ -72,11 +72,21 @@ class Pictures(_Source):
         """[h, w, 3] uint8 sRGB or float16 linear for each of the ascending frame numbers. Raises SourceError."""
         stream = self._stream(view)
         if stream.kind == "video":
-            pictures = VideoFile(self._path(stream.files[0])).read([int(n) + stream.late for n in numbers])
+            pictures = VideoFile(self._path(stream.files[0])).read(self._indices(view, numbers))
         else:
             pictures = (media.read_picture(p) for p in self._files(view, numbers))
         for n, picture in zip(numbers, pictures, strict=True):
             yield self._sized(view, int(n), picture)
+
+    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Frames of a view's video that are the given source frames."""
+        indices = []
+        for n in numbers:
+            index = self._stream(view).video_index(int(n))
+            if index is None:
+                raise SourceError(f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave the frame out with frames.range")
+            indices.append(index)
+        return indices
 
 
 class Masks(_Source):

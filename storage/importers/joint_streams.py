@@ -11,23 +11,24 @@ from storage.importers.common import file_stream, gap_notes
 from storage.joint_files import Detections, read_coco, read_trc
 from storage.joints import JOINT_SETS, joint_set
 
+_HINTS = {"body_25b": "25b", "h36m17": "h36m"}
+"""What the name of a folder says where the joints are those of the rarer one of two sets that have as many."""
+
 
 def guess_joint_set(joints: int, given: str | None, hint: str, where: Path) -> str:
     """Id of the joint set: the given one, else the known one with that many joints.
 
-    Of the two sets of 25 joints, BODY_25B is taken where the folder's name says 25b, else BODY_25. Raises SourceError for
-    an unknown id, one that does not fit, and a number of joints that no known set has.
+    Of two sets with as many joints, BODY_25 and COCO-17 are taken unless the hint, a folder's name, says 25b or h36m. Raises
+    SourceError for an unknown id, one that does not fit, and a number of joints that no known set has.
     """
     if given is not None:
         if len(joint_set(given)) != joints:
             raise SourceError(f"{where} holds {joints} joints a person; joint_set {given} has {len(joint_set(given))}")
         return given
-    if joints == 25:
-        return "body_25b" if "25b" in hint.lower() else "body_25"
     fitting = [s.id for s in JOINT_SETS.values() if len(s) == joints]
     if not fitting:
         raise SourceError(f"{where} holds {joints} joints a person, which no known joint set has ({', '.join(f'{s.id}: {len(s)}' for s in JOINT_SETS.values())})")
-    return fitting[0]
+    return next((id for id in fitting if id in _HINTS and _HINTS[id] in hint.lower()), fitting[0])
 
 
 def _joints_a_person(files: Sequence[Path], read: Callable[[Path], Detections]) -> tuple[int, Path] | None:
