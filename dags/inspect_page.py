@@ -41,6 +41,7 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
         f"<h1>{escape(name)}</h1>",
         f'<p class="verdict" style="background:{COLORS[report.verdict]}">{escape(report.sentence)}</p><p>{escape(about)}.</p>',
         _to_do(report),
+        _unmeasured(report),
         "<h2>All numbers, worst first</h2>",
         _table(worst_first(report.findings)),
         "<h2>Pairs of cameras</h2>",
@@ -57,6 +58,12 @@ def _to_do(report: Report) -> str:
         return "<p>There is nothing to do.</p>"
     items = [f'<li>{_mark(verdict)} <span class="do">{escape(advice)}</span>{escape(found)}</li>' for verdict, found, advice in report.to_do]
     return "<h2>What to do, worst first</h2><ol>" + "".join(items) + "</ol>"
+
+
+def _unmeasured(report: Report) -> str:
+    if not report.unmeasured:
+        return ""
+    return "<h2>Not measured</h2><ul>" + "".join(f"<li>{escape(u)}</li>" for u in report.unmeasured) + "</ul>"
 
 
 def _mark(verdict: Verdict) -> str:

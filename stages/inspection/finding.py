@@ -63,7 +63,9 @@ class Finding:
 
     @property
     def bounds(self) -> str:
-        """Bounds in words."""
+        """Bounds in words; empty where there are none."""
+        if self.good == self.bad:
+            return f"at most {self.good:g} {self.unit}" if self.good else ""
         beyond = ("at most", "above") if self.good <= self.bad else ("at least", "below")
         return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g} {self.unit}".strip()
 
