@@ -71,4 +71,4 @@ def _note(rig: Rig, pair: Rectified, max_angle: float) -> Finding:
     why = pair.sentence.partition(": ")[2]
     sentence = f"{pair.kind}: {why}; baseline {pair.baseline:.2f} m, {pair.body:.0%} of a body kept"
     grade = Grade.GOOD if pair.kind == "ok" else Grade.NOTE
-    return Finding("rectification", names, pair.angle, "deg at the subject", max_angle, max_angle, sentence, "", grade)
+    return Finding("rectification", names, pair.angle, "degrees", max_angle, max_angle, sentence, "", grade)

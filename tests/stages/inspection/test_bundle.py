@@ -37,7 +37,8 @@ def test_exact_joints_find_the_exact_poses_up_to_where_the_world_is() -> None:
     assert pair_error(turned(rig, 1, 0.5), found, 0, 1)[0] > 3.5
     assert all(pair_error(rig, found, a, b)[0] < 1e-3 for a in range(4) for b in range(a + 1, 4))
     again = refit(rig, seen, space)
-    assert again is not None and again.after < 1e-9
+    assert again is not None
+    assert again.after < 1e-9
     np.testing.assert_allclose(again.rig.world_to_camera, rig.world_to_camera, atol=1e-9)
 
 

@@ -24,4 +24,4 @@ def test_worst_first_and_advice_only_where_something_is_wrong() -> None:
     assert overall([good, unknown, poor]) is Verdict.DOUBTFUL
     assert overall([unknown]) is Verdict.UNKNOWN
     assert unknown.number == "-"
-    assert poor.bounds == "good at most 1, bad above 2 px"
+    assert poor.bounds == "good at most 1, bad above 2"
