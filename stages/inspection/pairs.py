@@ -15,8 +15,8 @@ from storage.rig import Rig
 
 USELESS = 0.5
 """Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
-PARTNERED = (0.5, 0.2)
-"""Share of the cameras that have a partner to be matched with."""
+PARTNERED = (0.5, 0.0)
+"""Share of the cameras that have a partner to be matched with; never bad, as the sweep and the hull do without."""
 
 
 @dataclass(frozen=True)

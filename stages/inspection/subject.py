@@ -9,9 +9,10 @@ import numpy as np
 from stages.geometry.projection import project
 from stages.geometry.subject import body_points, look_at_point, up_direction
 from stages.geometry.sync import TimeOffsets, time_offsets
+from stages.inspection.bundle import FEWEST as FEWEST_POSED
 from stages.inspection.bundle import pair_error, refit
 from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.footage import Footage
+from stages.inspection.footage import LOOSE, Footage
 from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
 from stages.inspection.light import stops_apart
 from stages.inspection.matching import Matched, color_differences
@@ -44,13 +45,17 @@ def of_poses(footage: Footage) -> list[Finding]:
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         return []
     seen, space = footage.joints
-    found = refit(footage.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
+    seen = np.where(seen[..., 2:] >= SCORE, seen, 0.0)
+    enough = [int(v) for v in np.flatnonzero(((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2)) >= FEWEST_POSED)]
+    rig = footage.rig.subset(enough)
+    found = refit(rig, seen[:, enough], space)
     if found is None:
-        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by every camera")]
+        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by two cameras")]
     out = []
-    for a, b in combinations(range(len(footage.rig)), 2):
+    for i, j in combinations(range(len(enough)), 2):
+        a, b = enough[i], enough[j]
         px, longest = float(footage.px[[a, b]].mean()), float(footage.longest[[a, b]].max())
-        off, error = (n * px for n in pair_error(footage.rig, found, a, b))
+        off, error = (n * px for n in pair_error(rig, found, i, j))
         bounds = (round(POSES[0] * longest, 2), round(POSES[1] * longest, 2))
         names = (footage.names[a], footage.names[b])
         if not np.isfinite(error):
@@ -76,13 +81,21 @@ def of_joints(footage: Footage) -> list[Finding]:
     out = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
-        if fit is None:
+        if fit is None and footage.people[len(out)] >= 0.5:
+            told = f"its joints agree with no other camera's within {LOOSE:.0%} of the longer side"
+            advice = f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave it out with views.sources"
+            out.append(measured("joint residual", (name,), LOOSE * float(longest), "px at least", *bounds, told, advice))
+        elif fit is None:
             out.append(unmeasured("joint residual", (name,), "px", *bounds, f"fewer than {FEWEST} joints could be compared with another camera's"))
-            continue
-        told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
-        advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
-        out.append(measured("joint residual", (name,), fit.median, "px", *bounds, told, advice))
+        else:
+            out.append(_residual(name, fit, bounds))
     return out
+
+
+def _residual(name: str, fit: JointFit, bounds: tuple[float, float]) -> Finding:
+    told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
+    advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
+    return measured("joint residual", (name,), fit.median, "px", *bounds, told, advice)
 
 
 def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:

@@ -55,5 +55,5 @@ def test_a_pair_that_cannot_be_matched_is_a_note_and_cameras_without_partner_cou
     assert findings[0].verdict is Verdict.GOOD
     assert "cam2" in findings[0].sentence
     apart = rig_of(on(0, 120))
-    assert of_pairs(apart, every_pair(apart))[0].verdict is Verdict.BAD
+    assert of_pairs(apart, every_pair(apart))[0].verdict is Verdict.DOUBTFUL
     assert of_pairs(rig.subset([0]), [])[0].verdict is Verdict.UNKNOWN
