@@ -130,5 +130,6 @@ def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
 
 
 def spoken(report: Report) -> list[str]:
-    """What to do, worst first."""
-    return [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
+    """What to do, worst first, and what could not be measured."""
+    wanted = [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
+    return wanted + [f"not measured: {u}" for u in report.unmeasured]

@@ -95,25 +95,17 @@ class Stream:
     def index_of(self, number: int) -> int | None:
         """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
 
-        Without indices it is the number itself, later by as much as the camera is `late`; with them, None for a number that the stream does not have.
+        Without indices it is the number itself; with them, None for a number that the stream does not have.
         """
-        return self._index_of.get(number) if "indices" in self.options else number + self.late
-
-    @property
-    def late(self) -> int:
-        """Frames by which the camera is late, see `Capture.in_step`; a reader of a file that holds all frames looks so much further."""
-        return int(self.options.get("late", 0))
+        return self._index_of.get(number) if "indices" in self.options else number
 
     def renumbered(self, late: int, first: int, last: int) -> Stream:
         """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
-        kept = [(i, n - late) for i, n in enumerate(self.numbers) if first <= n - late <= last]
-        files = self.files if self.kind in ONE_FILE else tuple(self.files[i] for i, _ in kept)
-        if "indices" in self.options:
-            options = {**self.options, "indices": [self.options["indices"][i] for i, _ in kept]}
-        else:
-            options = {**self.options, "late": self.late + late}
-        return replace(self, files=files, numbers=tuple(n for _, n in kept), options=options)
-
+        kept = [(i, n) for i, n in enumerate(self.numbers) if first <= n - late <= last]
+        numbers = tuple(n - late for _, n in kept)
+        if self.kind in ONE_FILE:
+            return replace(self, numbers=numbers, options={**self.options, "indices": [self.index_of(n) for _, n in kept]})
+        return replace(self, numbers=numbers, files=tuple(self.files[i] for i, _ in kept))
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
         """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of its frames these are."""

@@ -24,7 +24,7 @@ JOINT_FRAMES = 30
 RUN = 240
 """Consecutive frames whose joints are compared in time."""
 LOOSE = 0.1
-"""Share of the longer side within which cameras out of step must agree on whom they see: a hand that moves fast is far away some frames later."""
+"""Share of the longer side within which cameras must agree on whom they see: one that is badly calibrated or out of step is to be measured, not left out."""
 
 
 @dataclass(eq=False)
@@ -129,8 +129,14 @@ class Footage:
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Joints seen [F, V, 17, 3] px of `rig` and in space [F, 17, 4] in `joint_numbers`."""
-        seen = np.stack([seen_joints(self.joint_inputs, n) for n in self.joint_numbers])
+        seen = np.stack([seen_joints(self.joint_inputs, n, LOOSE) for n in self.joint_numbers])
         return seen, np.stack([triangulate(self.rig, s, SCORE, RESIDUAL) for s in seen])
+
+    @cached_property
+    def people(self) -> np.ndarray:
+        """[V] share of `joint_numbers` in which a camera has somebody's joints at all."""
+        reader = self.source("joints")
+        return np.array([np.mean([len(reader.read(v, n)) > 0 for n in self.joint_numbers]) for v in range(len(self.rig))])
 
     @cached_property
     def joint_offsets(self) -> tuple[np.ndarray, np.ndarray]:
