@@ -46,8 +46,17 @@ class Context:
 
     @cached_property
     def capture(self) -> Capture:
-        """The registered capture."""
-        return self.sequence.capture
+        """The registered capture, its cameras brought into step by `frames.time_offset`."""
+        return self.sequence.capture.in_step(self.late)
+
+    @cached_property
+    def late(self) -> tuple[int, ...]:
+        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras that the capture does not have."""
+        names, offsets = self.sequence.capture.rig.names, self.settings.frames.time_offset
+        for name in offsets:
+            if name not in names:
+                raise ConfigError(f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+        return tuple(round(offsets.get(n, 0.0)) for n in names)
 
     def params(self, stage: Stage) -> Any:
         """Settings of one stage."""

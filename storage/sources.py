@@ -76,11 +76,21 @@ class Pictures(_Source):
         """[h, w, 3] uint8 sRGB or float16 linear for each of the ascending frame numbers. Raises SourceError."""
         stream = self._stream(view)
         if stream.kind == "video":
-            pictures = VideoFile(self._path(stream.files[0])).read(numbers)
+            pictures = VideoFile(self._path(stream.files[0])).read(self._indices(view, numbers))
         else:
             pictures = (media.read_picture(p) for p in self._files(view, numbers))
         for n, picture in zip(numbers, pictures, strict=True):
             yield self._sized(view, int(n), picture)
+
+    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Frames of a view's video that are the given source frames."""
+        indices = []
+        for n in numbers:
+            index = self._stream(view).video_index(int(n))
+            if index is None:
+                raise SourceError(f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave the frame out with frames.range")
+            indices.append(index)
+        return indices
 
 
 class Masks(_Source):
@@ -129,7 +139,7 @@ class Joints(_Source):
         if stream.kind == "coco":
             if view not in self._coco:
                 self._coco[view] = read_coco(self._path(stream.files[0]), stream.options.get("view"))
-            path, found = stream.files[0].path, self._coco[view].get(number, no_people(self._count))
+            path, found = stream.files[0].path, self._coco[view].get(number + stream.late, no_people(self._count))
         else:
             path = next(self._files(view, [number]))
             found = _ONE_PICTURE[stream.kind](path)

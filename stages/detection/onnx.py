@@ -59,7 +59,7 @@ class OnnxEstimator:
         read = read_heatmaps(outputs[0], d, self._share) if d.kind == "heatmap" else read_simcc(outputs[0], outputs[1], d, self._share)
         places = to_picture(read.places, region)
         scores = np.clip(read.peaks * d.score_scale, 0, 1)
-        joints = seen_inside(np.concatenate([places, scores[:, None]], axis=1), (picture.shape[1], picture.shape[0]))
+        joints, _ = seen_inside(np.concatenate([places, scores[:, None]], axis=1), (picture.shape[1], picture.shape[0]))
         return Found(
             joints[None],
             region.astype(np.float32)[None],

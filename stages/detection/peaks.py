@@ -39,10 +39,10 @@ def bin_peaks(logs: np.ndarray) -> np.ndarray:
 
 
 def _step(logs: np.ndarray) -> np.ndarray:
-    """[2] (right, down) from the middle of 3 x 3 logarithms to the top of the paraboloid through them, a cell at most each way."""
+    """[2] (right, down) from the middle of 3 x 3 logarithms to the top of the paraboloid through them, two cells at most each way."""
     gradient = np.array([logs[1, 2] - logs[1, 0], logs[2, 1] - logs[0, 1]]) / 2
     cross = (logs[2, 2] - logs[2, 0] - logs[0, 2] + logs[0, 0]) / 4
     hessian = np.array([[logs[1, 2] - 2 * logs[1, 1] + logs[1, 0], cross], [cross, logs[2, 1] - 2 * logs[1, 1] + logs[0, 1]]])
     if hessian[0, 0] >= 0 or np.linalg.det(hessian) <= 0:
         return np.zeros(2)
-    return np.clip(np.linalg.solve(hessian, -gradient), -1, 1)
+    return np.clip(np.linalg.solve(hessian, -gradient), -2, 2)

@@ -39,10 +39,10 @@ def to_own(points: np.ndarray, region: np.ndarray) -> np.ndarray:
 def region_of(centre: np.ndarray, rim: np.ndarray) -> np.ndarray:
     """[4] region of a body from its centre and a point on the circle around it, above the head: px [2] each.
 
-    The side is 2 x 1.25 x their distance, and the region's upright points from the centre to the rim.
+    The side is 2 x 1.25 x their distance, a pixel at least, and the region's upright points from the centre to the rim.
     """
     du, dv = (np.asarray(rim, dtype=np.float64) - centre).tolist()
-    return np.array([centre[0], centre[1], 2 * MARGIN * np.hypot(du, dv), np.arctan2(du, -dv)])
+    return np.array([centre[0], centre[1], max(2 * MARGIN * np.hypot(du, dv), 1.0), np.arctan2(du, -dv)])
 
 
 def around(box: np.ndarray) -> np.ndarray:
@@ -56,19 +56,16 @@ def whole(size: tuple[int, int]) -> np.ndarray:
     return np.array([size[0] / 2, size[1] / 2, max(size), 0.0])
 
 
-def squares(size: tuple[int, int]) -> np.ndarray:
-    """[N, 4] squares as wide as the short side of a picture of size (width, height), overlapping by a half or more, over its long side.
+def squares(size: tuple[int, int], share: float = 1.0) -> np.ndarray:
+    """[N, 4] squares of `share` of the short side, overlapping by a half or more, that cover a picture of size (width, height).
 
-    None for a picture up to 1.2 times as long as wide: there the whole picture shows people nearly as large.
+    None where that would be one square, or the picture is at most 1.2 times as long as it: the whole picture shows people nearly as large.
     """
-    short, long = min(size), max(size)
-    if long <= 1.2 * short:
+    side = min(size) * share
+    if max(size) <= 1.2 * side:
         return np.zeros((0, 4))
-    count = int(np.ceil((long - short) / (short / 2))) + 1
-    along = np.linspace(short / 2, long - short / 2, count)
-    across = np.full(count, short / 2)
-    u, v = (along, across) if size[0] >= size[1] else (across, along)
-    return np.stack([u, v, np.full(count, float(short)), np.zeros(count)], axis=1)
+    u, v = (np.linspace(side / 2, n - side / 2, 1 + int(np.ceil((n - side) / (side / 2)))) for n in size)
+    return np.array([(x, y, side, 0.0) for y in v for x in u])
 
 
 def crop_to_own(shares: np.ndarray, share: np.ndarray) -> np.ndarray:
