@@ -225,6 +225,7 @@ class Context:
         shape = {
             "frame": len(self.source_frames),
             "view": len(self.rig),
+            "other_view": len(self.rig),
             "y": int(self.rig.size[:, 1].max()),
             "x": int(self.rig.size[:, 0].max()),
             "source_y": int(captured[:, 1].max()),

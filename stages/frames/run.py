@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 
 from stages.frames.display import gain_table, to_display, tone_mapped
-from stages.frames.effects import proven_offsets, white_point
+from stages.frames.effects import NO_LINK, proven_offsets, white_point
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
 from stages.frames.params import FramesParams, resolve_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
-from stages.survey.exposure import FEWEST, match
-from stages.survey.params import LIGHT, OUTLINES
+from stages.survey.exposure import match
+from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -99,9 +99,10 @@ def _offset(inputs: Inputs) -> float:
 def _gain(inputs: Inputs, view: int) -> np.ndarray:
     """[3] factor on the light of one source view, from what the survey saw of all of them."""
     sources = inputs.views.sources
-    found = match(np.stack([inputs.read("survey/colors", v) for v in sources]))
+    colors, surface = (np.stack([inputs.read(array, v) for v in sources]) for array in (COLORS, SURFACE))
+    found = match(colors, surface[:, list(sources)])
     if found is None:
-        raise SourceError(f"effects.exposure_matching is on, but no two cameras share well exposed patches of the body beside {FEWEST} joints; set it to auto or off")
+        raise SourceError(f"effects.exposure_matching is on, but {NO_LINK}; set it to auto or off")
     return found.gains[sources.index(view)]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
 from stages.frames.params import FramesParams, matte_choice, resolve_matte
-from stages.survey.params import LIGHT, OUTLINES
+from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.spec import ArraySpec, Shape
 
 
@@ -59,7 +59,8 @@ STAGE = Stage(
         Read.source("depth", when=_truth),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
-        Read("survey/colors", views="sources", when=_matched),
+        Read(COLORS, views="sources", when=_matched),
+        Read(SURFACE, views="sources", when=_matched),
         Read(OUTLINES, views="own", when=_corrected),
         Read(LIGHT, views="sources", when=_tone_mapped),
     ),

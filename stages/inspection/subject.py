@@ -119,15 +119,15 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
 
 
 def of_light(footage: Footage, found: list[Matched]) -> list[Finding]:
-    """Exposure and white balance of every camera against the others: on the body where joints tell what is the same, else around matched points."""
+    """Exposure and white balance of every camera against the others: around matched points, and where none are, on the body."""
     if len(footage.rig) < 2:
         return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
-    advice = "effects.exposure_matching evens it out where it has joints; better, set exposure and white balance by hand and equal in all cameras"
-    matching = match(_patches(footage)) if footage.facts & {"joints2d", "joints3d"} else None
+    advice = "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
+    compared = stops_apart(color_differences(footage, found), len(footage.rig))
+    matching = match(_patches(footage)) if compared is None and footage.facts & {"joints2d", "joints3d"} else None
     if matching is not None:
         gains = -np.log2(matching.gains)
         return [_light((n,), float(p), g, "on the body", advice) for n, p, g in zip(footage.names, matching.proven, gains, strict=True)]
-    compared = stops_apart(color_differences(footage, found), len(footage.rig))
     if compared is None:
         return [unmeasured("exposure", (), "stops", *LIGHT, "no two cameras share enough well exposed places, neither beside joints nor around matched points")]
     out: list = []
