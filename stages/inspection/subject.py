@@ -78,7 +78,7 @@ def of_joints(footage: Footage) -> list[Finding]:
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
         return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
-    out = []
+    out: list[Finding] = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
         if fit is None and footage.people[len(out)] >= 0.5:
@@ -104,16 +104,17 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera has nobody to be in step with"
         return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
     found = time_offsets(footage.rig, footage.tracks)
+    numbers = found.frames * footage.step
+    setting = ", ".join(f"{n}: {o:.2f}" for n, o in zip(footage.names, numbers, strict=True) if round(float(o)))
     out = []
     for v, name in enumerate(footage.names):
         told = found.sentence(v, name).partition(": ")[2]
         if not found.told[v]:
             out.append(unmeasured("time offset", (name,), "frames", *OFFSET, told, "film a few seconds of quick movement, a clap or a jump, that all cameras see"))
             continue
-        whole, left = round(float(found.frames[v])), float(found.frames[v] - round(found.frames[v]))
-        seconds = found.seconds(footage.frame_rate)[v]
-        late = f"{told}, {1000 * seconds:+.1f} ms" if v != found.reference else told
-        advice = f"set frames: {{time_offset: {{{name}: {found.frames[v]:.2f}}}}}; {abs(left):.2f} of a frame remain" if whole else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
+        left = float(numbers[v] - round(float(numbers[v])))
+        late = f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of a frame" if v != found.reference else told
+        advice = f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected" if round(float(numbers[v])) else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
         out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
     return out, found
 
