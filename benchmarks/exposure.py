@@ -10,6 +10,7 @@ are held out, and as bright as the middle one. Box PSNR and SSIM of their pictur
 from __future__ import annotations
 
 import argparse
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ def rows_of(seed: int) -> list[dict[str, Any]]:
         for cameras in ("alike", "as on desk"):
             if cameras != "alike":
                 spoil(folder / "capture")
+                shutil.rmtree(folder / "archive")  # the survey keeps what it saw of a sequence
             for state in ("auto",) if cameras == "alike" else ("off", "auto"):
                 results, _ = run_cell(folder, (held_out, f"effects.exposure_matching={state}"))
                 found = results.context.effects["exposure_matching"].decision

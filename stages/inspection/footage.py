@@ -145,10 +145,16 @@ class Footage:
         return joint_offsets(self.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
 
     @cached_property
+    def step(self) -> int:
+        """Source frame numbers from one frame to the next."""
+        every = np.unique(np.concatenate(self.numbers))
+        return int(np.diff(every).min()) if len(every) > 1 else 1
+
+    @cached_property
     def tracks(self) -> np.ndarray:
         """[F, V, 17, 3] joints of up to `RUN` consecutive frames from the middle, px of `rig`; score 0 where a camera lacks the frame or the joint."""
         every = np.unique(np.concatenate(self.numbers))
-        step = int(np.diff(every).min()) if len(every) > 1 else 1
+        step = self.step
         start = int(every[max(0, (len(every) - RUN) // 2)])
         found = [seen_joints(self.joint_inputs, n, LOOSE) for n in range(start, min(int(every[-1]), start + (RUN - 1) * step) + 1, step)]
         out = np.stack(found)

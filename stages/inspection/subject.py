@@ -51,7 +51,7 @@ def of_poses(footage: Footage) -> list[Finding]:
     found = refit(rig, seen[:, enough], space)
     if found is None:
         return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by two cameras")]
-    out: list = []
+    out: list[Finding] = []
     for i, j in combinations(range(len(enough)), 2):
         a, b = enough[i], enough[j]
         px, longest = float(footage.px[[a, b]].mean()), float(footage.longest[[a, b]].max())
@@ -78,7 +78,7 @@ def of_joints(footage: Footage) -> list[Finding]:
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
         return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
-    out: list = []
+    out: list[Finding] = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
         if fit is None and footage.people[len(out)] >= 0.5:
@@ -104,16 +104,17 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera has nobody to be in step with"
         return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
     found = time_offsets(footage.rig, footage.tracks)
-    out: list = []
+    numbers = found.frames * footage.step
+    setting = ", ".join(f"{n}: {o:.2f}" for n, o in zip(footage.names, numbers, strict=True) if round(float(o)))
+    out: list[Finding] = []
     for v, name in enumerate(footage.names):
         told = found.sentence(v, name).partition(": ")[2]
         if not found.told[v]:
             out.append(unmeasured("time offset", (name,), "frames", *OFFSET, told, "film a few seconds of quick movement, a clap or a jump, that all cameras see"))
             continue
-        whole, left = round(float(found.frames[v])), float(found.frames[v] - round(found.frames[v]))
-        seconds = found.seconds(footage.frame_rate)[v]
-        late = f"{told}, {1000 * seconds:+.1f} ms" if v != found.reference else told
-        advice = f"set frames: {{time_offset: {{{name}: {found.frames[v]:.2f}}}}}; {abs(left):.2f} of a frame remain" if whole else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
+        left = float(numbers[v] - round(float(numbers[v])))
+        late = f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of a frame" if v != found.reference else told
+        advice = f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected" if round(float(numbers[v])) else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
         out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
     return out, found
 
@@ -130,7 +131,7 @@ def of_light(footage: Footage, found: list[Matched]) -> list[Finding]:
         return [_light((n,), float(p), g, "on the body", advice) for n, p, g in zip(footage.names, matching.proven, gains, strict=True)]
     if compared is None:
         return [unmeasured("exposure", (), "stops", *LIGHT, "no two cameras share enough well exposed places, neither beside joints nor around matched points")]
-    out: list = []
+    out: list[Finding] = []
     for name, stops, error in zip(footage.names, *compared, strict=True):
         if not np.isfinite(error):
             out.append(unmeasured("exposure", (name,), "stops", *LIGHT, "no other camera shares enough matched points"))
@@ -163,7 +164,7 @@ def of_masks(footage: Footage) -> list[Finding]:
     if len(footage.rig) < 2:
         return [unmeasured("mask agreement", (), "of the rim", *MASKS, "one camera's masks have nothing to fit to")]
     masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
-    out: list = []
+    out: list[Finding] = []
     for v, name in enumerate(footage.names):
         shares = [s for m in masks if v in m and (s := agreeing_share(footage.rig, m, v)) is not None]
         if not shares:
@@ -178,7 +179,7 @@ def of_focus(footage: Footage) -> list[Finding]:
     """Blur of every camera's strong edges around the subject, absolutely and against the others."""
     found = [_width(footage, v) for v in range(len(footage.rig))]
     known = [w for w in found if w is not None]
-    out: list = []
+    out: list[Finding] = []
     for name, width in zip(footage.names, found, strict=True):
         if width is None:
             out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))
