@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-refinement | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-refinement bench-gpu crash extreme stability clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-refinement bench-pose bench-gpu crash extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -40,6 +40,10 @@ bench-gpu: $(STAMP)
 # Refinement beside per-scene optimisation from a plain start, on simulated people: about an hour on two cores.
 bench-refinement: $(STAMP)
 	$(BIN)/python -m benchmarks.refinement
+
+# Joints in space, with every kind of smoothing: ten minutes on two cores; BlazePose's where its models are here.
+bench-pose: $(STAMP)
+	$(BIN)/python -m benchmarks.pose
 
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)

@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.cli_models import models
 from dags.plan import Selection
 from dags.session import Session
 from dags.tasks import Task
@@ -28,6 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
 )
+app.add_typer(models, name="models")
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
@@ -59,7 +61,7 @@ def _say(lines: list[str], style: str | None = None) -> None:
 
 @app.command("import")
 def import_capture(
-    layout: Annotated[str, typer.Argument(help="pose2sim, easymocap or images.")],
+    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap or images.")],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
@@ -364,6 +366,28 @@ def export(
     if outcome:
         raise typer.Exit(outcome)
     _say(order.write(p))
+
+
+@app.command()
+def inspect(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
+
+    Example: posegaussian inspect balance --config balance.yaml
+    """
+    from dags.context import Context
+    from dags.inspecting import run_inspection
+
+    session = _session(config, assignments, archive)
+    name = session.one_name(sequence)
+    # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
+    context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    raise typer.Exit(run_inspection(context, console, output))
 
 
 @app.command()

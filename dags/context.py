@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dags.effects import Verdict, judged, refusals
+from dags.estimator import blazepose_is_here, named_joint_set
 from stages.contract import Evidence, Facts, Stage
-from stages.detection.choose import blazepose_is_here, named_joint_set
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
@@ -47,8 +47,17 @@ class Context:
 
     @cached_property
     def capture(self) -> Capture:
-        """The registered capture."""
-        return self.sequence.capture
+        """The registered capture, its cameras brought into step by `frames.time_offset`."""
+        return self.sequence.capture.in_step(self.late)
+
+    @cached_property
+    def late(self) -> tuple[int, ...]:
+        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras that the capture does not have."""
+        names, offsets = self.sequence.capture.rig.names, self.settings.frames.time_offset
+        for name in offsets:
+            if name not in names:
+                raise ConfigError(f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+        return tuple(round(offsets.get(n, 0.0)) for n in names)
 
     def params(self, stage: Stage) -> Any:
         """Settings of one stage."""

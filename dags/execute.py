@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from dags import threads
+from dags.estimator import estimator_of
 from dags.memory import Peak
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
-from stages.detection.choose import estimator_of
 from stages.detection.params import DetectionParams
 from stages.io import Block, Views
 from stages.registry import stage as stage_named
@@ -107,6 +107,8 @@ class Order:
     views: Views
     rig: Rig
     captured_to_calibrated: np.ndarray
+    late: tuple[int, ...]
+    """Frames by which each view is late."""
     path: CameraPath | None
     facts: Facts
     joint_set: str | None
@@ -141,8 +143,8 @@ class Order:
 
 
 @lru_cache(maxsize=8)
-def _capture(root: Path, stamp: int) -> Capture:
-    return Sequence(root).capture
+def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
+    return Sequence(root).capture.in_step(late)
 
 
 class StoreInputs:
@@ -151,7 +153,7 @@ class StoreInputs:
     def __init__(self, order: Order) -> None:
         """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
         self._order = order
-        self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns)
+        self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
         self.partition = order.frames
         self.source_frames = order.source_frames
         self.time = order.time

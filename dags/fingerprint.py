@@ -7,9 +7,9 @@ from typing import Any
 
 from dags.code import code_digest
 from dags.context import Context
+from dags.estimator import KERNELS, models_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
-from stages.detection.choose import KERNELS, models_digest
 from stages.registry import stage as stage_named
 from storage.spec import digest
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -73,26 +73,59 @@ class SourceFile:
             raise SourceError(f"source file {p} changed since it was imported: {how}; put the old one back or import the capture again")
 
 
+ONE_FILE = ("video", "coco", "caliscope", "trc")
+"""Kinds of streams whose one file holds all frames."""
+
+
 @dataclass(frozen=True)
 class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
-    kind: Literal["video", "images", "openpose", "coco", "easymocap", "trc"]
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc"]
     """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
     files: tuple[SourceFile, ...]
-    """One file for video, coco and trc; else one for every number."""
+    """One file for video, coco, caliscope and trc; else one for every number."""
     numbers: tuple[int, ...]
     """Source frame numbers, ascending."""
     size: tuple[int, int] = (0, 0)
     """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
     options: dict[str, Any] = field(default_factory=dict)
-    """What a reader of this format must know besides, for example a joint set or a person's id."""
+    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in `index_of`."""
+
+    def index_of(self, number: int) -> int | None:
+        """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
+
+        Without indices it is the number itself, later by as much as the camera is `late`; with them, None for a number that the stream does not have.
+        """
+        return self._index_of.get(number) if "indices" in self.options else number + self.late
+
+    @property
+    def late(self) -> int:
+        """Frames by which the camera is late, see `Capture.in_step`; a reader of a file that holds all frames looks so much further."""
+        return int(self.options.get("late", 0))
+
+    def renumbered(self, late: int, first: int, last: int) -> Stream:
+        """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
+        kept = [(i, n - late) for i, n in enumerate(self.numbers) if first <= n - late <= last]
+        files = self.files if self.kind in ONE_FILE else tuple(self.files[i] for i, _ in kept)
+        if "indices" in self.options:
+            options = {**self.options, "indices": [self.options["indices"][i] for i, _ in kept]}
+        else:
+            options = {**self.options, "late": self.late + late}
+        return replace(self, files=files, numbers=tuple(n for _, n in kept), options=options)
+
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
-        """Digest of the files behind some frame numbers: of the whole file where one file holds all."""
+        """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of its frames these are."""
         held = sorted({int(n) for n in numbers} & self._file_of.keys())
         shas = [self.files[0].sha256] if len(self.files) == 1 else [self._file_of[n].sha256 for n in held]
-        return digest([self.kind, shas, held, self.options])
+        options = {**self.options, "indices": [self._index_of[n] for n in held]} if "indices" in self.options else self.options
+        return digest([self.kind, shas, held, options])
+
+    @cached_property
+    def _index_of(self) -> dict[int, int]:
+        """{frame number: what the file calls it}, where these differ."""
+        return dict(zip(self.numbers, self.options["indices"], strict=True))
 
     @cached_property
     def _file_of(self) -> dict[int, SourceFile]:
@@ -127,6 +160,20 @@ class Capture:
     def numbers(self) -> np.ndarray:
         """[N] ascending source frame numbers that at least one view has."""
         return np.unique(np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in self.pictures]))
+
+    def in_step(self, late: Sequence[int]) -> Capture:
+        """The capture with every view's files renumbered: picture, mask, joints and depth n of view v are those of number n + late[v].
+
+        No frame is added: what would come before the first source frame or after the last one is left out. 3D joints stay.
+        """
+        if not any(late):
+            return self
+        first, last = int(self.numbers[0]), int(self.numbers[-1])
+
+        def moved(kind: str) -> tuple[Stream | None, ...]:
+            return tuple(s if s is None or not n else s.renumbered(n, first, last) for s, n in zip(self.streams(kind), late, strict=False))
+
+        return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
     def streams(self, kind: str) -> tuple[Stream | None, ...]:
         """Streams of a source kind: pictures, masks, joints, joints3d (one entry) or depth."""

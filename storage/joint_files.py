@@ -1,10 +1,11 @@
-"""Joint files of other people: OpenPose, COCO and EasyMocap JSON (2D) and TRC (3D), read into our pixel centres and axes.
+"""Joint files of other people: OpenPose, COCO and EasyMocap JSON and Caliscope's CSV (2D) and TRC (3D), read into our pixel centres and axes.
 
 2D formats place the centre of the top-left pixel at (0, 0) unless a COCO file says `"pixel_center": "half"`.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from collections.abc import Iterable, Mapping
@@ -146,6 +147,49 @@ def _pixel_center(value: Any, path: str | Path) -> str:
     if value not in ("integer", "half"):
         raise SourceError(f"{path}: pixel_center is {value!r}; it must be 'integer' or 'half'")
     return value
+
+
+class TrackedFrame(NamedTuple):
+    """What Caliscope says about one picture in which it tracked landmarks."""
+
+    frame_index: int
+    """Frame of the video, in newer versions."""
+    frame_time: float
+    """Seconds."""
+    points: dict[int, tuple[float, float]]
+    """{landmark: (x, y)} px, pixel centres at integers."""
+
+
+def read_tracked(path: str | Path) -> dict[int, dict[int, TrackedFrame]]:
+    """{camera: {sync_index: frame}} of Caliscope's `xy_TRACKER.csv`. Raises SourceError with path, line and cause."""
+    out: dict[int, dict[int, TrackedFrame]] = {}
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as f:
+            reader = csv.DictReader(f)
+            camera, point = (next((k for k in keys if k in (reader.fieldnames or ())), keys[0]) for keys in (("cam_id", "port"), ("point_id", "keypoint_id")))
+            lacking = {"sync_index", camera, "frame_index", "frame_time", point, "img_loc_x", "img_loc_y"} - set(reader.fieldnames or ())
+            if lacking:
+                raise SourceError(f"{path} lacks the columns {', '.join(sorted(lacking))}; track the recording with Caliscope again")
+            for row in reader:
+                try:
+                    frame = TrackedFrame(int(row["frame_index"]), float(row["frame_time"]), {})
+                    found = out.setdefault(int(row[camera]), {}).setdefault(int(row["sync_index"]), frame)
+                    found.points[int(row[point])] = (float(row["img_loc_x"]), float(row["img_loc_y"]))
+                except (TypeError, ValueError) as e:
+                    raise SourceError(f"{path} line {reader.line_num}: {e}") from e
+    except (OSError, UnicodeDecodeError) as e:
+        raise SourceError(f"cannot read {path}: {e}") from e
+    return out
+
+
+def read_caliscope(path: str | Path, camera: int, joints: int) -> dict[int, Detections]:
+    """The one person of a camera by sync_index, landmarks 0 to J-1; Caliscope keeps no scores, so a landmark it has counts as 1. Raises SourceError."""
+    out = {}
+    for sync, frame in read_tracked(path).get(camera, {}).items():
+        flat = [(*frame.points[j], 1.0) if j in frame.points else (np.nan, np.nan, 0.0) for j in range(joints)]
+        people = _joints(flat, path, "landmarks", half=False)[None]
+        out[sync] = Detections(people, np.zeros((1, 5))) if people[..., 2].any() else no_people(joints)
+    return out
 
 
 @dataclass(frozen=True, eq=False)

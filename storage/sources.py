@@ -13,7 +13,7 @@ import numpy as np
 from storage import media
 from storage.capture import Capture, SourceFile, Stream
 from storage.errors import SourceError
-from storage.joint_files import Detections, no_people, read_coco, read_easymocap, read_openpose, read_trc
+from storage.joint_files import Detections, no_people, read_caliscope, read_coco, read_easymocap, read_openpose, read_trc
 from storage.joints import joint_set
 from storage.video import VideoFile
 
@@ -76,11 +76,21 @@ class Pictures(_Source):
         """[h, w, 3] uint8 sRGB or float16 linear for each of the ascending frame numbers. Raises SourceError."""
         stream = self._stream(view)
         if stream.kind == "video":
-            pictures = VideoFile(self._path(stream.files[0])).read(numbers)
+            pictures = VideoFile(self._path(stream.files[0])).read(self._indices(view, numbers))
         else:
             pictures = (media.read_picture(p) for p in self._files(view, numbers))
         for n, picture in zip(numbers, pictures, strict=True):
             yield self._sized(view, int(n), picture)
+
+    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Frames of a view's video that are the given source frames."""
+        indices = []
+        for n in numbers:
+            index = self._stream(view).index_of(int(n))
+            if index is None:
+                raise SourceError(f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave the frame out with frames.range")
+            indices.append(index)
+        return indices
 
 
 class Masks(_Source):
@@ -112,7 +122,7 @@ class Joints(_Source):
         super().__init__(capture, kind)
         self.joint_set: str = next(s.options["joint_set"] for s in self._streams if s is not None)
         self._count = len(joint_set(self.joint_set))
-        self._coco: dict[int, dict[int, Detections]] = {}
+        self._tables: dict[int, dict[Any, Detections]] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
         """[people, J, 3] float64 (u, v, score) in captured pixels, our centres; a frame without a file has zero people."""
@@ -126,10 +136,11 @@ class Joints(_Source):
         stream = self._streams[view]
         if stream is None or number not in stream.numbers:
             return no_people(self._count)
-        if stream.kind == "coco":
-            if view not in self._coco:
-                self._coco[view] = read_coco(self._path(stream.files[0]), stream.options.get("view"))
-            path, found = stream.files[0].path, self._coco[view].get(number, no_people(self._count))
+        if stream.kind in ("coco", "caliscope"):
+            if view not in self._tables:
+                path = self._path(stream.files[0])
+                self._tables[view] = read_coco(path, stream.options.get("view")) if stream.kind == "coco" else read_caliscope(path, stream.options["camera"], self._count)
+            path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
         else:
             path = next(self._files(view, [number]))
             found = _ONE_PICTURE[stream.kind](path)

@@ -20,16 +20,16 @@ from stages.registry import STAGES, stage
 from storage.archive import layout
 from storage.spec import ArraySpec, TableSpec
 
-SOURCES = {"pictures", "masks", "joints", "joints3d", "depth"}
-CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames")
+SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "estimator"}
+CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected")
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
 OPTIONAL = tuple(s for s in STAGES if s.optional)
 EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
-EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) for on in EFFECT_STATES]
-SHAPE = {"frame": 16, "view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25}
-HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh"}
+EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) if "joints2d" in c or "detected" not in c for on in EFFECT_STATES]
+SHAPE = {"frame": 16, "view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25, "person": 3}
+HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh", "ai_edge_litert"}
 
 every_stage = pytest.mark.parametrize("s", STAGES, ids=lambda s: s.name)
 
@@ -46,7 +46,7 @@ def test_names_are_unique_and_match_the_keys_of_the_settings() -> None:
     for s in STAGES:
         assert stage(s.name) is s
         assert Settings.model_fields[s.name].annotation is s.params
-    with pytest.raises(KeyError, match="survey, frames"):
+    with pytest.raises(KeyError, match="survey, detection"):
         stage("nothing")
 
 

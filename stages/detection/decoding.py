@@ -69,7 +69,7 @@ def landmarks(raw: np.ndarray, heatmaps: np.ndarray) -> tuple[np.ndarray, np.nda
 def refined(places: np.ndarray, heatmaps: np.ndarray) -> np.ndarray:
     """Places [J, 2] (0..1) moved to the mean of their heatmaps [h, w, J] over the 7 x 7 cells around them.
 
-    A landmark outside the region, or whose neighbourhood stays below 0.5, keeps its place. After MediaPipe's
+    Cell (i, j) stands at (j/w, i/h), see `centred`. A landmark outside the region, or whose neighbourhood stays below 0.5, keeps its place. After MediaPipe's
     RefineLandmarksFromHeatmapCalculator.
     """
     h, w, _ = heatmaps.shape
@@ -82,5 +82,20 @@ def refined(places: np.ndarray, heatmaps: np.ndarray) -> np.ndarray:
         rows, cols = np.arange(max(0, row - reach), min(h, row + reach + 1)), np.arange(max(0, col - reach), min(w, col + reach + 1))
         part = heatmaps[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1, j].astype(np.float64)
         if part.max() >= REFINING_CONFIDENCE:
-            out[j] = (part.sum(0) @ cols / part.sum() + 0.5) / w, (part.sum(1) @ rows / part.sum() + 0.5) / h
+            out[j] = part.sum(0) @ cols / part.sum() / w, part.sum(1) @ rows / part.sum() / h
     return out
+
+
+def centred(heatmaps: np.ndarray) -> np.ndarray:
+    """Heatmaps [h, w, J] whose cell (i, j) stands at (j/w, i/h) -> the same at the cells' centres, ((j + .5)/w, (i + .5)/h).
+
+    BlazePose's maps are of the first kind: over mirrored crops of real people the columns of a peak and of its mirror
+    image add up to 64.0, not 63. Half a cell is interpolated cubically, as a mean of neighbours would lower the peaks.
+    """
+    out = heatmaps
+    for axis in (0, 1):
+        n = out.shape[axis]
+        padded = np.pad(out, [(1, 2) if a == axis else (0, 0) for a in range(3)])
+        a, b, c, d = (np.take(padded, np.arange(k, k + n), axis) for k in range(4))
+        out = (9 * (b + c) - (a + d)) / 16
+    return np.clip(out, 0, 1)

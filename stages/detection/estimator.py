@@ -65,9 +65,7 @@ class Estimator(Protocol):
         """Landmarks in the given regions [P, 4] (centre u, centre v, side, angle), one person each in the same order, without a detector."""
 
 
-def seen_inside(joints: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Joints [..., 3] with score 0 where they lie outside a picture of size (width, height): what is not pictured was not seen."""
-    out = np.array(joints, dtype=np.float32)
-    inside = (out[..., 0] >= 0) & (out[..., 0] <= size[0]) & (out[..., 1] >= 0) & (out[..., 1] <= size[1])
-    out[..., 2] *= inside
-    return out
+def seen_inside(joints: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Joints [J, 3] float32 with score 0 where they lie outside a picture of size (width, height), and [J] which lie inside: what is not pictured was not seen."""
+    inside = np.all((joints[:, :2] >= 0) & (joints[:, :2] <= size), axis=1)
+    return np.concatenate([joints[:, :2], joints[:, 2:] * inside[:, None]], axis=1).astype(np.float32), inside

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+from storage.errors import SourceError
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,9 @@ BLAZEPOSE = (
 
 
 def cache_folder() -> Path:
-    """Folder of fetched models: `posegaussian/models` in XDG_CACHE_HOME, else in the platform's folder for caches."""
+    """Folder of fetched models: POSEGAUSSIAN_MODELS, else `posegaussian/models` in XDG_CACHE_HOME, else in the platform's folder for caches."""
+    if own := os.environ.get("POSEGAUSSIAN_MODELS"):
+        return Path(own)
     chosen = os.environ.get("XDG_CACHE_HOME")
     if chosen:
         base = Path(chosen)
@@ -55,11 +61,20 @@ def blazepose_folder() -> Path:
 def model_files(folder: Path | None = None) -> dict[str, Path] | None:
     """The three files by name without ending, or None where one is missing or has another size.
 
-    Looks in the cache folder unless another is given. Contents were checked when the files were put there.
+    Looks in the cache folder unless another is given. Contents are not read here, see `check_files`.
     """
     place = folder or blazepose_folder()
     files = {Path(m.name).stem: place / m.name for m in BLAZEPOSE}
     return files if all(f.is_file() and f.stat().st_size == m.size for f, m in zip(files.values(), BLAZEPOSE, strict=True)) else None
+
+
+def check_files(files: Mapping[str, Path]) -> None:
+    """Raise SourceError for a file that is not the published one: a cache can be spoilt, and results are kept by the models' sha256."""
+    for m in BLAZEPOSE:
+        file = files[Path(m.name).stem]
+        found = hashlib.sha256(file.read_bytes()).hexdigest()
+        if found != m.sha256:
+            raise SourceError(f"{file} has sha256 {found}, the published {m.name} has {m.sha256}; delete it and bring it again with `{FETCH}`")
 
 
 def missing_sentence(folder: Path | None = None) -> str:

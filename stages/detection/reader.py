@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterable
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
@@ -32,15 +33,22 @@ class EstimatedJoints:
 
     def read(self, view: int, number: int) -> np.ndarray:
         """[people, J, 3] float64 (u, v, score) in captured pixels; nobody in a frame the view lacks."""
-        if number not in self._pictures.numbers(view):
-            return np.zeros((0, len(joint_set(self.joint_set)), 3))
-        kept, key = self._kept.setdefault(self._estimator, OrderedDict()), self._pictures.identity(view, number)
-        if key not in kept:
-            (picture,) = self._pictures.read(view, [number])
-            kept[key] = np.asarray(self._estimator.find(to_display(picture), PEOPLE).joints, dtype=np.float64)
-            if len(kept) > KEPT:
-                kept.popitem(last=False)
-        return kept[key]
+        self.look_at(view, [number])
+        nobody = np.zeros((0, len(joint_set(self.joint_set)), 3))
+        return self._known.get(self._pictures.identity(view, number), nobody) if number in self._pictures.numbers(view) else nobody
+
+    def look_at(self, view: int, numbers: Iterable[int]) -> None:
+        """Estimate what is not known yet of the given frames of a view, in one pass over its pictures."""
+        wanted = sorted({int(n) for n in numbers} & {int(n) for n in self._pictures.numbers(view)})
+        new = [n for n in wanted if self._pictures.identity(view, n) not in self._known]
+        for number, picture in zip(new, self._pictures.read(view, new) if new else (), strict=True):
+            self._known[self._pictures.identity(view, number)] = np.asarray(self._estimator.find(to_display(picture), PEOPLE).joints, dtype=np.float64)
+        while len(self._known) > KEPT:
+            self._known.popitem(last=False)
+
+    @property
+    def _known(self) -> OrderedDict[str, np.ndarray]:
+        return self._kept.setdefault(self._estimator, OrderedDict())
 
 
 def joint_reader(inputs: Inputs) -> JointReader:

@@ -39,10 +39,16 @@ def to_own(points: np.ndarray, region: np.ndarray) -> np.ndarray:
 def region_of(centre: np.ndarray, rim: np.ndarray) -> np.ndarray:
     """[4] region of a body from its centre and a point on the circle around it, above the head: px [2] each.
 
-    The side is 2 x 1.25 x their distance, and the region's upright points from the centre to the rim.
+    The side is 2 x 1.25 x their distance, a pixel at least, and the region's upright points from the centre to the rim.
     """
     du, dv = (np.asarray(rim, dtype=np.float64) - centre).tolist()
-    return np.array([centre[0], centre[1], 2 * MARGIN * np.hypot(du, dv), np.arctan2(du, -dv)])
+    return np.array([centre[0], centre[1], max(2 * MARGIN * np.hypot(du, dv), 1.0), np.arctan2(du, -dv)])
+
+
+def around(box: np.ndarray) -> np.ndarray:
+    """[4] upright region around a box (u0, v0, u1, v1), px: its longer side with the margin that a body's region has."""
+    u0, v0, u1, v1 = np.asarray(box, dtype=np.float64).tolist()
+    return np.array([(u0 + u1) / 2, (v0 + v1) / 2, MARGIN * max(u1 - u0, v1 - v0), 0.0])
 
 
 def whole(size: tuple[int, int]) -> np.ndarray:
@@ -50,35 +56,38 @@ def whole(size: tuple[int, int]) -> np.ndarray:
     return np.array([size[0] / 2, size[1] / 2, max(size), 0.0])
 
 
-def squares(size: tuple[int, int]) -> np.ndarray:
-    """[N, 4] squares as wide as the short side of a picture of size (width, height), overlapping by a half or more, over its long side.
+def squares(size: tuple[int, int], share: float = 1.0) -> np.ndarray:
+    """[N, 4] squares of `share` of the short side, overlapping by a half or more, that cover a picture of size (width, height).
 
-    None for a picture up to 1.2 times as long as wide: there the whole picture shows people nearly as large.
+    None where that would be one square, or the picture is at most 1.2 times as long as it: the whole picture shows people nearly as large.
     """
-    short, long = min(size), max(size)
-    if long <= 1.2 * short:
+    side = min(size) * share
+    if max(size) <= 1.2 * side:
         return np.zeros((0, 4))
-    count = int(np.ceil((long - short) / (short / 2))) + 1
-    along = np.linspace(short / 2, long - short / 2, count)
-    across = np.full(count, short / 2)
-    u, v = (along, across) if size[0] >= size[1] else (across, along)
-    return np.stack([u, v, np.full(count, float(short)), np.zeros(count)], axis=1)
+    u, v = (np.linspace(side / 2, n - side / 2, 1 + int(np.ceil((n - side) / (side / 2)))) for n in size)
+    return np.array([(x, y, side, 0.0) for y in v for x in u])
 
 
-def crop(picture: np.ndarray, region: np.ndarray, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
+def crop_to_own(shares: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Points [..., 2] in shares 0..1 of a crop that is `share` (across, down) of its region's side, about the centre -> the region's own coordinates."""
+    return 0.5 + share * (shares - 0.5)
+
+
+def crop(picture: np.ndarray, region: np.ndarray, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT, share: np.ndarray | None = None) -> np.ndarray:
     """[height, width, 3] the region of a picture [h, w, 3] uint8, sampled bilinearly; `size` is (width, height) in cells.
 
-    The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region. A picture more than
-    twice as fine as the crop is averaged over whole pixels first, so that nothing aliases. Outside is black, or as
-    OpenCV's `border` says.
+    The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region, or of the part of it that
+    `share` names (see `crop_to_own`). A picture more than twice as fine as the crop is averaged over whole pixels first,
+    so that nothing aliases. Outside is black, or as OpenCV's `border` says.
     """
+    share = np.ones(2) if share is None else share
     h, w = picture.shape[:2]
-    shrink = int(region[2] / max(size))
+    shrink = int((region[2] * share / size).min())
     scale = np.ones(2)
     if shrink >= 2:
         small = (max(1, round(w / shrink)), max(1, round(h / shrink)))
         picture, scale = cv2.resize(picture, small, interpolation=cv2.INTER_AREA), np.array(small) / (w, h)
-    cells = points_from_integer_centres(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])) / size
+    cells = crop_to_own(points_from_integer_centres(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])) / size, share)
     origin, right, down = points_to_integer_centres(to_picture(cells, region) * scale)
     affine = np.stack([right - origin, down - origin, origin], axis=1)
     return cv2.warpAffine(picture, affine, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=border)

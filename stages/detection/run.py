@@ -9,6 +9,7 @@ import numpy as np
 from stages.detection.estimator import Estimator, Found
 from stages.detection.guided import Space, astray
 from stages.detection.params import DetectionParams
+from stages.detection.regions import around
 from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from storage.joints import joint_set
@@ -23,7 +24,7 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
     """
     estimator: Estimator = inputs.source("estimator")
     space = Space(inputs, estimator.joint_set)
-    found = {v: [_chosen(f, params, inputs.views.names[v]) for f in _looked(inputs, estimator, params, v)] for v in inputs.views.sources}
+    found = {v: _looked(inputs, estimator, params, v) for v in inputs.views.sources}
     for v, regions in astray(space, found).items():
         for frame, again in _look_again(inputs, estimator, v, regions):
             first = found[v][frame]
@@ -33,12 +34,16 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
 
 
 def _looked(inputs: Inputs, estimator: Estimator, params: DetectionParams, view: int) -> list[Found]:
-    """What the estimator finds in every frame of one view; nobody where the view has no picture."""
+    """What the estimator finds in every frame of one view, in the view's box where it has one; nobody where the view has no picture."""
     present = np.flatnonzero(inputs.valid[:, view])
     out = [Found.nobody(len(joint_set(estimator.joint_set)))] * len(inputs.partition)
-    pictures = inputs.source("pictures").read(view, [int(n) for n in inputs.source_frames[present]])
+    pictures, box = inputs.source("pictures").read(view, [int(n) for n in inputs.source_frames[present]]), params.box.get(inputs.views.names[view])
     for frame, picture in zip(present, pictures, strict=True):
-        out[frame] = estimator.find(to_display(picture), params.people)
+        shown = to_display(picture)
+        out[frame] = estimator.find(shown, params.people)
+        if box is not None:
+            inside = out[frame].pick(_inside(out[frame].joints, box))
+            out[frame] = inside if len(inside) else estimator.look(shown, around(np.array(box))[None])
     return out
 
 
@@ -50,14 +55,12 @@ def _look_again(inputs: Inputs, estimator: Estimator, view: int, regions: dict[i
         yield frame, estimator.look(to_display(picture), regions[frame][None])
 
 
-def _chosen(found: Found, params: DetectionParams, name: str) -> Found:
-    """The people whose joints' middle lies in the camera's box, where it has one."""
-    if name not in params.box or not len(found):
-        return found
-    left, top, right, bottom = params.box[name]
-    weight = np.maximum(found.joints[..., 2:], 1e-6)
-    u, v = ((found.joints[..., :2] * weight).sum(axis=1) / weight.sum(axis=1)).T
-    return found.pick(np.flatnonzero((left <= u) & (u <= right) & (top <= v) & (v <= bottom)).tolist())
+def _inside(joints: np.ndarray, box: list[float]) -> list[int]:
+    """Which of the people [P, J, 3] have their joints' middle, weighted by score, in a box (left, top, right, bottom)."""
+    left, top, right, bottom = box
+    weight = np.maximum(joints[..., 2:], 1e-6)
+    u, v = ((joints[..., :2] * weight).sum(axis=1) / weight.sum(axis=1)).T
+    return np.flatnonzero((left <= u) & (u <= right) & (top <= v) & (v <= bottom)).tolist()
 
 
 def _blocks(inputs: Inputs, params: DetectionParams, found: list[Found] | None, view: int, joints: int) -> Iterator[Block]:

@@ -24,7 +24,7 @@ def unneeded(params: DetectionParams, facts: Facts) -> str | None:
 
 STAGE = Stage(
     name="detection",
-    summary="Find people in the pictures: joints, heatmaps, segmentation; where a view missed the subject, look where the others see it.",
+    summary="Find people and their joints in the pictures, and look again where a view missed the subject.",
     version=1,
     run="stages.detection.run:run",
     check="stages.detection.run:check",
@@ -32,8 +32,8 @@ STAGE = Stage(
     writes=(
         ArraySpec("detection/joints2d", ("frame", "view", "person", "joint", "uvs"), "float32", "px", "Joints of everybody found, in captured pixels, and their score; all 0 = nobody."),
         ArraySpec("detection/region", ("frame", "view", "person", "region"), "float32", "px", "Square in which a person was looked at: centre u, v, side in captured pixels, turn in radians; side 0 = nobody."),
-        ArraySpec("detection/heatmaps", ("frame", "view", "person", "coco17", "map", "map"), "float16", "1", "The estimator's heatmaps over the region, 0..1.", keep="until_done"),
-        ArraySpec("detection/person", ("frame", "view", "person", "hint", "hint"), "uint8", "1/255", "The estimator's segmentation of the person over the region; 0 where it gives none.", keep="until_done"),
+        ArraySpec("detection/heatmaps", ("frame", "view", "person", "coco17", "map_y", "map_x"), "float16", "1", "The estimator's heatmaps over the region, 0..1.", keep="until_done"),
+        ArraySpec("detection/person", ("frame", "view", "person", "hint_y", "hint_x"), "uint8", "1/255", "The estimator's segmentation of the person over the region; 0 where it gives none.", keep="until_done"),
     ),
     over=("sequence", "time"),
     params=DetectionParams,

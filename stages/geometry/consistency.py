@@ -101,8 +101,8 @@ def _sample(picture: np.ndarray, points: np.ndarray, interpolation: int) -> np.n
     count, width = len(points), 4096
     grid = np.zeros((-(-count // width) * width, 2), np.float32)
     grid[:count] = np.clip(points, -1e6, 1e6)
-    grid = grid.reshape(-1, width, 2)
+    rows = grid.reshape(-1, width, 2)
     if not count:
         return np.zeros((0, *picture.shape[2:]), np.float32)
-    values = cv2.remap(picture.astype(np.float32), grid[..., 0], grid[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
+    values = cv2.remap(picture.astype(np.float32), rows[..., 0], rows[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
     return values.reshape(-1, *picture.shape[2:])[:count]

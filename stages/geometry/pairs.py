@@ -103,7 +103,7 @@ def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, su
     tilt = max(min(t, 180 - t) for t in tilts)
     if tilt > MAX_TILT:
         return report(Verdict.VERTICAL, tilt, MAX_TILT, f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most {MAX_TILT:g})")
-    share = _body_share(rig, first, second, subject, up)
+    share = body_share(rig, first, second, subject, up)
     if share < MIN_BODY:
         return report(Verdict.TOO_WIDE, share, MIN_BODY, f"too wide, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})")
     return report(Verdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
@@ -122,7 +122,7 @@ def _rolled(rig: Rig, pair: tuple[int, int], baseline: np.ndarray, up: np.ndarra
     return max(min(difference, 360 - difference), *against_rig)
 
 
-def _body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
+def body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
     """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame; 0 where none is seen."""
     try:
         pair = rectify(rig, first, second, subject)

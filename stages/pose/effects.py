@@ -8,7 +8,7 @@ from stages.contract import Decision, Effect, Evidence
 def _heatmaps(evidence: Evidence, bound: float) -> Decision:
     views = len(evidence.joint_views)
     if views:
-        return Decision(True, float(views), bound, f"{views} of {len(evidence.sources)} source views came with joints")
+        return Decision(True, float(views), bound, f"{views} of {len(evidence.sources)} source views have joints")
     return Decision(True, float(len(evidence.sources)), bound, "the capture came with 3D joints, which every view sees")
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from stages.io import Block, Inputs
 from stages.pose.heatmaps import draw, grid_of
 from stages.pose.model_maps import put_model_maps
+from stages.pose.over_time import Followed, follow, swaps_told
 from stages.pose.params import PoseParams, uses_model_maps
 from stages.pose.points import NEAR, focus, project
-from stages.pose.seen import joint_set_of, subject_in_views
-from stages.pose.triangulate import triangulate
-from storage.joints import joint_set, to_set
+from stages.pose.seen import joint_set_of
+from storage.joints import to_set
 from storage.rig import Rig
 
 NEAREST_SUBJECT = 0.5
@@ -29,15 +29,15 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     A joint whose estimate stands has the estimator's own heatmap while `params.heatmaps` is model, every other one a Gaussian.
     """
     set_id = joint_set_of(inputs)
-    seen, chosen = subject_in_views(inputs, params, len(joint_set(set_id)))
-    frames = [_frame(inputs, params, f, seen[f], set_id) for f in range(len(inputs.partition))]
+    followed = follow(inputs, params, set_id)
+    frames = [_frame(inputs, params, followed, f, set_id) for f in range(len(inputs.partition))]
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
-    yield Block("pose/joints3d", joints3d.astype(np.float32))
+    yield Block("pose/joints3d", joints3d.astype(np.float32), notes=swaps_told(followed, inputs))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v)
         if "detected" in inputs.facts:
-            yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
+            yield Block("pose/chosen", followed.chosen[:, v].astype(np.int32), v)
         if "pose_heatmaps" not in inputs.facts:
             continue
         sigma = np.full(depth[:, v].shape, params.sigma)
@@ -47,22 +47,22 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         width, height = (int(n) for n in inputs.rig.size[v])
         maps = draw(coco[..., [0, 1, 3]], coco[..., 2], (width, height), grid)
         if uses_model_maps(params, inputs.facts) and v in inputs.views.sources:
-            put_model_maps(inputs, maps, coco[..., 3] * (coco[..., 4] > 0), chosen[:, v], v)
+            put_model_maps(inputs, maps, coco[..., 3] * (coco[..., 4] > 0), followed, v)
         yield Block("pose/heatmaps", maps, v)
 
 
-def _frame(inputs: Inputs, params: PoseParams, frame: int, seen: np.ndarray, set_id: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Joints of one frame of the partition, of the subject's detections [V, J, 3] in it.
+def _frame(inputs: Inputs, params: PoseParams, followed: Followed, frame: int, set_id: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Joints of one frame of the partition.
 
     3D [J, 4], 2D in all views [V, J, 3], depth of each [V, J] in metres, and whether a view's own detection stands [V, J].
+    A 3D joint that the capture gives is believed after what the frame's views say and before what other frames do.
     """
-    joints3d, sources = np.zeros((len(joint_set(set_id)), 4)), list(inputs.views.sources)
-    if "joints2d" in inputs.facts:
-        joints3d = triangulate(inputs.rig.subset(sources), seen[sources], params.min_score, params.max_residual)
+    joints3d = followed.points[frame]
     if "joints3d" in inputs.facts:
         given = to_set(_given(inputs, frame), inputs.source("joints3d").joint_set, set_id)
-        joints3d = np.where(joints3d[:, 3:] > 0, joints3d, given)
-    return joints3d, *_in_views(inputs.rig, joints3d, seen, params)
+        own = (joints3d[:, 3:] > 0) & ~followed.bridged[frame][:, None]
+        joints3d = np.where(own | (given[:, 3:] <= 0), joints3d, given)
+    return joints3d, *_in_views(inputs.rig, joints3d, followed.joints[frame], params)
 
 
 def _given(inputs: Inputs, frame: int) -> np.ndarray:

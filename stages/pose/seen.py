@@ -21,30 +21,36 @@ def joint_set_of(inputs: Inputs) -> str:
     return inputs.source("joints" if "joints2d" in inputs.facts else "joints3d").joint_set
 
 
+def span_of(inputs: Inputs) -> range:
+    """Frame indices whose 2D joints may be asked for: the partition and its halo; the partition where there are no 2D joints."""
+    if "joints2d" not in inputs.facts:
+        return inputs.partition
+    return inputs.span(DETECTIONS if "detected" in inputs.facts else "joints")
+
+
 def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is; -1: none, or not told.
 
-    F: frames of the partition; zeros where a view did not see her, is no source, or there are no 2D joints.
+    F: frames of `span_of(inputs)`; zeros where a view did not see her, is no source, or there are no 2D joints.
     """
-    frames, sources = len(inputs.partition), list(inputs.views.sources)
+    frames, sources = len(span_of(inputs)), list(inputs.views.sources)
     seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)
     if "joints2d" not in inputs.facts:
         return seen, chosen
     rig = inputs.rig.subset(sources)
     read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
+    numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
     for f in range(frames):
-        people = [_in_frames(inputs, params, v, _found(inputs, f, v) if read is None else read[v][f]) for v in sources]
+        people = [_in_frames(inputs, params, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count) if read is None else read[v][f]) for v in sources]
         seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
         if read is not None:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
     return seen, chosen
 
 
-def _found(inputs: Inputs, frame: int, view: int) -> np.ndarray:
-    """[P, J, 3] people in the capture's files of one source view, as given."""
-    if not inputs.valid[frame, view]:
-        return np.zeros((0, 0, 3))
-    return np.asarray(inputs.source("joints").read(view, int(inputs.source_frames[frame])))
+def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:
+    """[P, J, 3] people in the capture's files of one source view, as given; nobody in a frame without a picture."""
+    return np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3) if valid else np.zeros((0, count, 3))
 
 
 def _in_frames(inputs: Inputs, params: PoseParams, view: int, people: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from stages.contract import Facts, Read, Resources, Stage
 from stages.frames.effects import CROP_SCALE, UNDISTORTION
 from stages.pose.effects import POSE_HEATMAPS
-from stages.pose.params import PoseParams, uses_model_maps
+from stages.pose.params import PoseParams, halo, uses_model_maps
 from storage.spec import ArraySpec, Shape
 
 
@@ -21,13 +21,13 @@ def unneeded(params: PoseParams, facts: Facts) -> str | None:
 
 STAGE = Stage(
     name="pose",
-    summary="Triangulate joints across views, fill what is missing, encode heatmaps.",
-    version=2,
+    summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
+    version=3,
     run="stages.pose.run:run",
     check="stages.pose.run:check",
     reads=(
-        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f),
-        Read("detection/joints2d", when=lambda p, f: "detected" in f),
+        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f, halo=halo),
+        Read("detection/joints2d", when=lambda p, f: "detected" in f, halo=halo),
         Read("detection/region", when=uses_model_maps),
         Read("detection/heatmaps", when=uses_model_maps),
         Read.source("joints3d", when=lambda p, f: "joints3d" in f),

@@ -36,8 +36,11 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
     return triangulate(inputs.rig.subset(list(inputs.views.sources)), seen_joints(inputs, number), SCORE, RESIDUAL)
 
 
-def seen_joints(inputs: Inputs, number: int) -> np.ndarray:
-    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints, given or estimated."""
+def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.ndarray:
+    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints, given or estimated.
+
+    `residual`: within which share of the picture's longer side views must agree on whom they see.
+    """
     joints, sources = joint_reader(inputs), list(inputs.views.sources)
     people = []
     for v in sources:
@@ -45,7 +48,7 @@ def seen_joints(inputs: Inputs, number: int) -> np.ndarray:
         found = _known(to_set(found, joints.joint_set, "coco17"))
         pixels, mapped = to_frames(found[..., :2], inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
         people.append(np.concatenate([pixels, np.where(mapped, found[..., 2], 0.0)[..., None]], axis=-1))
-    return subject(inputs.rig.subset(sources), people, SCORE, RESIDUAL)
+    return subject(inputs.rig.subset(sources), people, SCORE, residual)
 
 
 def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numba import njit
 
-from stages.detection.reader import joint_reader
+from stages.detection.reader import EstimatedJoints, joint_reader
 from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
@@ -22,6 +22,8 @@ from stages.survey.silhouettes import agreement_of_view
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
+FEWER = 3
+"""One in so many of the sampled frames begins a run in which estimated joints' motion is measured: looking costs."""
 FEWEST_SHOWN = 3
 UNSTEADY = 12.0
 """Median spread of a whole picture, 1/255, above which camera or light are not static."""
@@ -41,11 +43,14 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     sample = np.full(params.sample, -1, dtype=np.int64)
     sample[: len(chosen)] = chosen
     yield Block("survey/sample", sample, view)
+    runs = run_starts(numbers, chosen if "detected" not in inputs.facts else chosen[::FEWER])
+    if "detected" in inputs.facts:
+        _look_ahead(inputs, view, chosen, runs)
     plate, colors = bool(inputs.facts & {PLATE, SPREAD}), COLORS in inputs.facts
     if plate or colors:
         yield from _of_pictures(inputs, params, view, chosen, plate, colors)
     if MOTION in inputs.facts:
-        found = jitter_and_motion(runs_of_joints(inputs, view, run_starts(numbers, chosen))) if view in inputs.views.sources else (0.0, 0.0, 0)
+        found = jitter_and_motion(runs_of_joints(inputs, view, runs)) if view in inputs.views.sources else (0.0, 0.0, 0)
         yield Block(MOTION, np.array(found, dtype=np.float64), view)
     if SILHOUETTES in inputs.facts:
         yield Block(SILHOUETTES, np.array([agreement_of_view(inputs, view, chosen)]), view)
@@ -57,6 +62,17 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
         yield Block(LIGHT, light_of_view(inputs, view, chosen), view)
     if NOISE in inputs.facts:
         yield Block(NOISE, np.array([noise_of_view(inputs, view, chosen)]), view)
+
+
+def _look_ahead(inputs: Inputs, view: int, chosen: np.ndarray, runs: list[np.ndarray]) -> None:
+    """Have joints estimated in one pass over each view's pictures, instead of picture by picture."""
+    estimated, sources = joint_reader(inputs), inputs.views.sources
+    assert isinstance(estimated, EstimatedJoints)
+    own = [*(chosen if inputs.facts & {PLATE, SPREAD} else ()), *(n for run in runs for n in run if MOTION in inputs.facts)]
+    if view in sources:
+        estimated.look_at(view, own)
+    for v in sources if inputs.facts & {COLORS, JOINT_FIT} else ():
+        estimated.look_at(v, chosen)
 
 
 def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:

@@ -1,4 +1,4 @@
-"""Captures as Pose2Sim and Caliscope leave them: videos, a TOML calibration, OpenPose joints, TRC files, wherever they lie.
+"""Captures as Pose2Sim leaves them: videos, a TOML or Qualisys calibration, OpenPose joints, TRC files, wherever they lie.
 
 A camera is named after its video. Its calibration is the table of that name, `int_NAME_img`, one whose `name` says so, or
 Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints put pixel centres at integers.
@@ -7,7 +7,6 @@ Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,11 @@ from pydantic import Field
 
 from storage.capture import Capture, Stream
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.cameras import build_rig, check_sizes, rig_notes
 from storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
 from storage.importers.joint_streams import picture_joints, trc_joints
+from storage.importers.qualisys import is_qualisys, qualisys_tables
+from storage.importers.toml_cameras import table_camera, toml_tables
 from storage.joint_files import read_json, read_openpose
 
 
@@ -26,7 +27,7 @@ class Pose2SimOptions(ImportOptions):
     """What to take where several files fit; paths are relative to the capture's folder."""
 
     videos: str | None = Field(None, description="Folder of the videos.")
-    calibration: str | None = Field(None, description="Calibration file (*.toml).")
+    calibration: str | None = Field(None, description="Calibration file (*.toml, or Qualisys' *.qca.txt).")
     joints: str | None = Field(None, description="Folder with one folder of OpenPose JSON a camera.")
     trc: str | None = Field(None, description="TRC file of 3D joints.")
     trc_axes: str = Field("yzx", pattern="^(xyz|xzy|yxz|yzx|zxy|zyx)$", description="World axes that the TRC's x, y, z columns hold; Pose2Sim writes yzx.")
@@ -52,7 +53,7 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
     notes += [f"calibration {key} has no video and is left out" for key in tables if key not in matched.values() and options.cameras is None]
     pictures, rate, more = video_streams(videos, options.frame_rate)
     notes += [*more, *picture_gaps(names, pictures)]
-    rig = build_rig([_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
+    rig = build_rig([table_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
     check_sizes(rig, pictures, options.crops)
     joints, more = _joints(base, options, names, pictures)
     notes += more
@@ -60,29 +61,21 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
     return Capture("pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more, *rig_notes(rig)))
 
 
-def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
-    """Camera tables of a TOML file, at the top or one level below; empty when it holds none. Raises CalibrationError."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as e:
-        raise CalibrationError(f"calibration {path} cannot be read: {e}") from e
-    nested = {f"{k}.{n}": t for k, v in data.items() if isinstance(v, dict) for n, t in v.items()}
-    return {k: t for k, t in {**data, **nested}.items() if isinstance(t, dict) and "matrix" in t}
-
-
 def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, Mapping[str, Any]]]:
-    """The one TOML file with camera tables; unreadable ones count only where nothing else is found."""
+    """The one file with camera tables: TOML, or Qualisys' own where it is chosen or there is no TOML; unreadable ones count only where nothing else is found."""
     given = chosen(base, options.calibration, "calibration")
     found: dict[Path, dict[str, Mapping[str, Any]]] = {}
     broken: list[CalibrationError] = []
-    for path in [given] if given else sorted(base.rglob("*.toml")):
-        try:
-            if tables := _tables(path):
-                found[path] = tables
-        except CalibrationError as e:
-            broken.append(e)
+    everything = sorted(p for p in base.rglob("*") if p.is_file())
+    for paths in [[given]] if given else [[p for p in everything if p.suffix == ".toml"], [p for p in everything if is_qualisys(p)]]:
+        for path in paths if not found else []:
+            try:
+                if tables := (qualisys_tables if is_qualisys(path) else toml_tables)(path):
+                    found[path] = tables
+            except CalibrationError as e:
+                broken.append(e)
     if not found:
-        raise broken[0] if broken else CalibrationError(f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation")
+        raise broken[0] if broken else CalibrationError(f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation, no *.qca.txt")
     if len(found) > 1:
         raise CalibrationError(f"several calibrations fit: {shown(base, found)}; choose one with the option calibration")
     path, tables = next(iter(found.items()))
@@ -120,30 +113,6 @@ def _videos(base: Path, options: Pose2SimOptions, tables: Mapping[str, Mapping[s
         raise SourceError(f"several folders hold videos: {shown(base, known)}; choose one with the option videos")
     videos = next(iter(known.values()))
     return {n: videos[n] for n in options.pick(tuple(videos))}
-
-
-def _camera(name: str, table: Mapping[str, Any]) -> RawCamera:
-    for key in ("rotation", "translation"):
-        if table.get(key) is None:
-            raise CalibrationError(f"camera {name}: its calibration has no {key}; calibrate the extrinsics or leave the camera out with the option cameras")
-    if table.get("fisheye"):
-        raise CalibrationError(f"camera {name}: fisheye = true, but only OpenCV's rational model (k1 k2 p1 p2 k3 k4 k5 k6) is read; calibrate with it or leave the camera out")
-    size = None if table.get("size") is None else numbers(table["size"], name, "size", [(2,)])
-    return RawCamera(
-        name,
-        numbers(table["matrix"], name, "matrix", [(3, 3)]),
-        numbers(table.get("distortions", []), name, "distortions", [(-1,)]),
-        numbers(table["rotation"], name, "rotation", [(3,), (3, 3)]),
-        numbers(table["translation"], name, "translation", [(3,)]),
-        None if size is None else _whole(size, name),
-    )
-
-
-def _whole(size: Any, name: str) -> tuple[int, int]:
-    w, h = size.tolist()
-    if not (w == w // 1 and h == h // 1 and w > 0 and h > 0):
-        raise CalibrationError(f"camera {name}: size {size.tolist()} must be two positive whole numbers (width, height)")
-    return int(w), int(h)
 
 
 def _joint_folders(parent: Path, names: Sequence[str]) -> dict[str, Path]:

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from storage.capture import Capture
 from storage.errors import SourceError
-from storage.importers import easymocap, images, pose2sim
+from storage.importers import caliscope, easymocap, images, pose2sim
 from storage.importers.common import ImportOptions
 
 
@@ -30,7 +30,8 @@ class Importer:
 
 
 _ALL = (
-    Importer("pose2sim", "Videos, a TOML calibration and OpenPose joints, as Pose2Sim and Caliscope leave them.", pose2sim.Pose2SimOptions, pose2sim.find),
+    Importer("pose2sim", "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.", pose2sim.Pose2SimOptions, pose2sim.find),
+    Importer("caliscope", "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.", caliscope.CaliscopeOptions, caliscope.find),
     Importer("easymocap", "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.", easymocap.EasyMocapOptions, easymocap.find),
     Importer("images", "Folders of pictures and one cameras.json, optionally masks, joints and true depth.", images.ImagesOptions, images.find),
 )

@@ -41,7 +41,7 @@ def test_no_such_folder(tmp_path: Path) -> None:
 
 
 def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
-    assert_says(posegaussian("import", "colmap", str(capture), cwd=tmp_path), "unknown layout 'colmap'", "pose2sim, easymocap, images")
+    assert_says(posegaussian("import", "colmap", str(capture), cwd=tmp_path), "unknown layout 'colmap'", "pose2sim, caliscope, easymocap, images")
 
 
 def test_unreadable_video(tmp_path: Path) -> None:

@@ -1,14 +1,20 @@
-"""Records P1-P7: joints, heatmaps and their smoothing over time."""
+"""Records P1-P8: joints, heatmaps and their smoothing over time."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from stages.pose.heatmaps import CELL, FLOOR, draw
+from stages.pose.params import PoseParams
+from stages.pose.stage import STAGE as POSE
 from stages.smoothing.params import SmoothingParams
+from storage.joints import COCO17
 from tests.hard_cases.catalogue import Case, apart, worst
+from tests.memory import run_stage
+from tests.stages.pose.scene import Joints2D, pixels, ring, roles, walk
 from tests.stages.smoothing.test_smoothing import HALF, METHODS, SIGMA, encode, noisy, smooth, track
 
 SIZE, GRID = (64, 48), (12, 16)
@@ -97,6 +103,54 @@ def twin(heatmaps: np.ndarray) -> float:
     return float((heatmaps[1, 0].astype(np.float64) * elsewhere[:, None, :]).max())
 
 
+def filmed(fault: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """[9, 17, 3] joints of somebody who walks, and what the pose stage makes of them seen by six cameras after a `fault` of the detector."""
+    cameras, points = ring(6, size=96), walk(9)
+    given = fault(pixels(cameras, points))
+    return points, run_stage(POSE, PoseParams(), {}, cameras, roles(cameras), 9, sources={"joints": Joints2D.single(given)}, facts=frozenset({"joints2d"}))
+
+
+def turned_round(joints: np.ndarray) -> np.ndarray:
+    """Left for right in one frame of all views, and in one more of two views."""
+    flips, out = list(COCO17.flips), joints.copy()
+    out[4], out[6, :2] = joints[4][:, flips], joints[6, :2][:, flips]
+    return out
+
+
+def mended_error() -> float:
+    """By how much smoothed heatmaps, of any method, differ from those of a detector without the fault."""
+    (_, right), (_, put_right) = filmed(lambda joints: joints), filmed(turned_round)
+    return worst(apart(smooth(put_right, method=m, omega=0.5), smooth(right, method=m, omega=0.5)) for m in METHODS)
+
+
+def twin_error() -> float:
+    """The pose stage leaves no twin to any method; of joints it cannot put right, `adaptive` makes none."""
+    return worst([mended_error(), twin(smooth(swapped(), method="adaptive", omega=0.5))])
+
+
+HIDDEN = slice(3, 6)
+"""Frames in which five of six views miss the left wrist."""
+
+
+def behind(joints: np.ndarray) -> np.ndarray:
+    out = joints.copy()
+    out[HIDDEN, 1:, 9] = 0
+    return out
+
+
+def naive_hidden() -> float:
+    """Millimetres: the joint is left where it was seen last."""
+    points = walk(9)
+    return 1000 * worst(np.linalg.norm(points[HIDDEN, 9] - points[HIDDEN.start - 1, 9], axis=-1))
+
+
+def hidden_error() -> float:
+    """Millimetres of the bridged joint."""
+    points, found = filmed(behind)
+    joint = found["pose/joints3d"][HIDDEN, 9]
+    return 1000 * worst(np.where(joint[:, 3] > 0, np.linalg.norm(joint[:, :3] - points[HIDDEN, 9], axis=-1), np.nan))
+
+
 WEIGHT = 0.2
 """Of the current frame, where lag is measured: strong smoothing."""
 
@@ -138,7 +192,8 @@ CASES = (
     Case("P2", "a joint on the border or outside", "brought to a peak of 1, a joint outside stands on the border", "of a peak", naive_outside, border_error, 5e-4, "no mass outside, cut and not renormalised on the border; float16"),
     Case("P3", "sigma 0", "0 / 0 on a cell's centre, nothing anywhere else", "of a peak", naive_narrow, lambda: worst(1 - joint(u, v, sigma=0.0).max() for u, v in CORNERS), 1 - math.exp(-1.01), "drawn at least half a cell wide; a corner of a cell is 1.41 of these off its centre"),
     Case("P4", "the first frame, the first of a partition", "the frame before the first is the last", "of a peak", naive_first, first_error, 0.0, "the first frame passes as it is; partitions read what lies before them"),
-    Case("P5", "left and right change places between frames", "the blend shows a twin at half height", "of a peak", lambda: twin(pairwise_plain(swapped()["pose/heatmaps"].astype(np.float64), 0.5)), lambda: twin(smooth(swapped(), method="adaptive", omega=0.5)), FLOOR + HALF, "`adaptive` does not blend what moved by more than its sigma"),
+    Case("P5", "left and right change places between frames, or views", "the blend shows a twin at half height", "of a peak", lambda: twin(pairwise_plain(swapped()["pose/heatmaps"].astype(np.float64), 0.5)), twin_error, FLOOR + HALF, "what other views and frames tell is put right before any filter; of what they do not, `adaptive` blends nothing that moved by more than its sigma"),
     Case("P6", "a jump", "an average over all frames shows the old place for many", "frames", naive_average, longest, float(SmoothingParams().truncation), "none for `adaptive`, 1 for `pairwise`, `truncation` for `recurrent`"),
     Case("P7", "a joint that is missed in one frame", "its peak falls to 1 - omega", "of a peak", lambda: peak_error(pairwise_plain(track([66.0] * 4, list(GAP))["pose/heatmaps"].astype(np.float64), 0.8)), lambda: worst(peak_error(smooth(track([66.0] * 4, list(GAP)), method=m, omega=0.8)) for m in METHODS), 1e-3, "weighted by scores; float16"),
+    Case("P8", "a joint that one view alone sees for some frames", "left where it was, it trails behind the body", "mm", naive_hidden, hidden_error, 1.0, "between the frames before and after, hung on its limb and moved onto the one view's ray; float32"),
 )

@@ -1,14 +1,34 @@
-"""The catalogue of joints and of their smoothing, P1-P7; tests/stages/smoothing states the laws at length."""
+"""The catalogue of joints and of their smoothing, P1-P8; tests/stages/smoothing states the laws at length."""
 
 import math
 
 import numpy as np
 import pytest
 
+from stages.pose.params import PoseParams
+from stages.pose.stage import STAGE as POSE
 from stages.pose.triangulate import triangulate
 from stages.smoothing.filters import blend, stillness
-from tests.hard_cases.cases_pose import OUTSIDE, WEIGHT, bell, frames_shown, joint, jump, pairwise_plain, swapped, twin
-from tests.stages.pose.scene import ring
+from tests.hard_cases.cases_pose import (
+    HIDDEN,
+    OUTSIDE,
+    WEIGHT,
+    behind,
+    bell,
+    filmed,
+    frames_shown,
+    hidden_error,
+    joint,
+    jump,
+    mended_error,
+    pairwise_plain,
+    swapped,
+    turned_round,
+    twin,
+)
+from tests.hard_cases.catalogue import apart
+from tests.memory import run_stage
+from tests.stages.pose.scene import Joints2D, pixels, ring, roles, walk
 from tests.stages.smoothing.test_smoothing import HALF, METHODS, noisy, smooth, track
 
 
@@ -52,6 +72,18 @@ def test_p5_the_papers_equation_shows_a_twin_and_says_so() -> None:
     assert twin(smooth(swapped(), method="pairwise", omega=0.5)) == pytest.approx(twin(pairwise_plain(swapped()["pose/heatmaps"].astype(float), 0.5)), abs=HALF)
 
 
+def test_p5_without_the_mender_every_method_but_adaptive_shows_the_twin() -> None:
+    """The same capture with the sides as the detector named them: what the mender takes away."""
+    _, right = filmed(lambda joints: joints)
+    cameras, points = ring(6, size=96), walk(9)
+    given = turned_round(pixels(cameras, points))
+    # all views agree on the wrong side in frame 4, so that a frame by itself can tell nothing
+    alone = run_stage(POSE, PoseParams(bridge=0), {}, cameras, roles(cameras), 9, sources={"joints": Joints2D.single(given)}, facts=frozenset({"joints2d"}))
+    for method in ("pairwise", "recurrent"):
+        assert apart(smooth(alone, method=method, omega=0.5)[5], smooth(right, method=method, omega=0.5)[5]) > 0.2
+    assert mended_error() == 0
+
+
 @pytest.mark.parametrize("truncation", [1, 2, 5])
 def test_p6_the_old_place_shows_for_as_many_frames_as_said(truncation: int) -> None:
     shown = {m: frames_shown(smooth(jump(), method=m, omega=WEIGHT, truncation=truncation)) for m in METHODS}
@@ -63,6 +95,16 @@ def test_p7_a_missing_frame_keeps_place_and_height(method: str) -> None:
     gap = smooth(track([66.0, 66.0, 66.0], [0.8, 0.0, 0.8]), method=method, omega=0.8)[1, 0, 0].astype(np.float64)
     expected = 0.8 * np.exp(-((np.arange(32) * 4 + 2 - 66.0) ** 2) / (2 * 8.0**2))
     np.testing.assert_allclose(gap.max(axis=0), np.where(expected < 1e-3, 0, expected), atol=HALF)
+
+
+def test_p8_a_hidden_joint_is_bridged_with_a_lower_score() -> None:
+    points, found = filmed(behind)
+    assert hidden_error() < 1.0
+    score = found["pose/joints3d"][:, 9, 3]
+    assert (np.diff(score[2:5]) < 0).all()
+    assert score[[0, 1, 2, 6, 7, 8]] == pytest.approx(1.0)
+    unseen = run_stage(POSE, PoseParams(bridge=0), {}, ring(6, size=96), roles(ring(6, size=96)), 9, sources={"joints": Joints2D.single(behind(pixels(ring(6, size=96), points)))}, facts=frozenset({"joints2d"}))
+    assert not unseen["pose/joints3d"][HIDDEN, 9].any()
 
 
 def test_p7_a_doubtful_detection_moves_a_sure_one_little() -> None:

@@ -63,6 +63,10 @@ def test_a_digest_follows_the_whole_video_and_the_options() -> None:
     video = Stream("video", (fake_file("v"),), tuple(range(10)), (40, 30))
     assert replace(video, files=(fake_file("w"),)).digest([1]) != video.digest([1])
     assert video.digest([1]) != video.digest([2])
+    early, late = (replace(video, numbers=n, options={"indices": [0, 1, 2]}) for n in ((0, 1, 5), (0, 5, 6)))
+    assert (early.index_of(5), late.index_of(5), early.index_of(2), video.index_of(5)) == (2, 1, None, 5)
+    assert early.digest([5]) != late.digest([5])
+    assert early.digest([0]) == late.digest([0])
     joints = Stream("openpose", (fake_file("v"),), (0,), options={"joint_set": "body25"})
     assert replace(joints, options={"joint_set": "body25b"}).digest([0]) != joints.digest([0])
 

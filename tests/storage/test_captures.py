@@ -81,6 +81,25 @@ def test_balance_markers_project_onto_its_joints(balance):
     assert here < min(residual(-2), residual(2))
 
 
+def test_balance_by_the_makers_file_misses_by_tens_of_pixels(balance):
+    """A transposed rotation, an axis the wrong way round or a wrong unit would be off by hundreds, or behind the camera."""
+    import cv2
+
+    makers = find_capture("pose2sim", SHARED / "balance", {"crop": {"cam01": CROP, "cam02": CROP}, "calibration": "calibration_qualisys.qca.txt"})
+    assert (makers.rig.size == balance.rig.size).all()
+    world = np.concatenate([j[j[:, 3] > 0, :3] for j in map(open_source(balance, "joints3d").read, range(0, 100, 10))])
+    for v in range(4):
+        seen = []
+        for rig in (balance.rig, makers.rig):
+            assert ((rig.rotations[v] @ world.T).T + rig.world_to_camera[v, :3, 3])[:, 2].min() > 1
+            pixels = cv2.projectPoints(world, rig.rotations[v], rig.world_to_camera[v, :3, 3], to_integer_centres(rig.intrinsics)[v], rig.distortion[v])
+            seen.append(pixels[0].reshape(-1, 2))
+        # 9 to 29 px measured
+        assert 5 < np.median(np.linalg.norm(seen[0] - seen[1], axis=1)) < 35
+        # both lenses are one lens: coefficients divided by 64 would be off by .045 and .14
+        np.testing.assert_allclose(makers.rig.distortion[v, :2], balance.rig.distortion[[0, 1, 3]][:, :2].mean(axis=0), atol=0.03)
+
+
 def test_desk_is_found():
     desk = find_capture("pose2sim", SHARED / "desk", {})
     assert desk.rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
@@ -89,11 +108,20 @@ def test_desk_is_found():
     assert next(open_source(desk, "pictures").read(3, [56])).shape == (720, 1280, 3)
 
 
+def test_desk_is_found_by_its_times():
+    plain, timed = (find_capture(layout, SHARED / "desk", {}) for layout in ("pose2sim", "caliscope"))
+    assert (timed.frame_rate, len(timed.numbers)) == (6, 57)
+    assert timed.rig.digest == plain.rig.digest
+    assert timed.pictures == plain.pictures  # nothing was dropped
+    assert "frames are matched by sync_index of timestamps.csv; frames of one instant are up to 19.9 ms apart" in timed.notes
+    assert any("no joints" in n and "xy.csv, stereotriangulated_points.csv" in n for n in timed.notes)
+
+
 def test_desk_corners_triangulate():
     """Board corners seen in several pictures meet in space: rotations, units and lens models are right."""
     import cv2
 
-    rig = find_capture("pose2sim", SHARED / "desk", {}).rig
+    rig = find_capture("caliscope", SHARED / "desk", {}).rig
     k = to_integer_centres(rig.intrinsics)
     seen: dict[tuple[str, str], list[tuple[int, np.ndarray]]] = {}
     with (SHARED / "desk" / "xy.csv").open() as f:

@@ -190,3 +190,19 @@ def test_a_view_that_the_picture_cuts_off_carves_nothing_beyond_its_picture(pers
         assert (found[v][0][surface] > 0).all()
         # It carves less, never more.
         assert (found[v][0][surface] <= whole[v][0][surface] + 2e-3).mean() > 0.99
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_ray_that_grazes_a_hull_thinner_than_a_step_has_a_far_end_behind_its_near_one(seed: int):
+    """Outlines of thin lines leave slivers: the walk back from the far side may stride over what the walk forth met."""
+    rig, rng = ring(4), np.random.default_rng(seed)
+    masks = {v: np.zeros((64, 64), np.uint8) for v in range(4)}
+    for mask in masks.values():
+        for _ in range(14):
+            a, b = rng.integers(0, 64, (2, 2))
+            cv2.line(mask, a.tolist(), b.tolist(), int(rng.integers(120, 256)), 1, cv2.LINE_AA)
+    for view in range(4):
+        near, far = visual_hull(rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), (0.0, 0.3))
+        assert (near > 0).any()
+        assert (near >= 0).all()
+        assert (far >= near).all()

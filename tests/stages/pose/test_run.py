@@ -9,11 +9,11 @@ import pytest
 
 from stages.io import Block
 from stages.pose.params import PoseParams
-from stages.pose.run import check
+from stages.pose.run import check, run
 from stages.pose.stage import STAGE
-from storage.joints import BODY_25, to_set
+from storage.joints import BODY_25, COCO17, to_set
 from storage.rig import Rig
-from tests.memory import run_stage
+from tests.memory import MemoryInputs, run_stage
 from tests.stages.pose.scene import SKELETON, Joints2D, Joints3D, pixels, ring, roles, walk
 
 NAMES = ("pose/joints2d", "pose/joints3d", "pose/heatmaps")
@@ -210,3 +210,46 @@ def test_check_refuses_what_is_impossible_and_warns_of_what_is_empty() -> None:
     with pytest.raises(ValueError, match=r"pose/heatmaps.*bounds are 0 and 1"):
         check(Block("pose/heatmaps", np.full((1, 17, 2, 2), 1.5, np.float16), 0), PoseParams())
     assert "100% of the joints are unknown" in check(Block("pose/joints3d", np.zeros((2, 17, 4), np.float32)), PoseParams())[0]
+
+
+def spoilt(rig: Rig, frames: int) -> tuple[np.ndarray, Joints2D]:
+    """Points of a walk; its joints with left and right exchanged in a frame and in a view, and two of them hidden for a while."""
+    points = walk(frames)
+    given = pixels(rig, points)
+    given[4] = given[4][:, list(COCO17.flips)]
+    given[9:11, 2] = given[9:11, 2][:, list(COCO17.flips)]
+    given[6:9, :, 9] = 0
+    given[12:14, 1:, 16] = 0
+    return points, Joints2D.single(given)
+
+
+def test_sides_are_put_right_and_hidden_joints_bridged_and_the_report_says_so() -> None:
+    rig = ring(6, size=256)
+    points, given = spoilt(rig, 16)
+    two, three, _ = pose(rig, 16, given)
+    np.testing.assert_allclose(three[..., :3], points, atol=1e-4)
+    np.testing.assert_allclose(two[..., :2], pixels(rig, points)[..., :2], atol=1e-2)
+    assert (three[6:9, 9, 3] < 1).all()
+    assert (three[..., 3] > 0.3).all()
+    inputs = MemoryInputs(STAGE, PoseParams(), {}, rig, roles(rig), range(3, 12), 16, sources={"joints": given}, facts=frozenset({"joints2d"}))
+    (note,) = next(iter(run(inputs, PoseParams()))).notes
+    assert note == "joints2d: left and right were exchanged, and put back, in 3 of 9 frames, first in frame 4 (frames by camera: cam00 1, cam01 1, cam02 3, cam03 1, cam04 1, cam05 1)"
+
+
+def test_without_a_bridge_every_frame_stands_by_itself() -> None:
+    rig = ring(6, size=256)
+    points, given = spoilt(rig, 16)
+    _, three, _ = pose(rig, 16, given, params=PoseParams(bridge=0))
+    assert not three[6:9, 9].any()
+    np.testing.assert_allclose(three[4, :, :3], points[4, list(COCO17.flips)], atol=1e-6)  # all views agree
+    np.testing.assert_allclose(three[9, :, :3], points[9], atol=1e-6)
+    alone = run_stage(STAGE, PoseParams(bridge=0), {}, rig, roles(rig), 16, 1, sources={"joints": given}, facts=frozenset({"joints2d"}))
+    assert alone["pose/joints3d"].tobytes() == three.tobytes()
+
+
+@pytest.mark.parametrize("length", [1, 3, 5, 7])
+def test_partitions_do_not_change_a_byte_of_what_is_mended(length: int) -> None:
+    rig = ring(5, size=64)
+    _, given = spoilt(rig, 16)
+    for a, b in zip(pose(rig, 16, given), pose(rig, 16, given, length=length), strict=True):
+        assert a.tobytes() == b.tobytes()

@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
+from stages.detection.description import Description, read_description
 from stages.detection.estimator import Estimator
 from stages.detection.models import BLAZEPOSE, model_files
 from stages.detection.params import DetectionParams
@@ -32,20 +32,25 @@ def named_joint_set(params: DetectionParams) -> str:
     return "blazepose33" if params.estimator == "blazepose" else described(params).joint_set
 
 
-def described(params: DetectionParams) -> Any:
-    """The description of the user's model."""
-    from stages.detection.description import Description
+@lru_cache(maxsize=8)
+def _described(model: str, stamp: int) -> Description:
+    return read_description(Path(model))
 
+
+def described(params: DetectionParams) -> Description:
+    """The description of the user's model; read again where its file changed. Raises ConfigError, SourceError."""
     assert params.model is not None, "estimator onnx without a model is refused before a plan"
-    return Description.read(Path(params.model).expanduser())
+    file = Path(params.model).expanduser()
+    return _described(str(file), file.stat().st_mtime_ns if file.is_file() else 0)
 
 
 def models_digest(params: DetectionParams) -> str:
-    """Digest of the contents of a resolved estimator's models."""
+    """Digest of the contents of a resolved estimator's models; of a user's, with that of whoever finds the people for it."""
+    blazepose = [m.sha256 for m in BLAZEPOSE]
     if params.estimator == "blazepose":
-        return digest([m.sha256 for m in BLAZEPOSE])
+        return digest(blazepose)
     found = described(params)
-    return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256])
+    return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256, blazepose if blazepose_is_here() else None])
 
 
 def estimator_of(params: DetectionParams) -> Estimator:
@@ -55,10 +60,10 @@ def estimator_of(params: DetectionParams) -> Estimator:
 
 @lru_cache(maxsize=2)
 def _made(estimator: str, model: str | None) -> Estimator:
-    if estimator == "onnx":
-        from stages.detection.onnx import load
-
-        return load(described(DetectionParams(estimator="onnx", model=model)), model_files())
     from stages.detection.blazepose import BlazePose
 
-    return BlazePose()
+    if estimator == "blazepose":
+        return BlazePose()
+    from stages.detection.onnx import OnnxEstimator
+
+    return OnnxEstimator(described(DetectionParams(estimator="onnx", model=model)), BlazePose() if blazepose_is_here() else None)

@@ -1,0 +1,50 @@
+"""The sub-command `posegaussian models`: list, fetch, add."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+models = typer.Typer(no_args_is_help=True, help="List, fetch or add other people's models, such as the pose estimator.")
+console = Console(highlight=False)
+
+
+def _say(lines: list[str]) -> None:
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+@models.command("list")
+def list_models() -> None:
+    """Say which models are there, their sizes, what is missing and the command that brings it.
+
+    Example: posegaussian models list
+    """
+    from dags.models import listing
+
+    _say(listing())
+
+
+@models.command()
+def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
+    """Bring a model's files from the package index, checked by their sha256, into the cache folder.
+
+    Example: posegaussian models fetch blazepose
+    """
+    from dags.models import fetch as bring
+
+    _say(bring(name))
+
+
+@models.command()
+def add(files: Annotated[list[Path], typer.Argument(help="The mediapipe 0.10.21 wheel, .tflite files of BlazePose, or descriptions (.yaml) of ONNX models to check.")]) -> None:
+    """Take models from files you have; nothing is downloaded.
+
+    Example: posegaussian models add mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl
+    """
+    from dags.models import add as take
+
+    _say(take(files))

@@ -1,0 +1,98 @@
+"""What an inspection says: a number, its bounds, a verdict and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """What a number means for a reconstruction."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    BAD = "bad"
+    UNKNOWN = "unknown"
+    NOTE = "note"
+    """Neither good nor bad by itself: what counts is the whole."""
+
+
+ORDER = (Verdict.BAD, Verdict.DOUBTFUL, Verdict.UNKNOWN, Verdict.NOTE, Verdict.GOOD)
+"""Worst first; what could not be measured before what is good."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One measure of one camera, one pair, or the whole capture."""
+
+    measure: str
+    """What was measured, a few words; findings of one measure share it."""
+    cameras: tuple[str, ...]
+    """Whom it is about; empty for the whole capture."""
+    value: float | None
+    """The number; None where it cannot be measured."""
+    unit: str
+    """Its unit."""
+    good: float
+    """Good up to this value; from this value on where `good` is above `bad`."""
+    bad: float
+    """Bad beyond this value."""
+    sentence: str
+    """What was found, or why nothing could be."""
+    advice: str
+    """What to do about it; empty where nothing needs doing."""
+    verdict: Verdict
+
+    @property
+    def about(self) -> str:
+        """Whom it is about, in words."""
+        return " and ".join(self.cameras) if self.cameras else "capture"
+
+    @property
+    def excess(self) -> float:
+        """How far beyond its bounds, 1 at the bad one: what is worst is told first."""
+        if self.value is None or self.good == self.bad:
+            return 0.0
+        return (self.value - self.good) / (self.bad - self.good)
+
+    @property
+    def number(self) -> str:
+        """Value with unit."""
+        return "-" if self.value is None else f"{self.value:.3g} {self.unit}".strip()
+
+    @property
+    def bounds(self) -> str:
+        """Bounds in words."""
+        beyond = ("at most", "above") if self.good <= self.bad else ("at least", "below")
+        return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g} {self.unit}".strip()
+
+
+def graded(value: float, good: float, bad: float) -> Verdict:
+    """The verdict on a value: small is good where `good` <= `bad`, else large is."""
+    sign = 1.0 if good <= bad else -1.0
+    if sign * value <= sign * good:
+        return Verdict.GOOD
+    return Verdict.BAD if sign * value > sign * bad else Verdict.DOUBTFUL
+
+
+def measured(measure: str, cameras: Sequence[str], value: float, unit: str, good: float, bad: float, sentence: str, advice: str) -> Finding:
+    """A finding whose verdict follows from the bounds; the advice is left out where all is good."""
+    verdict = graded(value, good, bad)
+    return Finding(measure, tuple(cameras), float(value), unit, good, bad, sentence, "" if verdict is Verdict.GOOD else advice, verdict)
+
+
+def unmeasured(measure: str, cameras: Sequence[str], unit: str, good: float, bad: float, why: str, advice: str = "") -> Finding:
+    """A finding without a number."""
+    return Finding(measure, tuple(cameras), None, unit, good, bad, why, advice, Verdict.UNKNOWN)
+
+
+def worst_first(findings: Sequence[Finding]) -> list[Finding]:
+    """By verdict, then by how far a value is beyond its bounds."""
+    return sorted(findings, key=lambda f: (ORDER.index(f.verdict), -f.excess))
+
+
+def overall(findings: Sequence[Finding]) -> Verdict:
+    """The worst verdict of all that could be measured; unknown where nothing could."""
+    known = [f.verdict for f in findings if f.verdict not in (Verdict.UNKNOWN, Verdict.NOTE)]
+    return min(known, key=ORDER.index) if known else Verdict.UNKNOWN

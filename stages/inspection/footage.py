@@ -1,0 +1,149 @@
+"""What is looked at of a capture: its cameras, readers, and which frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from stages.frames.display import to_display
+from stages.frames.warp import Warp
+from stages.inspection.joint_fit import joint_offsets
+from stages.io import Inputs, Views
+from stages.pose.triangulate import triangulate
+from stages.survey.joints import RESIDUAL, SCORE, seen_joints
+from storage.rig import Rig
+
+PICTURES = 12
+"""Pictures in which features are looked for, over all cameras: some seconds."""
+JOINT_FRAMES = 30
+"""Frames whose joints are triangulated."""
+RUN = 240
+"""Consecutive frames whose joints are compared in time."""
+LOOSE = 0.1
+"""Share of the longer side within which cameras out of step must agree on whom they see: a hand that moves fast is far away some frames later."""
+
+
+@dataclass(eq=False)
+class Footage:
+    """A capture as an inspection sees it: all cameras are sources. It serves as `Inputs` of the survey's measures."""
+
+    rig: Rig
+    """Cameras of the pictures that are looked at: without lens, reduced."""
+    source_rig: Rig
+    """Cameras as calibrated."""
+    captured_to_calibrated: np.ndarray
+    """[V, 3] (scale, dx, dy) as used."""
+    joint_crops: np.ndarray
+    """[V, 3] the same for the pixels that joints refer to."""
+    captured: np.ndarray
+    """[V, 2] (width, height) px of the pictures."""
+    numbers: list[np.ndarray]
+    """Source frame numbers of each view."""
+    frame_rate: float
+    """Frames a second."""
+    readers: Mapping[str, Any]
+    """Readers by kind: pictures always; masks of all views, joints and joints3d where there are any."""
+    facts: frozenset[str]
+    """joints2d, joints3d, masks, as far as there are any."""
+    pictures: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
+    """(view, number) -> [h, w, 3] uint8 without lens, as far as they were read."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return self.rig.names
+
+    @property
+    def views(self) -> Views:
+        """All are sources."""
+        return Views(self.rig.names, tuple(range(len(self.rig))), ())
+
+    def source(self, kind: str) -> Any:
+        """A reader."""
+        return self.readers[kind]
+
+    @property
+    def inputs(self) -> Inputs:
+        """For the survey's measures of pictures and masks; they ask for no arrays."""
+        return cast(Inputs, self)
+
+    @cached_property
+    def joint_inputs(self) -> Inputs:
+        """The same with the pixels that joints refer to."""
+        other = Footage(self.rig, self.source_rig, self.joint_crops, self.joint_crops, self.captured, self.numbers, self.frame_rate, self.readers, self.facts)
+        return cast(Inputs, other)
+
+    @cached_property
+    def px(self) -> np.ndarray:
+        """[V] captured px per px of `rig`."""
+        return np.asarray(self.source_rig.size[:, 0] / self.rig.size[:, 0] / self.captured_to_calibrated[:, 0])
+
+    @cached_property
+    def longest(self) -> np.ndarray:
+        """[V] captured px that the longer side of `rig` stands for."""
+        return np.asarray(self.rig.size.max(axis=1) * self.px)
+
+    @cached_property
+    def common(self) -> np.ndarray:
+        """Source frame numbers that all cameras have; of the camera with most where there is none."""
+        shared = self.numbers[0]
+        for other in self.numbers[1:]:
+            shared = np.intersect1d(shared, other)
+        return shared if len(shared) else max(self.numbers, key=len)
+
+    @cached_property
+    def looked_at(self) -> list[int]:
+        """Frame numbers whose pictures are read: up to three, away from the ends, the middle one first."""
+        wanted = max(1, min(3, PICTURES // len(self.rig)))
+        places = {1: [0.5], 2: [0.5, 0.15], 3: [0.5, 0.15, 0.85]}[wanted]
+        return list(dict.fromkeys(int(self.common[round(p * (len(self.common) - 1))]) for p in places))
+
+    @cached_property
+    def warps(self) -> list[Warp]:
+        """From captured pictures to those of `rig`."""
+        return [Warp(v, tuple(self.captured[v]), self.source_rig, self.rig, self.captured_to_calibrated[v]) for v in range(len(self.rig))]
+
+    def picture(self, view: int, number: int) -> np.ndarray | None:
+        """[h, w, 3] uint8 of `rig`; None where the camera lacks that frame."""
+        if number not in self.numbers[view]:
+            return None
+        if (view, number) not in self.pictures:
+            self.pictures[view, number] = self.warps[view](self.raw(view, number))
+        return self.pictures[view, number]
+
+    def raw(self, view: int, number: int) -> np.ndarray:
+        """[h, w, 3] uint8 as captured."""
+        (given,) = self.source("pictures").read(view, [number])
+        return to_display(given)
+
+    @cached_property
+    def joint_numbers(self) -> list[int]:
+        """Frame numbers whose joints are triangulated: evenly, and those whose pictures are looked at."""
+        index = np.rint(np.linspace(0, len(self.common) - 1, min(len(self.common), JOINT_FRAMES))).astype(int)
+        return sorted({*(int(n) for n in self.common[index]), *self.looked_at})
+
+    @cached_property
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joints seen [F, V, 17, 3] px of `rig` and in space [F, 17, 4] in `joint_numbers`."""
+        seen = np.stack([seen_joints(self.joint_inputs, n) for n in self.joint_numbers])
+        return seen, np.stack([triangulate(self.rig, s, SCORE, RESIDUAL) for s in seen])
+
+    @cached_property
+    def joint_offsets(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets [F, V, 17, 2] px of `rig` from the projections, and which are known [F, V, 17]."""
+        seen, space = self.joints
+        return joint_offsets(self.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
+
+    @cached_property
+    def tracks(self) -> np.ndarray:
+        """[F, V, 17, 3] joints of up to `RUN` consecutive frames from the middle, px of `rig`; score 0 where a camera lacks the frame or the joint."""
+        every = np.unique(np.concatenate(self.numbers))
+        step = int(np.diff(every).min()) if len(every) > 1 else 1
+        start = int(every[max(0, (len(every) - RUN) // 2)])
+        found = [seen_joints(self.joint_inputs, n, LOOSE) for n in range(start, min(int(every[-1]), start + (RUN - 1) * step) + 1, step)]
+        out = np.stack(found)
+        return np.where(out[..., 2:] >= SCORE, out, 0.0)

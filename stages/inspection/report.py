@@ -1,0 +1,70 @@
+"""All findings on one capture, and what its pictures are drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stages.geometry.sync import TimeOffsets
+from stages.inspection.cameras import of_aim, of_frames, of_lens
+from stages.inspection.finding import Finding, Verdict, overall, worst_first
+from stages.inspection.footage import Footage
+from stages.inspection.matching import Matched, matched_pairs, of_matches
+from stages.inspection.pairs import Rectified, every_pair, of_pairs
+from stages.inspection.subject import of_focus, of_joints, of_light, of_masks, of_poses, of_time
+
+WORDS = {
+    Verdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
+    Verdict.DOUBTFUL: "This capture is doubtful: it can be reconstructed, but what is listed below will show.",
+    Verdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
+    Verdict.UNKNOWN: "Nothing of this capture could be measured.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What an inspection found."""
+
+    findings: tuple[Finding, ...]
+    """All, in the order in which they were measured."""
+    pairs: tuple[Rectified, ...]
+    """What each pair is good for."""
+    matches: tuple[Matched, ...]
+    """Matched features of the pairs that were compared."""
+    offsets: TimeOffsets | None
+    """How far cameras are out of step; None without joints of two cameras."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of all."""
+        return overall(self.findings)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence, with what it is about."""
+        faults = dict.fromkeys(f.measure for f in worst_first(self.findings) if f.verdict is self.verdict)
+        about = f" ({', '.join(faults)})" if self.verdict in (Verdict.BAD, Verdict.DOUBTFUL) else ""
+        head, _, tail = WORDS[self.verdict].partition(":")
+        return f"{head}{about}:{tail}" if tail else head
+
+    @property
+    def to_do(self) -> list[tuple[Verdict, str, str]]:
+        """(verdict, what was found, what to do), worst first; findings with the same advice stand together."""
+        out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}
+        for f in worst_first(self.findings):
+            if f.advice and f.verdict in (Verdict.BAD, Verdict.DOUBTFUL):
+                out.setdefault((f.measure, f.advice), (f.verdict, []))[1].append(f)
+        return [(verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice) for (_, advice), (verdict, same) in out.items()]
+
+
+def inspect(footage: Footage, sizes: list[Finding], max_angle: float) -> Report:
+    """Measure everything; `sizes` are the findings on picture sizes, `max_angle` the pipeline's bound for a pair, degrees."""
+    pairs = every_pair(footage.source_rig, max_angle)
+    found = matched_pairs(footage, pairs)
+    time, offsets = of_time(footage)
+    cameras = [f for v in range(len(footage.rig)) for f in of_lens(footage.source_rig, v)]
+    findings = [
+        *sizes, *of_frames(footage.names, footage.numbers), *cameras, *of_aim(footage.source_rig),
+        *of_matches(footage, pairs, found), *of_joints(footage), *of_poses(footage), *of_masks(footage),
+        *time, *of_light(footage, found), *of_focus(footage), *of_pairs(footage.source_rig, pairs, max_angle),
+    ]  # fmt: skip
+    return Report(tuple(findings), tuple(pairs), tuple(found), offsets)

@@ -1,0 +1,200 @@
+"""Findings from the subject: joints in space and time, masks, light on the body, focus."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from stages.geometry.projection import project
+from stages.geometry.subject import body_points, look_at_point, up_direction
+from stages.geometry.sync import TimeOffsets, time_offsets
+from stages.inspection.bundle import pair_error, refit
+from stages.inspection.finding import Finding, measured, unmeasured
+from stages.inspection.footage import Footage
+from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
+from stages.inspection.light import stops_apart
+from stages.inspection.matching import Matched, color_differences
+from stages.inspection.sharpness import edge_width
+from stages.survey.exposure import match, patch_colors, typical_colors
+from stages.survey.joints import SCORE, joints_in_space
+from stages.survey.silhouettes import agreeing_share, masks_of
+
+RESIDUAL = (0.008, 0.016)
+"""Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""
+POSES = (0.005, 0.008)
+"""Share of the longer side by which the calibration's epipolar lines miss the joints, scatter taken out: 1.2 and 2 cm. Two views differ by
+about a centimetre in what a detector calls a hip, in every frame alike, so that less is no proof against a calibration."""
+OFFSET = (0.25, 0.75)
+"""Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be corrected."""
+LIGHT = (0.5, 2.0)
+"""Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""
+BLUR = (0.7, 2.0)
+"""Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave none of it."""
+SHARP = (2.0, 4.0)
+"""Captured px of blur of an edge, whatever the others have: pictures that were enlarged, or out of focus in all cameras."""
+MASKS = (0.98, 0.9)
+"""Share of a mask's rim that the other masks leave something of; the pipeline clips by silhouettes from 0.98 on."""
+NO_JOINTS = "the capture has no 2D joints"
+ADD_JOINTS = "import it with joints"
+
+
+def of_poses(footage: Footage) -> list[Finding]:
+    """Every pair's calibration by the joints: how far poses that fit the joints lie from it."""
+    if "joints2d" not in footage.facts or len(footage.rig) < 2:
+        return []
+    seen, space = footage.joints
+    found = refit(footage.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
+    if found is None:
+        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by every camera")]
+    out = []
+    for a, b in combinations(range(len(footage.rig)), 2):
+        px, longest = float(footage.px[[a, b]].mean()), float(footage.longest[[a, b]].max())
+        off, error = (n * px for n in pair_error(footage.rig, found, a, b))
+        bounds = (round(POSES[0] * longest, 2), round(POSES[1] * longest, 2))
+        names = (footage.names[a], footage.names[b])
+        if not np.isfinite(error):
+            out.append(unmeasured("calibration by joints", names, "px", *bounds, "they see no joint in common"))
+            continue
+        told = f"poses of the cameras that fit the joints lie {off:.1f} +- {error:.1f} px beside the calibration's epipolar lines; they would lower the joints' median residual from {found.before * px:.1f} to {found.after * px:.1f} px in all cameras"
+        advice = "calibrate these cameras again: the joints fit each other, but not the calibration; check size, crop, units and pose.joints_frame first"
+        out.append(measured("calibration by joints", names, max(0.0, off - 2 * error), "px for sure", *bounds, told, advice))
+    return out
+
+
+def joint_fits(footage: Footage) -> list[JointFit | None]:
+    """How each camera's joints fit, captured px; None where they cannot be judged."""
+    offsets, known = footage.joint_offsets
+    return [joint_fit(offsets[:, v] * footage.px[v], known[:, v], float(footage.longest[v])) for v in range(len(footage.rig))]
+
+
+def of_joints(footage: Footage) -> list[Finding]:
+    """Residual of every camera's joints."""
+    if "joints2d" not in footage.facts or len(footage.rig) < 2:
+        why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
+        return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
+    out = []
+    for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
+        bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
+        if fit is None:
+            out.append(unmeasured("joint residual", (name,), "px", *bounds, f"fewer than {FEWEST} joints could be compared with another camera's"))
+            continue
+        told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
+        advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
+        out.append(measured("joint residual", (name,), fit.median, "px", *bounds, told, advice))
+    return out
+
+
+def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
+    """Time offset of every camera."""
+    if "joints2d" not in footage.facts or len(footage.rig) < 2:
+        why = NO_JOINTS if "joints2d" not in footage.facts else "one camera has nobody to be in step with"
+        return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
+    found = time_offsets(footage.rig, footage.tracks)
+    out = []
+    for v, name in enumerate(footage.names):
+        told = found.sentence(v, name).partition(": ")[2]
+        if not found.told[v]:
+            out.append(unmeasured("time offset", (name,), "frames", *OFFSET, told, "film a few seconds of quick movement, a clap or a jump, that all cameras see"))
+            continue
+        whole, left = round(float(found.frames[v])), float(found.frames[v] - round(found.frames[v]))
+        seconds = found.seconds(footage.frame_rate)[v]
+        late = f"{told}, {1000 * seconds:+.1f} ms" if v != found.reference else told
+        advice = f"set frames: {{time_offset: {{{name}: {found.frames[v]:.2f}}}}}; {abs(left):.2f} of a frame remain" if whole else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
+        out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
+    return out, found
+
+
+def of_light(footage: Footage, found: list[Matched]) -> list[Finding]:
+    """Exposure and white balance of every camera against the others: on the body where joints tell what is the same, else around matched points."""
+    if len(footage.rig) < 2:
+        return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
+    advice = "effects.exposure_matching evens it out where it has joints; better, set exposure and white balance by hand and equal in all cameras"
+    matching = match(_patches(footage)) if footage.facts & {"joints2d", "joints3d"} else None
+    if matching is not None:
+        gains = -np.log2(matching.gains)
+        return [_light((n,), float(p), g, "on the body", advice) for n, p, g in zip(footage.names, matching.proven, gains, strict=True)]
+    compared = stops_apart(color_differences(footage, found), len(footage.rig))
+    if compared is None:
+        return [unmeasured("exposure", (), "stops", *LIGHT, "no two cameras share enough well exposed places, neither beside joints nor around matched points")]
+    out = []
+    for name, stops, error in zip(footage.names, *compared, strict=True):
+        if not np.isfinite(error):
+            out.append(unmeasured("exposure", (name,), "stops", *LIGHT, "no other camera shares enough matched points"))
+        else:
+            out.append(_light((name,), max(0.0, float(np.abs(stops).max()) - 2 * float(error)), stops, "around matched points", advice))
+    return out
+
+
+def _light(names: tuple[str, ...], proven: float, stops: np.ndarray, where: str, advice: str) -> Finding:
+    mean = float(stops.mean())
+    r, g, b = stops - mean
+    return measured("exposure", names, proven, "stops for sure", *LIGHT, f"{where} {abs(mean):.2f} stops {'brighter' if mean >= 0 else 'darker'} than the middle camera; white balance red {r:+.2f}, green {g:+.2f}, blue {b:+.2f}", advice)
+
+
+def _patches(footage: Footage) -> np.ndarray:
+    """[V, 192, 3] typical colours of patches of the body, as the survey takes them, over the frames that are looked at."""
+    samples = np.zeros((len(footage.looked_at), len(footage.rig), 192, 3))
+    for i, n in enumerate(footage.looked_at):
+        space = joints_in_space(footage.joint_inputs, n)
+        for v in range(len(footage.rig)):
+            if n in footage.numbers[v]:
+                samples[i, v] = patch_colors(footage.raw(v, n), space, footage.rig, footage.source_rig, footage.captured_to_calibrated, v)
+    return np.stack([typical_colors(samples[:, v]) for v in range(len(footage.rig))])
+
+
+def of_masks(footage: Footage) -> list[Finding]:
+    """How well the given masks' outlines fit together."""
+    if "masks" not in footage.facts:
+        return [unmeasured("mask agreement", (), "of the rim", *MASKS, "the capture has no masks of every camera", "masks help everywhere; without them a background plate is used, see frames.matte")]
+    if len(footage.rig) < 2:
+        return [unmeasured("mask agreement", (), "of the rim", *MASKS, "one camera's masks have nothing to fit to")]
+    masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
+    out = []
+    for v, name in enumerate(footage.names):
+        shares = [s for m in masks if v in m and (s := agreeing_share(footage.rig, m, v)) is not None]
+        if not shares:
+            out.append(unmeasured("mask agreement", (name,), "of the rim", *MASKS, "its mask, or those of all others, are empty or missing"))
+            continue
+        share = float(np.mean(shares))
+        out.append(measured("mask agreement", (name,), share, "of the rim", *MASKS, f"{share:.1%} of the outline is not contradicted by another camera's mask", "look at the outlines in the pictures: masks that lack a limb, calibration, or timing"))
+    return out
+
+
+def of_focus(footage: Footage) -> list[Finding]:
+    """Blur of every camera's strong edges around the subject, absolutely and against the others."""
+    found = [_width(footage, v) for v in range(len(footage.rig))]
+    known = [w for w in found if w is not None]
+    out = []
+    for name, width in zip(footage.names, found, strict=True):
+        if width is None:
+            out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))
+            continue
+        advice = f"focus {name} on the subject, clean its lens, shorten its shutter; or leave it out with views.sources"
+        out.append(measured("focus", (name,), width, "px", *SHARP, f"its strong edges are blurred by {width:.2f} px", advice))
+        if len(known) > 1:
+            others = float(np.median([w for o, w in zip(footage.names, found, strict=True) if w is not None and o != name]))
+            more = float(np.sqrt(max(0.0, width**2 - others**2)))
+            out.append(measured("blur against others", (name,), more, "px", *BLUR, f"its edges are blurred by {width:.2f} px, those of the others by {others:.2f} px", advice))
+    return out
+
+
+def _width(footage: Footage, view: int) -> float | None:
+    """Median over the frames that are looked at of the edges' width in captured px, in the box around a person where the cameras look."""
+    region = _region(footage, view)
+    found = [edge_width(footage.raw(view, n), region) for n in footage.looked_at if n in footage.numbers[view]]
+    known = [w for w in found if w is not None]
+    return float(np.median(known)) if known else None
+
+
+def _region(footage: Footage, view: int) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where she would not be in it."""
+    rig, size = footage.rig, footage.captured[view]
+    body = body_points(look_at_point(rig), up_direction(rig))
+    pixels, depth = project(body, rig.intrinsics[view], rig.world_to_camera[view])
+    scale, *offset = footage.captured_to_calibrated[view]
+    at = (pixels * (footage.source_rig.size[view] / rig.size[view]) - offset) / scale
+    low, high = np.clip(at.min(axis=0), 0, size).astype(int), np.clip(at.max(axis=0), 0, size).astype(int)
+    if (depth <= 0).any() or (high - low < size / 8).any():
+        return 0, 0, int(size[0]), int(size[1])
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
