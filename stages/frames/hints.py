@@ -83,7 +83,8 @@ class Hints:
         width, height = (-(-int(n) // CELL) for n in inputs.rig.size[view])
         pixels = pixel_centres((width, height)).reshape(-1, 2) * CELL
         origin, directions = rays(pixels, inputs.rig.intrinsics[view], inputs.rig.world_to_camera[view])
-        found = ray_support(fields, origin, directions, self._depths(view, frame, sorted(seen)))
+        joints = self._joints3d[frame]
+        found = ray_support(fields, origin, directions, self._depths(view, frame, sorted(seen)), joints[joints[:, 3] > 0, :3])
         whole = (int(inputs.rig.size[view, 0]), int(inputs.rig.size[view, 1]))
         return tuple(_enlarged(f.reshape(height, width), whole) for f in found)  # type: ignore[return-value]
 
@@ -131,8 +132,8 @@ def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int]) -> F
         grid = grids[v]
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius[v] + 1,) * 2)
         wide = cv2.dilate(np.clip(grid / np.float32(2 * FAINT), 0, 1), disc)
-        possible[i, : grid.shape[0], : grid.shape[1]] = np.where(grid < 0, np.float32(1), wide)
-        seen[i, : grid.shape[0], : grid.shape[1]] = grid
+        possible[i, : grid.shape[0], : grid.shape[1]] = wide
+        seen[i, : grid.shape[0], : grid.shape[1]] = np.maximum(grid, 0)
     coarse = rig.intrinsics[views].copy()
     coarse[:, :2] /= CELL
     return Fields(possible, seen, to_integer_centres(coarse) @ rig.world_to_camera[views, :3])

@@ -11,33 +11,47 @@ WITNESSES = 2
 """Other views that must see a point for it to count as confirmed, where there are as many."""
 
 
+NEAR = 0.45
+"""Metres from the nearest joint within which a body lies: outstretched fingers from a wrist, a belly from a hip."""
+
+
 @dataclass(frozen=True, eq=False)
 class Fields:
     """What S other views hold possible and what they saw, on grids of their pictures."""
 
     possible: np.ndarray
-    """[S, h, w] float32: 0..1 that the subject may be at a cell; 1 where the view did not look."""
+    """[S, h, w] float32: 0..1 that the subject may be at a cell."""
     seen: np.ndarray
-    """[S, h, w] float32: 0..1 that the view saw her there; negative where it did not look."""
+    """[S, h, w] float32: 0..1 that the view saw her there; negative beside its picture."""
     projections: np.ndarray
     """[S, 3, 4] world metres to homogeneous cells, integer centres."""
 
 
-def ray_support(fields: Fields, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ray_support(fields: Fields, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Possible [N] and confirmed [N], 0..1 float32, of rays origin [3] + depth * directions [N, 3], walked at `depths` [K].
 
     Possible is the most, along the ray, of the least that any view holds possible: a view that does not see a point, beside
-    its picture or behind its camera, or did not look there, carves nothing. Confirmed is the most of the least that was
-    seen, over points that at least two views looked at (or the only other one); 0 where there are none.
+    its picture or behind its camera, carves nothing. A point that fewer than two views see (or not the only other one) is
+    possible only near a joint [J, 3], metres, where there are any. Confirmed is the most of the least that was seen, over
+    points that so many views see; 0 where there are none.
     """
     possible, confirmed = np.ones(len(directions), np.float32), np.zeros(len(directions), np.float32)
     if len(fields.projections) and len(depths):
-        _walk(fields.possible, fields.seen, fields.projections, np.asarray(origin, np.float64), np.ascontiguousarray(directions, np.float64), np.asarray(depths, np.float64), possible, confirmed)
+        whole = (np.ascontiguousarray(a, dtype=np.float64) for a in (origin, directions, depths, joints))
+        _walk(fields.possible, fields.seen, fields.projections, *whole, possible, confirmed)
     return possible, confirmed
 
 
 @njit(cache=True, nogil=True)
-def _walk(possible: np.ndarray, seen: np.ndarray, projections: np.ndarray, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, out_possible: np.ndarray, out_confirmed: np.ndarray) -> None:
+def _near(x: float, y: float, z: float, joints: np.ndarray) -> bool:
+    for j in range(len(joints)):
+        if (x - joints[j, 0]) ** 2 + (y - joints[j, 1]) ** 2 + (z - joints[j, 2]) ** 2 < NEAR**2:
+            return True
+    return len(joints) == 0
+
+
+@njit(cache=True, nogil=True)
+def _walk(possible: np.ndarray, seen: np.ndarray, projections: np.ndarray, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, joints: np.ndarray, out_possible: np.ndarray, out_confirmed: np.ndarray) -> None:
     views, height, width = possible.shape
     needed = min(WITNESSES, views)
     for n in range(directions.shape[0]):
@@ -61,9 +75,10 @@ def _walk(possible: np.ndarray, seen: np.ndarray, projections: np.ndarray, origi
                     least_seen = min(least_seen, seen[v, i, j])
                 if least <= best and least_seen <= sure:
                     break
-            best = max(best, least)
             if witnesses >= needed:
                 sure = max(sure, least_seen)
+            if least > best and (witnesses >= needed or _near(x, y, w, joints)):
+                best = least
             if best >= 1 and sure >= 1:
                 break
         out_possible[n], out_confirmed[n] = best, sure
