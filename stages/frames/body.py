@@ -17,7 +17,7 @@ RADII = {
 }  # fmt: skip
 """Metres from a limb's bone to the skin."""
 OTHER_RADIUS = 0.03
-HEAD_RADIUS, HEAD_ABOVE = 0.11, 0.04
+HEAD_RADIUS, HEAD_ABOVE, NECK_RADIUS = 0.11, 0.04, 0.055
 """Metres: a head is a ball whose middle lies above that of eyes, ears and nose."""
 FACE = ("Nose", "LEye", "REye", "LEar", "REar")
 TORSO = ("LShoulder", "RShoulder", "RHip", "LHip")
@@ -74,8 +74,10 @@ def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness
 
 
 def _head(out: np.ndarray, face: np.ndarray, neck: np.ndarray | None, scale: float) -> None:
-    """A ball about the middle of the face [2], moved away from the neck [2] where that is known."""
+    """A ball about the middle of the face [2], moved away from the middle of the shoulders [2] where they are known, and the neck between."""
     up = np.array([0.0, -1.0]) if neck is None else (face - neck) / max(float(np.linalg.norm(face - neck)), 1e-9)
+    if neck is not None:
+        _capsule(out, face, neck, scale * NECK_RADIUS)
     middle = face + scale * HEAD_ABOVE * up
     _capsule(out, middle, middle, scale * HEAD_RADIUS)
 
