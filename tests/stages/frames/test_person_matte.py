@@ -12,6 +12,7 @@ from stages.capture.person import PersonCapture, capture_person
 from stages.frames.params import FramesParams, matte_choice
 from stages.frames.person_matte import Known, person_matte
 from stages.frames.stage import STAGE
+from storage.joints import COCO17
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures, overlap, wall
 from tests.stages.frames.people import FACTS, hints_of, segmented
@@ -86,8 +87,6 @@ def test_a_limb_that_only_the_own_segmentation_misses_comes_back() -> None:
     person, walls = before_a_wall()
     arrays = segmented(person)
     names = ["LKnee", "LAnkle"]
-    from storage.joints import COCO17
-
     knee, ankle = (person.joints2d[0, 0, COCO17.names.index(n), :2] for n in names)
     shin = np.zeros((SIZE, SIZE), np.uint8)
     cv2.line(shin, np.rint(knee + 0.2 * (ankle - knee)).astype(int).tolist(), np.rint(ankle + 0.4 * (ankle - knee)).astype(int).tolist(), 1, 16)
@@ -115,6 +114,20 @@ def test_partitions_do_not_matter() -> None:
     whole = run(person, arrays, 1)
     for length in (1, 2):
         np.testing.assert_array_equal(run(person, arrays, 1, length), whole)
+
+
+def test_threads_do_not_matter() -> None:
+    person, walls = before_a_wall()
+    known, before = hints_of(person, segmented(person, 64), 0).known(0, 0), cv2.getNumThreads()
+    found = []
+    try:
+        for threads in (1, 2, 3):
+            cv2.setNumThreads(threads)
+            found.append(cut(person, known, plate=walls[0]))
+    finally:
+        cv2.setNumThreads(before)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
 
 
 def test_joints_alone_and_a_plate_find_the_person() -> None:
