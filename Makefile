@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-effects bench-renderer bench-refinement bench-pose bench-gpu crash extreme stability clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-gpu crash extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -59,6 +59,11 @@ bench-sweep: $(STAMP)
 
 bench-motorcycle: $(STAMP)
 	$(BIN)/python -m benchmarks.motorcycle
+
+# Mattes without given masks: a capture outlined by hand (CAPTURES, default ../shared/captures) and simulated people.
+bench-mattes: $(STAMP)
+	$(BIN)/python -m benchmarks.mattes simulated
+	$(BIN)/python -m benchmarks.mattes balance $(or $(CAPTURES),../shared/captures)/balance
 
 # What every effect of the simulator costs, and what leaving it out saves.
 bench-effects: $(STAMP)

@@ -15,6 +15,7 @@ from stages.contract import Evidence, Facts, Stage
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
+from stages.frames.params import SEGMENTED
 from stages.geometry.paths import make_path
 from stages.io import Views
 from stages.registry import STAGES
@@ -141,6 +142,7 @@ class Context:
         facts = {
             **dict.fromkeys(known, True),
             ESTIMATED: estimator in ("blazepose", "onnx"),
+            SEGMENTED: estimator == "blazepose",
             "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
             "joints3d": here and estimator != "none",
             "masks": every("masks"),

@@ -9,10 +9,12 @@ import numpy as np
 
 from stages.frames.display import gain_table, to_display, tone_mapped
 from stages.frames.effects import NO_LINK, proven_offsets, white_point
+from stages.frames.hints import Hints
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
 from stages.frames.params import FramesParams, resolve_matte
+from stages.frames.person_matte import person_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
 from stages.survey.exposure import match
@@ -42,11 +44,11 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     numbers = [int(n) for n in inputs.source_frames[present]]
 
     color, maps_tones = _empty(inputs, (3,), np.uint8), "tone_mapping" in inputs.facts
-    if not maps_tones or resolve_matte(params, inputs.facts) == "plate":  # the plate is clipped at white, too
+    if not maps_tones or resolve_matte(params, inputs.facts) in ("plate", "person"):  # the plate is clipped at white, too
         for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
             _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
-    _fill_mask(inputs, params, warp, present, numbers, color, mask)
+    notes = _fill_mask(inputs, params, warp, present, numbers, color, mask)
     matched = "exposure_matching" in inputs.facts and view in inputs.views.sources
     if maps_tones:
         white, gain = white_point(np.stack([inputs.read(LIGHT, v) for v in inputs.views.sources])), _gain(inputs, view) if matched else np.ones(3)
@@ -58,7 +60,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             cv2.LUT(picture, table, dst=picture)
     yield Block("frames/color", color, view)
     del color
-    yield Block("frames/mask", mask, view)
+    yield Block("frames/mask", mask, view, notes)
     del mask
     if "truth_depth" in inputs.facts:
         depth = _empty(inputs, (), np.float32)
@@ -68,24 +70,38 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         yield Block("truth/depth", depth, view)
 
 
-def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> None:
-    view, (width, height) = inputs.view, warp.size
-    matte = resolve_matte(params, inputs.facts)
+def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> tuple[str, ...]:
+    """Fill mask [F, h, w] of one view; sentences about what was missing."""
+    (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
         inwards = _offset(inputs)
-        for frame, given in zip(present, inputs.source("masks").read(view, numbers), strict=True):
+        for frame, given in zip(present, inputs.source("masks").read(inputs.view, numbers), strict=True):
             _same_size(warp, "mask", given)
             _place(mask[frame], warp(moved(given, inwards)))
-        return
+        return ()
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
-        return
-    (w, h), read = warp.captured, inputs.read
-    plate = warp(np.ascontiguousarray(read("survey/plate", view)[:h, :w]))
-    spread = warp(np.ascontiguousarray(read("survey/spread", view)[:h, :w]))
+        return ()
+    plate = _plate(inputs, warp) if matte == "plate" or "several_frames" in inputs.facts else None
+    hints, unknown = Hints(inputs, params.hint_margin) if matte == "person" else None, 0
     for frame in present:
-        found = plate_matte(np.ascontiguousarray(color[frame, :height, :width]), plate, spread, params.plate_threshold)
-        _place(mask[frame], np.minimum(found, warp.coverage))
+        picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
+        if hints is not None:
+            found = person_matte(picture, hints.known(warp.view, int(frame)), plate, params.plate_threshold, params.hint_margin)
+            unknown += found is None
+        if found is None and plate is not None:
+            found = plate_matte(picture, *plate, params.plate_threshold)
+        if found is not None:
+            _place(mask[frame], np.minimum(found, warp.coverage))
+    instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
+    return (f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}",) if unknown else ()
+
+
+def _plate(inputs: Inputs, warp: Warp) -> tuple[np.ndarray, np.ndarray]:
+    """Plate [h, w, 3] and spread [h, w] of the view in its frames pixels."""
+    w, h = warp.captured
+    plate, spread = (np.ascontiguousarray(inputs.read(name, warp.view)[:h, :w]) for name in ("survey/plate", "survey/spread"))
+    return warp(plate), warp(spread)
 
 
 def _offset(inputs: Inputs) -> float:
@@ -139,7 +155,7 @@ def check(block: Block, params: FramesParams) -> list[str]:
             f"view {block.view}: {empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames without a picture count too); "
             f"a subject that stays in its place becomes part of the background plate: set frames.matte: none, or import masks"
         )
-    if params.matte in ("auto", "plate") and full:
+    if params.matte in ("auto", "plate", "person") and full:
         warnings.append(
             f"view {block.view}: {full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; unless frames.matte is none, the camera moves or "
             f"the light changes and a background plate does not fit: set frames.matte: none, or import masks"

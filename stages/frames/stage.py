@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
+from stages.detection.params import ADDED
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
 from stages.frames.params import FramesParams, matte_choice, resolve_matte
 from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
@@ -10,8 +11,10 @@ from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
-    """One view's partition of pictures and masks, and one captured picture while it is warped."""
-    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["source_y"] * shape["source_x"] * 60)
+    """One view's partition of pictures and masks, one captured picture while it is warped; for a person, the colours of one picture and all views' segmentations."""
+    pictures, captured = shape["frame"] * shape["y"] * shape["x"] * 16, shape["source_y"] * shape["source_x"] * 60
+    person = shape["y"] * shape["x"] * 160 + shape["frame"] * shape["view"] * shape["person"] * 2**16 if params.matte in ("auto", "person") else 0
+    return Resources(cpu=1, ram=pictures + captured + person)
 
 
 def _given(params: FramesParams, facts: Facts) -> bool:
@@ -19,7 +22,16 @@ def _given(params: FramesParams, facts: Facts) -> bool:
 
 
 def _plate(params: FramesParams, facts: Facts) -> bool:
-    return resolve_matte(params, facts) == "plate"
+    matte = resolve_matte(params, facts)
+    return matte == "plate" or (matte == "person" and "several_frames" in facts)
+
+
+def _person(params: FramesParams, facts: Facts) -> bool:
+    return resolve_matte(params, facts) == "person"
+
+
+def _detected(params: FramesParams, facts: Facts) -> bool:
+    return "detected" in facts and _person(params, facts)
 
 
 def _matched(params: FramesParams, facts: Facts) -> bool:
@@ -39,9 +51,11 @@ def _truth(params: FramesParams, facts: Facts) -> bool:
 
 
 def refusal(params: FramesParams, facts: Facts) -> str | None:
-    """Given masks must have come with the capture; a plate needs frames to take a median of."""
+    """Given masks must have come with the capture; a person needs joints, a plate frames to take a median of."""
     if params.matte == "given" and "masks" not in facts:
-        return "frames.matte is given, but not every source view has masks; use auto, plate or none"
+        return "frames.matte is given, but not every source view has masks; use auto, person, plate or none"
+    if params.matte == "person" and not {"joints2d", "joints3d"} & facts:
+        return f"frames.matte is person, but there are no joints to find her by: set detection.estimator to blazepose ({ADDED}) or to onnx with a model of yours, or import joints; or use plate or none"
     if params.matte == "plate" and "several_frames" not in facts:
         return "frames.matte is plate, but the capture has a single frame; use given or none"
     return None
@@ -59,6 +73,11 @@ STAGE = Stage(
         Read.source("depth", when=_truth),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
+        Read("detection/person", when=_detected),
+        Read("detection/region", when=_detected),
+        Read("pose/chosen", when=_detected),
+        Read("pose/joints2d", views="own", when=_person),
+        Read("pose/joints3d", when=_person),
         Read(COLORS, views="sources", when=_matched),
         Read(SURFACE, views="sources", when=_matched),
         Read(OUTLINES, views="own", when=_corrected),

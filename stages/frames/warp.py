@@ -28,7 +28,7 @@ class Warp:
 
         Raises SourceError when the captured size is not the calibrated one and no crop says how they relate.
         """
-        self.name = source_rig.names[view]
+        self.view, self.name = view, source_rig.names[view]
         self.captured = (int(captured[0]), int(captured[1]))
         self.calibrated = (int(source_rig.size[view, 0]), int(source_rig.size[view, 1]))
         self.size = (int(rig.size[view, 0]), int(rig.size[view, 1]))

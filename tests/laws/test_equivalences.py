@@ -28,7 +28,7 @@ def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pi
     assert_same_content(content(other), content(finished))
 
 
-@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=sweep", "depth.method=truth", "frames.matte=plate", "frames.matte=none", "rendering.precision=float64"])
+@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=sweep", "depth.method=truth", "frames.matte=plate", "frames.matte=person", "frames.matte=none", "rendering.precision=float64"])
 def test_partition_law_holds_for_the_other_methods(setting: str, person_folder: Path, tmp_path: Path) -> None:
     found = []
     for length in (2, 6):
@@ -88,17 +88,19 @@ def test_append_then_run_equals_run_whole(person_folder: Path, tmp_path: Path) -
     assert_same_content(content(grown), content(whole))
 
 
-def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(tmp_path: Path) -> None:
+@pytest.mark.parametrize("settings", [[], ["frames.matte=person"]], ids=["given", "person"])
+def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(tmp_path: Path, settings: list[str]) -> None:
     honest, noisy = tmp_path / "honest", tmp_path / "noisy"
     film(honest, views=4, frames=2)
     film(noisy, views=4, frames=2)
     _replace_by_noise(noisy, "mid00")
     found = []
     for folder in (honest, noisy):
-        pipeline = Pipeline(tmp_path / f"archive_{folder.name}", folder)
+        pipeline = Pipeline(tmp_path / f"archive_{folder.name}", folder, settings)
         pipeline.register()
         pipeline.run()
-        found.append(content(pipeline, but=("frames/color", "frames/mask", "truth/", "metrics")))
+        # A view's plate is read by the task of that view's own mask alone, as its pictures are.
+        found.append(content(pipeline, but=("survey/plate", "survey/spread", "frames/color", "frames/mask", "truth/", "metrics")))
         color = content(pipeline)["frames/color"]
         found.append({"color": color})
     assert_same_content(found[0], found[2])

@@ -1,0 +1,183 @@
+"""Foreground of one person: what is known of her beforehand, refined to the pixel by colours, the background plate and edges.
+
+Log odds are added up: of the estimator's segmentation or, without one, of the joints; of the colours nearby and of the
+plate; then what other views rule out is taken away. A guided filter lets the sum follow the picture's edges (the labels'
+costs are filtered and the cheapest is taken: Hosni et al., "Fast cost-volume filtering", 2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from stages.frames.body import body_shape, limb_bones, pixels_per_metre
+from stages.frames.odds import Plate, color_odds
+
+HINT_FLOOR = 0.03
+"""A segmentation is taken to be wrong about a pixel that often, however sure it is."""
+RULED_OUT = -12.0
+"""Log odds far outside all that is known of the subject, and where another view saw the background."""
+FAR_INSIDE = 3.0
+"""Log odds added deep inside a segmentation: clothes may match the background there."""
+GIVEN_BACK = 1.5
+"""Log odds along bones that all other views confirm and the view's own segmentation misses."""
+SKIN = 0.025
+"""Metres about which joints alone err on where the skin is."""
+BONE = 0.4
+"""Share of a limb's thickness that is surely within it."""
+MISSED_LENGTH = 0.1
+"""Metres of a bone that a segmentation must miss to be mistrusted: joints err by less."""
+ROUNDS = 2
+WINDOW = 0.12
+"""Side of the windows in which colours are compared, metres at the subject."""
+EDGE = 0.009
+"""Radius of the filter along the picture's edges, metres at the subject."""
+FLATNESS = 100.0
+"""(1/255)² of variance below which the guided filter sees no edge."""
+HULL = 2.0
+"""Log odds, without a segmentation, against what joints say where the other views do not confirm it."""
+FAINT = 0.15
+"""Segmentation from which on the subject may be there."""
+PERSON_HEIGHT = 1.7
+SMALLEST_PART, SMALLEST_HOLE = 0.005, 0.0005
+"""Shares of the foreground below which a part of it, or a hole in it, is noise."""
+SOFT_RADIUS, SOFT_GAIN = 2, 1.5
+"""Px about which an edge is soft, and by how much it is steeper than the guided filter leaves it."""
+METRE_OF_SIDE = 0.4
+"""Pixels of a metre over those of a region's side: a region around a person who stands is about 2.5 m wide."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of the subject in one picture before its pixels are looked at."""
+
+    hint: np.ndarray | None
+    """[h, w] float32 0..1 segmentation, negative where the estimator did not look; None where it found nobody."""
+    joints: np.ndarray
+    """[J, 3] (u, v, score) px of the picture; score 0 = unknown."""
+    joint_set: str
+    """Their joint set."""
+    possible: np.ndarray | None
+    """[h, w] float32 0..1: where the other views allow the subject; None where none saw her."""
+    confirmed: np.ndarray | None
+    """[h, w] float32 0..1: where the other views all saw her."""
+
+
+def person_matte(picture: np.ndarray, known: Known, plate: tuple[np.ndarray, np.ndarray] | None, threshold: float, margin: float) -> np.ndarray | None:
+    """Soft foreground [h, w] uint8 of the subject in a picture [h, w, 3] uint8; None where nothing is known of her.
+
+    plate: the background [h, w, 3] and its spread [h, w], uint8, of a static camera; threshold in 1/255 as of
+    `matte.plate_distance`; margin: share of a person's region by which a segmentation may be off.
+    """
+    scale = _scale(known)
+    size = (picture.shape[1], picture.shape[0])
+    prior = _prior(known, size, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
+    if prior is None or not (prior > 0).any():
+        return None
+    box = _box(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
+    prior, shown = np.ascontiguousarray(prior[box]), np.ascontiguousarray(picture[box])
+    side, radius = max(5, round(WINDOW * scale)) | 1, max(1, round(EDGE * scale))
+    against = None if plate is None else Plate(shown, np.ascontiguousarray(plate[0][box]), np.ascontiguousarray(plate[1][box]), threshold, prior <= RULED_OUT / 2)
+    smooth = cv2.GaussianBlur(shown, (0, 0), 0.7).astype(np.float32)
+    odds = prior
+    for _ in range(ROUNDS):
+        inside = 1 / (1 + np.exp(-odds))
+        odds = cv2.ximgproc.guidedFilter(shown, prior + color_odds(smooth, inside, side, against), radius, FLATNESS)
+    out = np.zeros(picture.shape[:2], np.uint8)
+    out[box] = _soft_edge(shown, _clean(odds > 0, prior > 0))
+    return out
+
+
+def _scale(known: Known) -> float:
+    """Pixels of a metre at the subject; from the extent of what was seen of her where no limb tells."""
+    scale = pixels_per_metre(known.joints, known.joint_set)
+    for field in (known.hint, known.confirmed):
+        if scale <= 0 and field is not None and (field > 0.5).any():
+            scale = max(float(np.ptp(n)) for n in np.nonzero(field > 0.5)) / PERSON_HEIGHT
+    return scale
+
+
+def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> np.ndarray | None:
+    """[h, w] float32 log odds of the subject in a picture of `size` before it is looked at; None where nothing is known.
+
+    scale: px of a metre; reach: px by which a segmentation may be off.
+    """
+    body = body_shape(known.joints, known.joint_set, size)
+    if known.hint is not None:
+        prior = _of_hint(known.hint, reach)
+        if known.confirmed is not None:
+            missed = limb_bones(known.joints, known.joint_set, size, BONE) & (known.confirmed > 0.5) & (_distance(known.hint > 0.5) > reach)
+            missed = _long(missed, MISSED_LENGTH * scale)
+            if missed.any():
+                limb = np.minimum(-_signed(body) / (SKIN * scale), GIVEN_BACK)
+                prior = np.where(_distance(missed) < 2 * reach, np.maximum(prior, limb), prior)
+    elif body.any():
+        prior = -_signed(body) / (SKIN * scale)
+        if known.confirmed is not None:
+            prior += HULL * (known.confirmed - 1)
+        prior = np.clip(prior, RULED_OUT, FAR_INSIDE)
+    elif known.confirmed is not None:
+        prior = _logit(known.confirmed)
+    else:
+        return None
+    if known.possible is not None:
+        # Joints are triangulated: where they are, other views saw her, whatever their segmentation says.
+        prior = np.where((known.possible < 0.5) & ~body, RULED_OUT, prior)
+    return prior.astype(np.float32)
+
+
+def _of_hint(hint: np.ndarray, reach: float) -> np.ndarray:
+    """[h, w] log odds: the segmentation's own around its edge, firm farther from it than it may be off."""
+    beyond = np.clip(_distance(hint > FAINT) / reach - 0.5, 0, 1)
+    within = np.clip(_distance(hint <= 0.5) / reach - 0.5, 0, 1)
+    return np.where(hint < 0, RULED_OUT, _logit(hint) + RULED_OUT * beyond + FAR_INSIDE * within)
+
+
+def _logit(share: np.ndarray) -> np.ndarray:
+    p = np.clip(share, HINT_FLOOR, 1 - HINT_FLOOR)
+    return np.log(p / (1 - p))
+
+
+def _distance(shape: np.ndarray) -> np.ndarray:
+    """[h, w] float32 px to the nearest pixel of a shape [h, w] bool, 0 inside; very far where it is empty."""
+    return cv2.distanceTransform((~shape).astype(np.uint8), cv2.DIST_L2, 5) if shape.any() else np.full(shape.shape, 1e6, np.float32)
+
+
+def _signed(shape: np.ndarray) -> np.ndarray:
+    """[h, w] float32 px outside a shape's edge, negative inside."""
+    return np.where(shape, 0.5 - _distance(~shape), _distance(shape) - 0.5)
+
+
+def _long(shape: np.ndarray, length: float) -> np.ndarray:
+    """[h, w] bool: the parts of a shape whose bounding box has a diagonal of at least `length` px."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(shape.astype(np.uint8), connectivity=8)
+    kept = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length
+    kept[0] = False
+    return kept[labels]
+
+
+def _box(shape: np.ndarray, margin: int) -> tuple[slice, slice]:
+    rows, columns = np.nonzero(shape.any(axis=1))[0], np.nonzero(shape.any(axis=0))[0]
+    return slice(max(0, rows[0] - margin), rows[-1] + margin + 1), slice(max(0, columns[0] - margin), columns[-1] + margin + 1)
+
+
+def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:
+    """[h, w] bool: without parts that nothing foretold, specks, and specks that are missing."""
+    mask = found.astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    kept = stats[:, cv2.CC_STAT_AREA] >= SMALLEST_PART * mask.sum()
+    kept &= np.bincount(labels[foretold], minlength=len(kept)) > 0
+    kept[0] = False
+    mask = kept[labels]
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
+    filled = stats[:, cv2.CC_STAT_AREA] < SMALLEST_HOLE * mask.sum()
+    filled[0] = False
+    return mask | filled[labels]
+
+
+def _soft_edge(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Coverage [h, w] uint8 of a mask [h, w] bool: along its edge, what share of a pixel's colour is the subject's."""
+    share = cv2.ximgproc.guidedFilter(picture, mask.astype(np.float32), SOFT_RADIUS, FLATNESS)
+    return np.rint(255 * np.clip(SOFT_GAIN * (share - 0.5) + 0.5, 0, 1)).astype(np.uint8)

@@ -1,0 +1,91 @@
+"""What is known of the subject before her pixels are looked at: segmentations in place, and views that speak for or against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.capture.person import capture_person
+from stages.detection.regions import to_own
+from stages.frames.hints import warped_hint
+from stages.geometry.projection import pixel_centres
+from stages.geometry.support import Fields, ray_support
+from storage.rig import Rig, to_integer_centres
+from tests.stages.frames.people import hints_of, segmented
+
+
+@pytest.mark.parametrize("region", [[60.0, 40.0, 90.0, 0.0], [50.0, 45.0, 70.0, 0.6], [64.0, 48.0, 30.0, -2.1]])
+def test_a_hint_lies_where_the_estimator_looked(region: list[float]) -> None:
+    # A ramp over the region is what bilinear sampling reproduces exactly; one step of uint8 and half of rounding remain.
+    i, j = np.meshgrid((np.arange(256) + 0.5) / 256, (np.arange(256) + 0.5) / 256, indexing="ij")
+    person = np.rint(255 * (0.2 + 0.5 * j + 0.3 * i)).astype(np.uint8)
+    captured = pixel_centres((128, 96))
+    found = warped_hint(person, np.array(region), captured)
+    own = to_own(captured.reshape(-1, 2), np.array(region)).reshape(96, 128, 2)
+    inside = ((own > 0.01) & (own < 0.99)).all(axis=-1)
+    assert inside.sum() > 500
+    assert np.abs(found - (0.2 + 0.5 * own[..., 0] + 0.3 * own[..., 1]))[inside].max() < 1.5 / 255
+    assert (found[((own < -0.01) | (own > 1.01)).any(axis=-1)] < 0).all()
+
+
+def test_a_coarse_grid_averages_the_hint() -> None:
+    stripes = np.tile(np.array([0, 255], np.uint8), (256, 128))
+    coarse = warped_hint(stripes, np.array([64.0, 64.0, 128.0, 0.0]), pixel_centres((16, 16)) * 8)
+    assert np.abs(coarse - 0.5).max() < 0.01
+
+
+def _one_sided(value: float, size: int = 32) -> tuple[Rig, Fields]:
+    """Three cameras of a ring; the last two hold `value` possible everywhere, and saw as much."""
+    rig = capture_person(3, size, 1, 0).rig
+    fields = Fields(*(np.full((2, size, size), value, np.float32) for _ in range(2)), to_integer_centres(rig.intrinsics[1:]) @ rig.world_to_camera[1:, :3])
+    return rig, fields
+
+
+def test_views_that_look_elsewhere_carve_nothing_and_confirm_nothing() -> None:
+    _, fields = _one_sided(0.0)
+    away = np.array([[0.0, 0.0, 1.0]])
+    high = np.array([0.0, 0.0, 100.0])
+    for joints, allowed in ((np.zeros((0, 3)), 1), (np.array([[0.3, 0.0, 102.0]]), 1), (np.array([[0.6, 0.0, 102.0]]), 0)):
+        possible, confirmed = ray_support(fields, high, away, np.linspace(1, 3, 9), joints)
+        assert possible[0] == allowed, "what nobody sees is possible near a joint"
+        assert confirmed[0] == 0
+
+
+def test_support_is_the_least_that_any_view_says_and_the_most_along_the_ray() -> None:
+    rig, fields = _one_sided(0.4)
+    to_middle = (np.array([[0.0, 0.0, 0.93]]) - rig.centres[0]) / 2.0
+    fields.possible[1] = 0.7
+    possible, confirmed = ray_support(fields, rig.centres[0], to_middle, np.array([2.0]), np.zeros((0, 3)))
+    assert possible[0] == np.float32(0.4)
+    assert confirmed[0] == np.float32(0.4)
+    fields.seen[0] = -1.0  # that view does not picture it: one witness of two is too few
+    assert ray_support(fields, rig.centres[0], to_middle, np.array([2.0]), np.zeros((0, 3)))[1][0] == 0
+
+
+def test_the_other_views_allow_all_of_the_subject_and_confirm_her_middle() -> None:
+    person = capture_person(6, 160, 1, 0)
+    arrays = segmented(person)
+    for view in (0, 3):
+        support = hints_of(person, arrays, view).support(view, 0)
+        assert support is not None
+        possible, confirmed = support
+        there = person.mask[0, view] > 127
+        assert (possible[there] > 0.5).mean() > 0.999
+        assert (possible > 0.5).mean() < 3.5 * there.mean()
+        assert (confirmed[there] > 0.5).mean() > 0.8
+
+
+def test_a_view_that_found_nobody_says_nothing() -> None:
+    person = capture_person(4, 64, 1, 0)
+    arrays = segmented(person)
+    arrays["pose/chosen"][:, 2] = -1
+    lacking = hints_of(person, arrays, 0).support(0, 0)
+    arrays["detection/person"][:, 2] = 0
+    arrays["pose/chosen"][:, 2] = 0
+    empty = hints_of(person, arrays, 0).support(0, 0)
+    assert lacking is not None
+    assert empty is not None
+    for a, b in zip(lacking, empty, strict=True):
+        np.testing.assert_array_equal(a, b)
+    arrays["pose/chosen"][:] = -1
+    assert hints_of(person, arrays, 0).support(0, 0) is None

@@ -1,0 +1,177 @@
+"""The person as matte: cut out to the pixel from a poor hint, held to what other views confirm, and harmless where little is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.frames.params import FramesParams, matte_choice
+from stages.frames.person_matte import Known, person_matte
+from stages.frames.stage import STAGE
+from storage.joints import COCO17
+from tests.memory import run_stage
+from tests.stages.frames.fakes import Pictures, overlap, wall
+from tests.stages.frames.people import FACTS, hints_of, segmented
+
+SIZE = 160
+THRESHOLD, MARGIN = FramesParams().plate_threshold, FramesParams().hint_margin
+
+
+def before_a_wall(frames: int = 1, views: int = 6) -> tuple[PersonCapture, np.ndarray]:
+    """The person, filmed before a mottled wall [V, h, w, 3]."""
+    person = capture_person(views, SIZE, frames, 0, motion="kick")
+    walls = np.stack([wall(SIZE, v) for v in range(views)])
+    noise = np.random.default_rng(5).normal(0, 2, person.color.shape)
+    color = person.color + (1 - person.mask[..., None] / 255.0) * walls + noise
+    return replace(person, color=np.clip(np.rint(color), 0, 255).astype(np.uint8)), np.clip(walls, 0, 255).astype(np.uint8)
+
+
+def cut(person: PersonCapture, known: Known, view: int = 0, plate: np.ndarray | None = None) -> np.ndarray:
+    spread = np.full((SIZE, SIZE), 2, np.uint8)
+    found = person_matte(person.color[0, view], known, None if plate is None else (plate, spread), THRESHOLD, MARGIN)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("plated", "least"), [(True, 0.98), (False, 0.92)])
+def test_a_poor_hint_is_refined_to_the_pixel(plated: bool, least: float) -> None:
+    size = 320
+    y, x = np.mgrid[:size, :size] + 0.5
+    truth = np.uint8(255) * ((np.hypot((x - 150) / 60, (y - 170) / 105) < 1) | ((np.abs(y - 120) < 16) & (x > 150) & (x < 275)))
+    cloth = np.clip(np.array([60, 90, 190]) + np.random.default_rng(0).normal(0, 12, (size, size, 3)), 0, 255)
+    ground = np.clip(wall(size, 3), 0, 255)
+    picture = np.where(truth[..., None] > 0, cloth, ground).astype(np.uint8)
+    # A hint of 32 cells, moved by 4 px and too wide by 3, as an estimator's may be.
+    poor = np.roll(cv2.dilate(truth, np.ones((7, 7), np.uint8)), (4, -4), axis=(0, 1))
+    hint = cv2.GaussianBlur(cv2.resize(cv2.resize(poor, (32, 32), interpolation=cv2.INTER_AREA), (size, size)), (0, 0), 4).astype(np.float32) / 255
+    known = Known(hint, np.zeros((17, 3)), "coco17", None, None)
+    plate = (ground.astype(np.uint8), np.full((size, size), 2, np.uint8)) if plated else None
+    found = person_matte(picture, known, plate, THRESHOLD, MARGIN)
+    assert found is not None
+    assert overlap((255 * hint).astype(np.uint8), truth) < 0.9
+    assert overlap(found, truth) > least
+
+
+def test_an_edge_is_as_soft_as_the_pixels_are_covered() -> None:
+    person, walls = before_a_wall()
+    found = cut(person, hints_of(person, segmented(person), 0).known(0, 0), plate=walls[0])
+    truth = person.mask[0, 0]
+    rim = (truth > 20) & (truth < 235)
+    # Colours alone do not tell a covered share exactly; a hard mask would be off by 64 on average.
+    assert np.abs(found[rim].astype(float) - truth[rim]).mean() < 55
+    assert overlap(found, truth) > 0.96
+
+
+def test_what_no_other_view_confirms_goes_and_what_they_confirm_stays() -> None:
+    person, _ = before_a_wall()
+    arrays = segmented(person)
+    phantom = np.zeros((SIZE, SIZE), bool)
+    phantom[20:60, 8:28] = True
+    assert not (phantom & (person.mask[0, 0] > 0)).any()
+    # An onlooker in the same clothes, segmented with the subject in one view.
+    person.color[0, 0][phantom] = person.color[0, 0][person.mask[0, 0] == 255][: phantom.sum()]
+    arrays["detection/person"][0, 0, 0] = np.maximum(arrays["detection/person"][0, 0, 0], cv2.resize(255 * phantom.astype(np.uint8), (256, 256)))
+    together = hints_of(person, arrays, 0).known(0, 0)
+    alone = replace(together, possible=None, confirmed=None)
+    assert (cut(person, alone)[phantom] > 127).mean() > 0.8
+    found = cut(person, together)
+    assert (found[phantom] > 127).mean() < 0.01
+    assert overlap(found, person.mask[0, 0]) > 0.9
+
+
+def test_a_limb_that_only_the_own_segmentation_misses_comes_back() -> None:
+    person, walls = before_a_wall()
+    arrays = segmented(person)
+    names = ["LKnee", "LAnkle"]
+    knee, ankle = (person.joints2d[0, 0, COCO17.names.index(n), :2] for n in names)
+    shin = np.zeros((SIZE, SIZE), np.uint8)
+    cv2.line(shin, np.rint(knee + 0.2 * (ankle - knee)).astype(int).tolist(), np.rint(ankle + 0.4 * (ankle - knee)).astype(int).tolist(), 1, 16)
+    missing = (shin > 0) & (person.mask[0, 0] > 127)
+    arrays["detection/person"][0, 0, 0][cv2.resize(shin, (256, 256)) > 0] = 0
+    together = hints_of(person, arrays, 0).known(0, 0)
+    alone = replace(together, possible=None, confirmed=None)
+    assert (cut(person, alone, plate=walls[0])[missing] > 127).mean() < 0.7
+    assert (cut(person, together, plate=walls[0])[missing] > 127).mean() > 0.85
+
+
+def arrays_of(person: PersonCapture, walls: np.ndarray) -> dict[str, np.ndarray]:
+    return {**segmented(person, 64), "survey/plate": walls, "survey/spread": np.full(walls.shape[:3], 2, np.uint8)}
+
+
+def run(person: PersonCapture, arrays: dict[str, np.ndarray], view: int, length: int | None = None, facts: frozenset[str] = FACTS, **more) -> np.ndarray:
+    pictures = Pictures([list(person.color[:, v]) for v in range(len(person.rig))])
+    out = run_stage(STAGE, FramesParams(matte="person"), arrays, person.rig, more.pop("roles", person.views), len(person.mask), length, view=view, sources={"pictures": pictures}, facts=facts, joint_set="coco17", **more)
+    return out["frames/mask"][:, view]
+
+
+def test_partitions_do_not_matter() -> None:
+    person, walls = before_a_wall(3, 4)
+    arrays = arrays_of(person, walls)
+    whole = run(person, arrays, 1)
+    for length in (1, 2):
+        np.testing.assert_array_equal(run(person, arrays, 1, length), whole)
+
+
+def test_threads_do_not_matter() -> None:
+    person, walls = before_a_wall()
+    known, before = hints_of(person, segmented(person, 64), 0).known(0, 0), cv2.getNumThreads()
+    found = []
+    try:
+        for threads in (1, 2, 3):
+            cv2.setNumThreads(threads)
+            found.append(cut(person, known, plate=walls[0]))
+    finally:
+        cv2.setNumThreads(before)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
+def test_joints_alone_and_a_plate_find_the_person() -> None:
+    person, walls = before_a_wall()
+    arrays = arrays_of(person, walls)
+    only = {k: v for k, v in arrays.items() if not k.startswith("detection/") and k != "pose/chosen"}
+    for facts in ({"joints2d"}, {"joints3d"}):
+        assert overlap(run(person, only, 0, facts=frozenset({"several_frames", *facts}))[0], person.mask[0, 0]) > 0.9
+
+
+def test_a_view_that_is_no_source_is_cut_out_by_what_the_others_saw() -> None:
+    person, walls = before_a_wall()
+    arrays, held_out = arrays_of(person, walls), replace(person.views, sources=(1, 2, 3, 4, 5), held_out=(0,))
+    first = run(person, arrays, 0, roles=held_out)
+    assert overlap(first[0], person.mask[0, 0]) > 0.9
+    # Nothing that an estimator might have found in it is looked at.
+    for name in ("detection/person", "detection/region", "pose/chosen"):
+        arrays[name] = arrays[name].copy()
+        arrays[name][:, 0] = 0
+    np.testing.assert_array_equal(run(person, arrays, 0, roles=held_out), first)
+
+
+def test_where_nobody_is_known_the_plate_tells_alone_and_says_so() -> None:
+    person, walls = before_a_wall()
+    arrays = arrays_of(person, walls)
+    arrays["pose/chosen"] = np.full_like(arrays["pose/chosen"], -1)
+    arrays["pose/joints2d"], arrays["pose/joints3d"] = np.zeros_like(arrays["pose/joints2d"]), np.zeros_like(arrays["pose/joints3d"])
+    assert overlap(run(person, arrays, 0)[0], person.mask[0, 0]) > 0.85
+    assert not run(person, arrays, 0, facts=FACTS - {"several_frames"}).any()
+
+
+def test_auto_takes_given_masks_then_the_person_then_a_plate() -> None:
+    auto = FramesParams()
+    wanted = [({"masks", "segmented", "several_frames"}, "given"), ({"segmented", "several_frames"}, "person"), ({"segmented"}, "person"), ({"several_frames", "joints2d"}, "plate"), (set(), "none")]
+    for facts, matte in wanted:
+        answer, why = matte_choice(auto, frozenset(facts))
+        assert answer == matte
+        assert len(why) > 20
+    assert matte_choice(FramesParams(matte="person"), frozenset({"masks"}))[0] == "person"
+
+
+def test_a_person_without_joints_is_refused_with_what_to_do() -> None:
+    said = STAGE.refusal(FramesParams(matte="person"), frozenset({"several_frames"}))
+    assert said is not None
+    assert "models fetch blazepose" in said
+    assert "plate" in said
+    assert STAGE.refusal(FramesParams(matte="person"), frozenset({"joints3d"})) is None
