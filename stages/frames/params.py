@@ -10,6 +10,9 @@ from stages.contract import Facts, Params, setting
 from storage.crop import Crop
 from storage.timegrid import parse_range
 
+GIVEN_DEPTH = "given_depth"
+"""The fact that every source view has depth maps to reconstruct from."""
+
 
 class FramesParams(Params):
     """Which frames, at which size, with which matte."""

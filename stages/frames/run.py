@@ -12,7 +12,7 @@ from stages.frames.effects import proven_offsets, white_point
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
-from stages.frames.params import FramesParams, resolve_matte
+from stages.frames.params import GIVEN_DEPTH, FramesParams, resolve_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
 from stages.survey.exposure import FEWEST, match
@@ -25,7 +25,7 @@ NEARLY_FULL = 0.7
 
 
 def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
-    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8 and, of simulated captures, true depth [F, h, w] float32 m.
+    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of given depth maps, those of source views, the depth [F, h, w] float32 m.
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
     0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped at 1 while `tone_mapping` is off.
@@ -66,6 +66,12 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             _same_size(warp, "true depth", truth)
             _place(depth[frame], warp.nearest(truth))
         yield Block("truth/depth", depth, view)
+    if GIVEN_DEPTH in inputs.facts:
+        given = _empty(inputs, (), np.float32)
+        if view in inputs.views.sources:
+            for frame, depth_map in zip(present, inputs.source("depth_maps").read(view, numbers), strict=True):
+                _place(given[frame], warp.depth(depth_map))
+        yield Block("frames/depth", given, view)
 
 
 def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> None:
@@ -124,10 +130,10 @@ def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
 
 def check(block: Block, params: FramesParams) -> list[str]:
     """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or negative."""
-    if block.array == "truth/depth":
+    if block.array in ("truth/depth", "frames/depth"):
         wrong = ~(np.isfinite(block.data) & (block.data >= 0))
         if wrong.any():
-            raise ValueError(f"truth/depth of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
+            raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
     if block.array != "frames/mask" or not len(block.data):
         return []
     share = (block.data > 127).mean(axis=(1, 2))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
-from stages.frames.params import FramesParams, matte_choice, resolve_matte
+from stages.frames.params import GIVEN_DEPTH, FramesParams, matte_choice, resolve_matte
 from stages.survey.params import LIGHT, OUTLINES
 from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
-    """One view's partition of pictures and masks, and one captured picture while it is warped."""
-    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["source_y"] * shape["source_x"] * 60)
+    """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of these while it is warped."""
+    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * 20 + shape["source_y"] * shape["source_x"] * 60)
 
 
 def _given(params: FramesParams, facts: Facts) -> bool:
@@ -57,6 +57,7 @@ STAGE = Stage(
         Read.source("pictures"),
         Read.source("masks", when=_given),
         Read.source("depth", when=_truth),
+        Read.source("depth_maps", when=lambda p, f: GIVEN_DEPTH in f),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
         Read("survey/colors", views="sources", when=_matched),
@@ -67,6 +68,7 @@ STAGE = Stage(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
         ArraySpec("frames/mask", ("frame", "view", "y", "x"), "uint8", "1/255", "Soft foreground of the one main subject; padding is 0."),
         ArraySpec("truth/depth", ("frame", "view", "y", "x"), "float32", "m", "True depth along the optical axis of a simulated capture; 0 where there is no surface.", when="truth_depth"),
+        ArraySpec("frames/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis as given with the capture; 0 where there is none, and in views that are no sources.", keep="until_done", when=GIVEN_DEPTH),
     ),
     over=("sequence", "time", "view"),
     params=FramesParams,
