@@ -87,10 +87,17 @@ class Joint3DReader(Protocol):
 
 
 class DepthReader(Protocol):
-    """True depth of a simulated capture, or depth maps as the user gives them."""
+    """True depth of a simulated capture."""
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] float32 metres along the optical axis, 0 where there is no surface, in captured pixels."""
+
+
+class DepthMapReader(DepthReader, Protocol):
+    """Depth maps as the user gives them, of any resolution over the captured picture's field."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int: the source frame numbers with a map, ascending; none of a view without maps."""
 
 
 class Inputs(Protocol):

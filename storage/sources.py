@@ -103,7 +103,12 @@ class Depth(_Source):
 
 
 class DepthMaps(_Source):
-    """Depth as the user gives it (`stages.io.DepthReader`)."""
+    """Depth as the user gives it (`stages.io.DepthMapReader`)."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int source frame numbers that have a map, ascending; none of a view without maps."""
+        stream = self._streams[view]
+        return np.asarray(() if stream is None else stream.numbers, dtype=np.int64)
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""

@@ -25,7 +25,7 @@ NEARLY_FULL = 0.7
 
 
 def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
-    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of given depth maps, those of source views, the depth [F, h, w] float32 m.
+    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of views with depth maps their depth [F, h, w] float32 m.
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
     0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped at 1 while `tone_mapping` is off.
@@ -67,11 +67,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             _place(depth[frame], warp.nearest(truth))
         yield Block("truth/depth", depth, view)
     if GIVEN_DEPTH in inputs.facts:
-        given = _empty(inputs, (), np.float32)
-        if view in inputs.views.sources:
-            for frame, depth_map in zip(present, inputs.source("depth_maps").read(view, numbers), strict=True):
-                _place(given[frame], warp.depth(depth_map))
-        yield Block("frames/depth", given, view)
+        yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
 
 
 def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> None:
@@ -92,6 +88,17 @@ def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.nda
     for frame in present:
         found = plate_matte(np.ascontiguousarray(color[frame, :height, :width]), plate, spread, params.plate_threshold)
         _place(mask[frame], np.minimum(found, warp.coverage))
+
+
+def _given_depth(inputs: Inputs, warp: Warp, frames: dict[int, int]) -> Block:
+    """The depth maps of one view; `frames` are those with a picture, {source frame number: index in the partition}."""
+    reader, view = inputs.source("depth_maps"), inputs.view
+    held = [n for n in frames if n in set(reader.numbers(view).tolist())]
+    given = _empty(inputs, (), np.float32)
+    for number, depth_map in zip(held, reader.read(view, held) if held else (), strict=True):
+        _place(given[frames[number]], warp.depth(depth_map))
+    lacking = len(frames) - len(held)
+    return Block("frames/depth", given, view, notes=(f"{lacking} of {len(frames)} pictures have no depth map; nothing is known of their depth",) if held and lacking else ())
 
 
 def _offset(inputs: Inputs) -> float:

@@ -68,7 +68,7 @@ STAGE = Stage(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
         ArraySpec("frames/mask", ("frame", "view", "y", "x"), "uint8", "1/255", "Soft foreground of the one main subject; padding is 0."),
         ArraySpec("truth/depth", ("frame", "view", "y", "x"), "float32", "m", "True depth along the optical axis of a simulated capture; 0 where there is no surface.", when="truth_depth"),
-        ArraySpec("frames/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis as given with the capture; 0 where there is none, and in views that are no sources.", keep="until_done", when=GIVEN_DEPTH),
+        ArraySpec("frames/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis as given with the capture; 0 where there is none.", keep="until_done", when=GIVEN_DEPTH),
     ),
     over=("sequence", "time", "view"),
     params=FramesParams,

@@ -138,3 +138,19 @@ def test_export_of_one_camera_with_maps_in_millimetres(tmp_path: Path) -> None:
     done = runner.invoke(app, ["export", "one", "--frames", str(tmp_path / "out"), *archive])
     assert done.exit_code == 0, done.output
     assert media.read_picture(next((tmp_path / "out").rglob("*.png"))).max() > 50
+
+
+def test_a_view_that_becomes_a_source_brings_its_depth_maps_along(tmp_path: Path) -> None:
+    """And a picture without a map is a hole with a warning, no failure."""
+    person = film(tmp_path / "capture", views=2, size=48, frames=2, held_out=0, depth=False)
+    write_capture(tmp_path / "capture", person.rig, None, depth_maps=person.depth, numbers=range(2))
+    (tmp_path / "capture" / "depth_maps" / "cam01" / "000001.exr").unlink()
+    one = Pipeline(tmp_path / "archive", tmp_path / "capture", [*AUTO, "views.sources=[cam00]"], held_out="[cam01]")
+    one.register()
+    one.run()
+    both = Pipeline(one.root, one.folder, AUTO, held_out="[]")
+    warnings = [w for e in both.run() if isinstance(e, TaskDone) for w in e.receipt.warnings] + list(map(str, both.plan().notes))
+    depth = Results(both.context()).read("depth/depth", range(2), 1)
+    np.testing.assert_array_equal(depth[0] > 0, person.depth[0, 1] > 0)
+    assert not depth[1].any()
+    assert not [w for w in warnings if "only source view" in w]
