@@ -20,6 +20,9 @@ from storage.errors import SourceError
 from storage.rig import Rig
 from storage.spec import digest
 
+PER_VIEW = ("pictures", "masks", "joints", "depth", "depth_maps")
+"""Kinds of sources with a stream a view; 3D joints have one for all."""
+
 
 @cache
 def _sha256(path: str, size: int, mtime_ns: int) -> str:
@@ -144,7 +147,9 @@ class Capture:
     joints3d: Stream | None = None
     """3D joints; `options["joint_set"]` names their joint set."""
     depth: tuple[Stream | None, ...] = ()
-    """[V] true depth of each view of a simulated capture, or empty."""
+    """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand (`depth.method: truth`)."""
+    depth_maps: tuple[Stream | None, ...] = ()
+    """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per unit of its files."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
 
@@ -168,7 +173,7 @@ class Capture:
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
     def streams(self, kind: str) -> tuple[Stream | None, ...]:
-        """Streams of a source kind: pictures, masks, joints, joints3d (one entry) or depth."""
+        """Streams of a source kind: one of PER_VIEW, or joints3d (one entry)."""
         return (self.joints3d,) if kind == "joints3d" else tuple(getattr(self, kind))
 
     def has(self, kind: str) -> bool:
@@ -182,7 +187,7 @@ class Capture:
             "names": list(self.rig.names),
             **{k: getattr(self.rig, k).tolist() for k in ("intrinsics", "distortion", "world_to_camera", "size")},
         }
-        for kind in ("pictures", "masks", "joints", "depth"):
+        for kind in PER_VIEW:
             out[kind] = [asdict(s) if s else None for s in self.streams(kind)]
         out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
         return out
@@ -204,5 +209,5 @@ class Capture:
             np.array(r["world_to_camera"], dtype=np.float64),
             np.array(r["size"], dtype=np.int64),
         )
-        kinds = {k: tuple(stream(s) for s in data[k]) for k in ("pictures", "masks", "joints", "depth")}
+        kinds = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
         return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]
