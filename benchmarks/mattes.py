@@ -140,12 +140,12 @@ def rows(what: str, results: Results, plate: np.ndarray, truth: dict[tuple[int, 
         hull = np.zeros((h, w), np.uint8) if support is None else (255 * support[1]).astype(np.uint8)
         yield {
             "capture": what, "view": context.rig.names[v], "frame": int(context.source_frames[f]), "held out": v in context.views.held_out,
-            "plate": overlap(plate[f, v, :h, :w], t), "hint": float("nan") if soft is None else overlap(soft, t), "person": overlap(person, t), "hull": overlap(hull, t),
-            "plate px": boundary(plate[f, v, :h, :w], t), "hint px": float("nan") if soft is None else boundary(soft, t), "person px": boundary(person, t),
+            "plate": overlap(plate[f, v, :h, :w], t), "hint": None if soft is None else overlap(soft, t), "person": overlap(person, t), "hull": overlap(hull, t),
+            "plate px": boundary(plate[f, v, :h, :w], t), "hint px": None if soft is None else boundary(soft, t), "person px": boundary(person, t),
         }  # fmt: skip
 
 
-def drawn(results: Results, f: int, v: int, truth: np.ndarray, height: int = 640) -> np.ndarray:
+def drawn(results: Results, f: int, v: int, truth: np.ndarray, height: int = 420) -> np.ndarray:
     """[height, w, 3] BGR: one picture around the subject, the true outline in green, the matte's in red."""
     color, mask = (results.read(f"frames/{a}", range(f, f + 1), v)[0, : truth.shape[0], : truth.shape[1]] for a in ("color", "mask"))
     big = np.ascontiguousarray(cv2.resize(color, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)[..., ::-1])
