@@ -27,10 +27,13 @@ from dags.plan import Selection
 from dags.results import Results
 from dags.session import Session
 from stages.geometry.projection import project
+from stages.pose.points import to_frames
+from stages.pose.triangulate import triangulate
 from storage.archive import Archive
 from storage.joint_files import read_trc
 from storage.joints import joint_set, to_set
 from storage.rig import Rig
+from storage.sources import open_source
 
 CROPS = ["frames.crop.cam01={scale: 1.00741, offset: [0, -7.06]}", "frames.crop.cam02={scale: 1.00741, offset: [0, -7.06]}"]
 COMPARED = [joint_set("coco17").names.index(n) for n in ("Nose", *(s + part for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for s in "LR"))]
@@ -118,6 +121,36 @@ def rows_of(results: Results, off: dict[str, np.ndarray]) -> list[dict[str, Any]
     return rows
 
 
+def yardstick(balance: Path, results: Results, given: np.ndarray) -> list[str]:
+    """Sentences: how far the given OpenPose joints, triangulated by the same code, lie from the given 3D joints and from ours, and what the maker's calibration makes of ours."""
+    settings, frames = load_configuration(None, CROPS, folder=balance).for_sequence("balance"), range(len(given))
+    capture = find_capture("pose2sim", balance, [], settings)
+    rig, reader = capture.rig, open_source(capture, "joints")
+    ideal = Rig(rig.names, rig.intrinsics, np.zeros_like(rig.distortion), rig.world_to_camera, rig.size)
+    openpose = np.stack([triangulate(ideal, np.stack([_largest(reader.read(v, n), rig, ideal, v) for v in range(len(rig))]), 0.2, 0.02) for n in frames])
+    openpose = to_set(openpose, reader.joint_set, "coco17")
+    ours = to_set(results.read("pose/joints3d", frames).astype(np.float64), results.context.joint_set or "", "coco17")
+    maker = find_capture("pose2sim", balance, ["calibration=calibration_qualisys.qca.txt"], settings).rig
+    return [
+        f"the given OpenPose joints, triangulated by the same code: median {_apart(openpose, given, ideal, ideal):.1f} px from the given 3D joints, ours {_apart(ours, openpose, ideal, ideal):.1f} px from them",
+        f"given 3D joints seen through the maker's calibration, ours through the corrected one: median {_apart(ours, given, ideal, maker):.1f} px",
+    ]
+
+
+def _largest(people: np.ndarray, rig: Rig, ideal: Rig, view: int) -> np.ndarray:
+    """[J, 3] the person of [P, J, 3] with the highest scores, calibrated px without lens; `balance` has one a file."""
+    person = np.asarray(max(people, key=lambda p: p[:, 2].sum()))
+    pixels, mapped = to_frames(person[:, :2], np.array([1.0, 0.0, 0.0]), rig, ideal, view)
+    return np.concatenate([pixels, np.where(mapped, person[:, 2], 0.0)[:, None]], axis=1)
+
+
+def _apart(first: np.ndarray, second: np.ndarray, rig: Rig, other: Rig) -> float:
+    """Median px between joints [F, 17, 4] seen by the cameras of `rig` and others seen by those of `other`."""
+    off = np.linalg.norm(seen(rig, first[..., :3])[0] - seen(other, second[..., :3])[0], axis=-1)[..., COMPARED]
+    known = (first[:, None, COMPARED, 3] > 0) & (second[:, None, COMPARED, 3] > 0)
+    return float(np.median(off[np.broadcast_to(known, off.shape)]))
+
+
 def milliseconds(results: Results) -> float:
     """Processor time of detection a picture, from its receipts."""
     folder = results.context.sequence.root
@@ -141,6 +174,8 @@ def main() -> None:
         known = (own[..., 3] > 0) & (given[..., 3] > 0)
         apart = [np.linalg.norm((own[f, k, :3] - given[f, k, :3]).mean(axis=0)) for f, k in enumerate(known) if k.any()]
         print(f"somebody else is reconstructed in {sum(d > AWAY for d in apart)} of {len(given)} frames; nobody in {len(given) - len(apart)}")
+        for sentence in yardstick(balance, results, given):
+            print(sentence)
         print(f"detection: {milliseconds(results):.0f} ms of a processor a picture")
     every = rows[-1]
     print("holds  " if every["median px"] <= GATES["median px"] else "FAILS  ", f"median {every['median px']:.1f} px of at most {GATES['median px']:g}")
