@@ -51,9 +51,9 @@ def without_keypoints(balance: Path, folder: Path) -> Path:
     return folder
 
 
-def estimated(balance: Path, archive: Path) -> Results:
+def estimated(balance: Path, archive: Path, settings_too: list[str]) -> Results:
     """The capture's results up to pose, made where they are not there."""
-    wanted = ["frames.size=960", *CROPS]
+    wanted = ["frames.size=960", *CROPS, *settings_too]
     session = Session(load_configuration(None, wanted, folder=archive), str(archive), Console(quiet=True))
     settings = session.configuration.for_sequence("balance")
     if not (archive / "balance").exists():
@@ -128,14 +128,15 @@ def milliseconds(results: Results) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
+    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
     a = parser.parse_args()
     balance = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "balance"
     with tempfile.TemporaryDirectory() as scratch:
-        results = estimated(balance, (a.archive or Path(scratch) / "archive").resolve())
+        results = estimated(balance, (a.archive or Path(scratch) / "archive").resolve(), a.set)
         given, height = given_joints(balance, len(results.context.source_frames))
         off = distances(results, given, height)
         rows = rows_of(results, off)
-        publish("real_pose", rows, {"frames": len(given), "height m": height})
+        publish(None if a.set else "real_pose", rows, {"frames": len(given), "height m": height})
         own = to_set(results.read("pose/joints3d", range(len(given))).astype(np.float64), results.context.joint_set or "", "coco17")
         known = (own[..., 3] > 0) & (given[..., 3] > 0)
         apart = [np.linalg.norm((own[f, k, :3] - given[f, k, :3]).mean(axis=0)) for f, k in enumerate(known) if k.any()]

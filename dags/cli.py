@@ -6,18 +6,33 @@ Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from dags import tables
+from dags.cli_inspect import inspect
 from dags.cli_models import models
+from dags.cli_options import (
+    ArchiveOption,
+    ConfigOption,
+    ForceOption,
+    FromOption,
+    JsonOption,
+    OnlyOption,
+    PathOption,
+    SchedulerOption,
+    SequenceOption,
+    SetOption,
+    console,
+    errors,
+    open_session,
+    say,
+    selected,
+)
 from dags.plan import Selection
-from dags.session import Session
 from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
@@ -30,35 +45,6 @@ app = typer.Typer(
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
 )
 app.add_typer(models, name="models")
-console = Console(highlight=False)
-errors = Console(stderr=True, highlight=False)
-
-ArchiveOption = Annotated[str | None, typer.Option("--archive", help="Folder of the archive; default: `archive` of the configuration.")]
-ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration laid over the packaged default; default: ./pipeline.yaml where it exists.")]
-SequenceOption = Annotated[list[str] | None, typer.Option("--sequence", help="Sequences to work on (a name or glob; may be repeated). Default: all.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one setting, for example --set depth.method=hull (may be repeated).")]
-OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
-FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
-ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
-PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
-JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
-
-
-def _session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False) -> Session:
-    session = Session.open(config, [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])], archive, errors if machine else console)
-    return replace(session, machine=machine)
-
-
-def _selection(only: list[str] | None, start: str | None, force: list[str] | None) -> Selection:
-    return Selection(frozenset(only or ()), start, frozenset(force or ()))
-
-
-def _say(lines: list[str], style: str | None = None) -> None:
-    for line in lines:
-        console.print(line, markup=False, style=style, soft_wrap=True)
-
-
 @app.command("import")
 def import_capture(
     layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap or images.")],
@@ -77,12 +63,12 @@ def import_capture(
     from dags.importing import find_capture, register
     from storage.archive import Archive
 
-    session = _session(config, assignments, archive)
+    session = open_session(config, assignments, archive)
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)
     made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
-    _say([*capture.notes, *said])
+    say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
 
@@ -105,7 +91,7 @@ def simulate(
     from dags.simulate import simulate as film_scene
 
     path = scene_file(scene)
-    film_scene(_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
+    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
 
 
 @app.command()
@@ -129,8 +115,8 @@ def plan(
     from dags.effects_table import effects_reasons, effects_table
     from dags.projection import project
 
-    session = _session(config, assignments, archive, scheduler, json)
-    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), _selection(only, start, force))
+    session = open_session(config, assignments, archive, scheduler, json)
+    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
     if picture:
         from dags.picture import write_picture
 
@@ -143,14 +129,14 @@ def plan(
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
-        _say(effects_reasons(p))
-        _say(list(p.notes), "yellow")
+        say(effects_reasons(p))
+        say(list(p.notes), "yellow")
         if p.all_fresh:
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
         else:
             console.print(tables.projection_table(project(p, session.history)))
     failed += session.refusals(plans)
-    _say(failed, "red")
+    say(failed, "red")
     raise typer.Exit(2 if failed else 0)
 
 
@@ -171,8 +157,8 @@ def run(
 
     Example: posegaussian run --sequence balance --config balance.yaml
     """
-    session = _session(config, assignments, archive, scheduler, json)
-    selection = _selection(only, start, force)
+    session = open_session(config, assignments, archive, scheduler, json)
+    selection = selected(only, start, force)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
     session.say(failed, "red")
     raise typer.Exit(session.run_and_report(plans, selection, failed))
@@ -190,7 +176,7 @@ def status(
 
     Example: posegaussian status --failed
     """
-    session = _session(config, assignments, archive)
+    session = open_session(config, assignments, archive)
     if failed_only:
         from dags.history import report_failed
 
@@ -199,7 +185,7 @@ def status(
 
     standings, failed = every_standing(session, session.names(sequence or ()))
     console.print(tables.status_table(standings))
-    _say(failed, "red")
+    say(failed, "red")
     raise typer.Exit(2 if failed else 0)
 
 
@@ -220,8 +206,8 @@ def why(
     from dags.history import still_failed
     from dags.plan import State
 
-    session = _session(config, assignments, archive)
-    _selection([stage], None, None)
+    session = open_session(config, assignments, archive)
+    selected([stage], None, None)
     p = session.plan(session.one_name(sequence), Selection())
     if stage in p.unneeded:
         console.print(f"{stage} is not needed: {p.unneeded[stage]}", markup=False)
@@ -231,10 +217,10 @@ def why(
         raise ConfigError(f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted from 0")
     for failure in still_failed(session.archive, [p.context.sequence.name]):
         if failure.task in chosen:
-            _say([f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC: {failure.error}"], "red")
+            say([f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC: {failure.error}"], "red")
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     for t in stale or chosen[:1]:
-        _say(chain(p, t))
+        say(chain(p, t))
     if not stale:
         console.print(f"{stage}: all {len(chosen)} fresh", markup=False)
 
@@ -253,7 +239,7 @@ def verify(
     """
     from dags.verify import verify as read_again
 
-    session = _session(config, assignments, archive)
+    session = open_session(config, assignments, archive)
     raise typer.Exit(read_again(session, session.names(sequence or ()), repair))
 
 
@@ -272,7 +258,7 @@ def gc(
     """
     from dags.gc import collect
 
-    session = _session(config, assignments, archive)
+    session = open_session(config, assignments, archive)
     raise typer.Exit(collect(session, session.names(sequence or ()), kind or [], apply))
 
 
@@ -292,8 +278,8 @@ def reshard(
     """
     from dags.reshard import reshard as cut
 
-    session = _session(config, assignments, archive)
-    _say(cut(session.plan(session.names([sequence])[0], Selection(), tuple(path or ())), frames, give_up))
+    session = open_session(config, assignments, archive)
+    say(cut(session.plan(session.names([sequence])[0], Selection(), tuple(path or ())), frames, give_up))
 
 
 @app.command()
@@ -311,9 +297,9 @@ def accept(
     """
     from dags.accept import accept as keep
 
-    session = _session(config, assignments, archive)
-    _selection([stage], None, None)
-    _say(keep(session.plan(session.names([sequence])[0], Selection()), stage, reason))
+    session = open_session(config, assignments, archive)
+    selected([stage], None, None)
+    say(keep(session.plan(session.names([sequence])[0], Selection()), stage, reason))
 
 
 @app.command()
@@ -333,13 +319,13 @@ def tradeoff(
     """
     from dags.tradeoff import run_tradeoff
 
-    run_tradeoff(_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
+    run_tradeoff(open_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
 
 
 @app.command()
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[str | None, typer.Option("--path", help='Camera path: orbit, held_out, "arc CAM_A CAM_B", "still CAM", or a .json file of cameras. Default: the configured one.')] = None,
+    path: Annotated[str | None, typer.Option("--path", help='Camera path: orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
     video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
@@ -360,34 +346,15 @@ def export(
 
     order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
-    session = _session(config, [*(assignments or []), *unrendered], archive, scheduler)
+    session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler)
     p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
-    _say(order.write(p))
+    say(order.write(p))
 
 
-@app.command()
-def inspect(
-    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
-    archive: ArchiveOption = None,
-    config: ConfigOption = None,
-    assignments: SetOption = None,
-) -> None:
-    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
-
-    Example: posegaussian inspect balance --config balance.yaml
-    """
-    from dags.context import Context
-    from dags.inspecting import run_inspection
-
-    session = _session(config, assignments, archive)
-    name = session.one_name(sequence)
-    # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
-    context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
-    raise typer.Exit(run_inspection(context, console, output))
+app.command()(inspect)
 
 
 @app.command()

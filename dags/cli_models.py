@@ -6,15 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from dags.cli_options import say
 
 models = typer.Typer(no_args_is_help=True, help="List, fetch or add other people's models, such as the pose estimator.")
-console = Console(highlight=False)
-
-
-def _say(lines: list[str]) -> None:
-    for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
 
 
 @models.command("list")
@@ -25,7 +20,7 @@ def list_models() -> None:
     """
     from dags.models import listing
 
-    _say(listing())
+    say(listing())
 
 
 @models.command()
@@ -36,7 +31,7 @@ def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
     """
     from dags.models import fetch as bring
 
-    _say(bring(name))
+    say(bring(name))
 
 
 @models.command()
@@ -47,4 +42,4 @@ def add(files: Annotated[list[Path], typer.Argument(help="The mediapipe 0.10.21 
     """
     from dags.models import add as take
 
-    _say(take(files))
+    say(take(files))

@@ -12,10 +12,11 @@ import numpy as np
 from dags.effects import Verdict, judged, refusals
 from dags.estimator import blazepose_is_here, named_joint_set
 from stages.contract import Evidence, Facts, Stage
+from stages.depth.params import SINGLE_SOURCE
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
-from stages.frames.params import SEGMENTED
+from stages.frames.params import GIVEN_DEPTH, SEGMENTED
 from stages.geometry.paths import make_path
 from stages.io import Views
 from stages.registry import STAGES
@@ -147,6 +148,8 @@ class Context:
             "joints3d": here and estimator != "none",
             "masks": every("masks"),
             "truth_depth": every("depth"),
+            GIVEN_DEPTH: bool(capture.depth_maps) and all(capture.depth_maps[v] is not None for v in sources),
+            SINGLE_SOURCE: len(sources) == 1,
             "held_out": bool(self.views.held_out),
             "several_frames": len(capture.numbers) > 1,
             "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
@@ -207,7 +210,7 @@ class Context:
     @cached_property
     def paths(self) -> dict[str, CameraPath]:
         """{`<kind>-<8 hex>`: cameras} of every path asked for."""
-        made = [make_path(t, self.rig, self.views, self.source_frames) for t in self.path_texts]
+        made = [make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts]
         return {p.name: p for p in made}
 
     @cached_property
@@ -227,6 +230,7 @@ class Context:
         shape = {
             "frame": len(self.source_frames),
             "view": len(self.rig),
+            "other_view": len(self.rig),
             "y": int(self.rig.size[:, 1].max()),
             "x": int(self.rig.size[:, 0].max()),
             "source_y": int(captured[:, 1].max()),
@@ -253,14 +257,19 @@ class Context:
         return [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None] + refusals(self.evidence, self.effects)
 
 
+def default_path(views: Views) -> str:
+    """What is rendered unless something else is asked for: the held-out cameras, else an orbit, which a single source view has little to show in."""
+    return "held_out" if views.held_out else "orbit" if len(views.sources) > 1 else "sway"
+
+
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
     """The context of a sequence; `paths` are rendered instead of the settings' ones.
 
     Raises ConfigError when a stage refuses its settings for this capture.
     """
-    default = ("held_out",) if settings.views.held_out else ("orbit",)
-    texts = paths or tuple(settings.rendering.paths if settings.rendering.paths is not None else default)
-    context = Context(sequence, settings, texts)
+    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()))
+    if not paths and settings.rendering.paths is None:
+        context = replace(context, path_texts=(default_path(context.views),))
     refusals = context.refusals()
     if refusals:
         raise ConfigError("\n".join(refusals))

@@ -55,15 +55,16 @@ def models_digest(params: DetectionParams) -> str:
 
 def estimator_of(params: DetectionParams) -> Estimator:
     """A resolved estimator, made once in a process. Raises ConfigError where its models are gone."""
-    return _made(params.estimator, params.model)
+    return _made(params.estimator, params.model, params.rounds, params.zoom)
 
 
 @lru_cache(maxsize=2)
-def _made(estimator: str, model: str | None) -> Estimator:
+def _made(estimator: str, model: str | None, rounds: int, zoom: int) -> Estimator:
     from stages.detection.blazepose import BlazePose
 
+    finder = BlazePose(rounds=rounds, zoom=zoom) if blazepose_is_here() else None
     if estimator == "blazepose":
-        return BlazePose()
+        return finder or BlazePose()
     from stages.detection.onnx import OnnxEstimator
 
-    return OnnxEstimator(described(DetectionParams(estimator="onnx", model=model)), BlazePose() if blazepose_is_here() else None)
+    return OnnxEstimator(described(DetectionParams(estimator="onnx", model=model)), finder)

@@ -13,7 +13,7 @@ from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
 from storage.archive import Archive, Sequence
-from storage.capture import Capture, SourceFile, Stream
+from storage.capture import PER_VIEW, Capture, SourceFile, Stream
 from storage.errors import BrokenRecord, ConfigError, SourceError
 from storage.importers import registry
 from storage.joints import JOINT_SETS
@@ -88,7 +88,7 @@ def _copied(capture: Capture, folder: Path) -> Capture:
         return None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
 
     names = capture.rig.names
-    kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in ("pictures", "masks", "joints", "depth")}
+    kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in PER_VIEW}
     return dataclasses.replace(capture, joints3d=stream(capture.joints3d, "joints3d", "all"), **kinds)  # type: ignore[arg-type]
 
 

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from dags.inspect_pictures import PairPicture
-from stages.inspection.finding import Finding, Verdict, worst_first
+from stages.inspection.finding import Finding, Verdict, by_measure
 from stages.inspection.footage import Footage
 from stages.inspection.report import Report
 from storage.archive import write_atomically
@@ -33,7 +33,7 @@ def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[P
 
 
 def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], folder: Path) -> str:
-    """The page's text: the verdict in one sentence, what to do, worst first, all numbers, and the pictures."""
+    """The page's text: the verdict in one sentence, what to do, worst first, the pictures, and all numbers."""
     width, height = footage.captured.max(axis=0)
     about = f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px, {len(footage.common)} frames at {footage.frame_rate:g} a second; looked at: frames {', '.join(map(str, footage.looked_at))}"
     parts = [
@@ -41,12 +41,13 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
         f"<h1>{escape(name)}</h1>",
         f'<p class="verdict" style="background:{COLORS[report.verdict]}">{escape(report.sentence)}</p><p>{escape(about)}.</p>',
         _to_do(report),
-        "<h2>All numbers, worst first</h2>",
-        _table(worst_first(report.findings)),
+        _unmeasured(report),
         "<h2>Pairs of cameras</h2>",
         '<p class="key">' + "".join(f'<span><i style="background:{c}"></i>{t}</span>' for c, t in KEY) + "</p>",
         "<p>Points of one colour are matched; each must lie on the line of its colour, which is where the calibration says that the other camera's point can be.</p>",
         *(_figure(p, report.findings, footage.names, folder) for p in pictures),
+        "<h2>All numbers</h2>",
+        _table(by_measure(report.findings)),
         "</body></html>\n",
     ]
     return "\n".join(parts)
@@ -59,6 +60,12 @@ def _to_do(report: Report) -> str:
     return "<h2>What to do, worst first</h2><ol>" + "".join(items) + "</ol>"
 
 
+def _unmeasured(report: Report) -> str:
+    if not report.unmeasured:
+        return ""
+    return "<h2>Not measured</h2><ul>" + "".join(f"<li>{escape(u)}</li>" for u in report.unmeasured) + "</ul>"
+
+
 def _mark(verdict: Verdict) -> str:
     return f'<span class="mark" style="background:{COLORS[verdict]}">{verdict}</span>'
 
@@ -66,7 +73,7 @@ def _mark(verdict: Verdict) -> str:
 def _table(findings: Sequence[Finding]) -> str:
     head = "".join(f"<th>{h}</th>" for h in ("measure", "of", "number", "verdict", "bounds", "what was found"))
     rows = "".join(
-        f'<tr><td class="n">{escape(f.measure)}</td><td>{escape(f.about)}</td><td class="n">{escape(f.number)}</td><td>{_mark(f.verdict)}</td><td>{escape(f.bounds)}</td>'
+        f'<tr><td class="n">{escape(f.measure)}</td><td class="n">{escape(f.about)}</td><td class="n">{escape(f.number)}</td><td>{_mark(f.verdict)}</td><td>{escape(f.bounds)}</td>'
         f"<td>{escape(f.sentence)}{f'<br><b>{escape(f.advice)}</b>' if f.advice else ''}</td></tr>"
         for f in findings
     )

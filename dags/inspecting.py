@@ -54,7 +54,10 @@ class _Chosen:
 
 
 def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Finding]]:
-    """What an inspection looks at, and the findings on picture sizes. `joints`: a reader of 2D joints in place of the capture's."""
+    """What an inspection looks at, and the findings on picture sizes.
+
+    `joints`: a reader of 2D joints of all cameras of the capture, in captured pixels, in place of those that came with it.
+    """
     capture, views = context.capture, context.active_views
     source_rig = capture.rig.subset(views)
     streams = [capture.pictures[v] for v in views]
@@ -75,6 +78,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     readers = {"pictures": _Chosen(open_source(capture, "pictures"), views)}
     if all(capture.masks and capture.masks[v] is not None for v in views):
         readers["masks"] = _Chosen(open_source(capture, "masks"), views)
+    as_calibrated = joints is None and context.settings.pose.joints_frame == "calibrated"
     if joints is None and any(capture.joints and capture.joints[v] is not None for v in views):
         joints = open_source(capture, "joints")
     if joints is not None:
@@ -82,7 +86,6 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     if capture.joints3d is not None:
         readers["joints3d"] = open_source(capture, "joints3d")
     facts = {"masks": "masks", "joints": "joints2d", "joints3d": "joints3d"}
-    as_calibrated = context.settings.pose.joints_frame == "calibrated"
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
     numbers = [np.asarray(s.numbers, dtype=np.int64) for s in streams]
     captured = np.array([s.size for s in streams])
@@ -130,5 +133,6 @@ def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
 
 
 def spoken(report: Report) -> list[str]:
-    """What to do, worst first."""
-    return [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
+    """What to do, worst first, and what could not be measured."""
+    wanted = [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
+    return wanted + [f"not measured: {u}" for u in report.unmeasured]

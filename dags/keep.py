@@ -27,6 +27,7 @@ from dags.events import Event, TaskBlocked, TaskDone, TaskFailed, TaskFresh, Tas
 from dags.plan import Plan, State
 from dags.tasks import PRODUCERS, Product, Task, inputs
 from dags.wording import number
+from storage.capture import PER_VIEW
 from storage.receipts import Output
 from storage.spec import ArraySpec, Keep
 from storage.sweep import bytes_of, drop_outputs
@@ -52,7 +53,7 @@ def droppable(settings: Any, declared: bool = False) -> dict[str, Keep]:
 def lost_source(context: Context) -> Path | None:
     """A source file that is not where it was imported from: without it dropped bytes could not be made again."""
     capture = context.capture
-    streams = [s for kind in ("pictures", "masks", "joints", "depth") for s in capture.streams(kind)] + [capture.joints3d]
+    streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
     files = (Path(f.path) for s in streams if s is not None for f in s.files)
     return next((f for f in files if not f.is_file()), None)
 

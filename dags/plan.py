@@ -20,8 +20,12 @@ from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
 from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
 from stages.contract import Stage
+from stages.depth.params import resolve_method
+from stages.geometry.cone import cone_notes
 from stages.geometry.pairs import pair_notes
+from stages.geometry.subject import subject_distance
 from stages.registry import STAGES
+from storage.capture import PER_VIEW
 from storage.errors import ConfigError
 from storage.receipts import Output, Receipt, missing_files, scan_receipts
 from storage.spec import digest
@@ -310,15 +314,18 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
-    if "depth" not in context.unneeded() and context.settings.depth.method == "sgbm":
+    if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
+    if "depth" not in context.unneeded() and len(context.views.sources) == 1:
+        (view,), depth = context.views.sources, context.settings.depth
+        found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
     return tuple(found)
 
 
 def _changed_sources(context: Context) -> list[str]:
     """A sentence about files that are not what was imported; what was made from them stays as it is until they are imported again."""
     capture = context.capture
-    streams = [s for kind in ("pictures", "masks", "joints", "depth") for s in capture.streams(kind)] + [capture.joints3d]
+    streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
     changed = list(dict.fromkeys(f.path for s in streams if s is not None for f in s.files if f.touched))
     if not changed:
         return []

@@ -76,15 +76,22 @@ MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided"
 """What a cell of the status table says besides done of all, shortened so that ten stages fit a terminal."""
 
 
+SHORTEST_NAME, SHORTEST_COLUMN = 12, 7
+"""Characters that a narrow terminal leaves a sequence's name, and a stage's before it is folded."""
+
+
 def status_table(standings: Mapping[str, Numbers]) -> Table:
     """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or dropped."""
     used = [word for word in MARKS if any(cell.get(word) for row in standings.values() for cell in row.values())]
-    table = Table(caption=", ".join(f"{MARKS[word]} {word}" for word in used) or None, caption_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("sequence", overflow="fold")
+    idle = [s.name for s in STAGES if not any(row[s.name] for row in standings.values())]
+    said = [", ".join(f"{MARKS[word]} {word}" for word in used), f"no sequence needs {', '.join(idle)}" if idle else ""]
+    table = Table(caption="; ".join(s for s in said if s) or None, caption_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("sequence", overflow="fold", min_width=SHORTEST_NAME)
     for stage in STAGES:
-        table.add_column(stage.name, overflow="fold", min_width=len(stage.name))
+        if stage.name not in idle:
+            table.add_column(stage.name, overflow="fold", min_width=SHORTEST_COLUMN)
     for name, row in standings.items():
-        table.add_row(escape(name), *(_cell(row[s.name]) for s in STAGES))
+        table.add_row(escape(name), *(_cell(row[s.name]) for s in STAGES if s.name not in idle))
     return table
 
 

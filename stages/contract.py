@@ -74,7 +74,7 @@ class Read:
 
     @classmethod
     def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always, halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)) -> Read:
-        """A source of the capture: pictures, masks, joints, joints3d or depth; or the pose estimator."""
+        """A source of the capture: pictures, masks, joints, joints3d, depth or depth_maps; or the pose estimator."""
         return cls(kind, views=views, halo=halo, when=when, is_source=True)
 
     def halo_for(self, params: Any) -> tuple[int, int]:

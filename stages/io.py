@@ -93,6 +93,13 @@ class DepthReader(Protocol):
         """[h, w] float32 metres along the optical axis, 0 where there is no surface, in captured pixels."""
 
 
+class DepthMapReader(DepthReader, Protocol):
+    """Depth maps as the user gives them, of any resolution over the captured picture's field."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int: the source frame numbers with a map, ascending; none of a view without maps."""
+
+
 class Inputs(Protocol):
     """Everything one task may see. Arrays are read through the store's digests, so what is read is what is fingerprinted."""
 
@@ -117,7 +124,7 @@ class Inputs(Protocol):
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]
-    """What the capture has (joints3d, masks, truth_depth, held_out, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated),
+    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated),
     the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`storage.joints`); None where the capture has no joints."""
@@ -132,4 +139,4 @@ class Inputs(Protocol):
         """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`, of an array or a source."""
 
     def source(self, kind: str) -> Any:
-        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d" or "depth"; or the pose "estimator"."""
+        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d", "depth" or "depth_maps"; or the pose "estimator"."""

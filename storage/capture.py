@@ -20,6 +20,9 @@ from storage.errors import SourceError
 from storage.rig import Rig
 from storage.spec import digest
 
+PER_VIEW = ("pictures", "masks", "joints", "depth", "depth_maps")
+"""Kinds of sources with a stream a view; 3D joints have one for all."""
+
 
 @cache
 def _sha256(path: str, size: int, mtime_ns: int) -> str:
@@ -95,25 +98,17 @@ class Stream:
     def index_of(self, number: int) -> int | None:
         """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
 
-        Without indices it is the number itself, later by as much as the camera is `late`; with them, None for a number that the stream does not have.
+        Without indices it is the number itself; with them, None for a number that the stream does not have.
         """
-        return self._index_of.get(number) if "indices" in self.options else number + self.late
-
-    @property
-    def late(self) -> int:
-        """Frames by which the camera is late, see `Capture.in_step`; a reader of a file that holds all frames looks so much further."""
-        return int(self.options.get("late", 0))
+        return self._index_of.get(number) if "indices" in self.options else number
 
     def renumbered(self, late: int, first: int, last: int) -> Stream:
         """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
-        kept = [(i, n - late) for i, n in enumerate(self.numbers) if first <= n - late <= last]
-        files = self.files if self.kind in ONE_FILE else tuple(self.files[i] for i, _ in kept)
-        if "indices" in self.options:
-            options = {**self.options, "indices": [self.options["indices"][i] for i, _ in kept]}
-        else:
-            options = {**self.options, "late": self.late + late}
-        return replace(self, files=files, numbers=tuple(n for _, n in kept), options=options)
-
+        kept = [(i, n) for i, n in enumerate(self.numbers) if first <= n - late <= last]
+        numbers = tuple(n - late for _, n in kept)
+        if self.kind in ONE_FILE:
+            return replace(self, numbers=numbers, options={**self.options, "indices": [self.index_of(n) for _, n in kept]})
+        return replace(self, numbers=numbers, files=tuple(self.files[i] for i, _ in kept))
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
         """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of its frames these are."""
@@ -152,7 +147,9 @@ class Capture:
     joints3d: Stream | None = None
     """3D joints; `options["joint_set"]` names their joint set."""
     depth: tuple[Stream | None, ...] = ()
-    """[V] true depth of each view of a simulated capture, or empty."""
+    """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand (`depth.method: truth`)."""
+    depth_maps: tuple[Stream | None, ...] = ()
+    """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per unit of its files."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
 
@@ -176,7 +173,7 @@ class Capture:
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
     def streams(self, kind: str) -> tuple[Stream | None, ...]:
-        """Streams of a source kind: pictures, masks, joints, joints3d (one entry) or depth."""
+        """Streams of a source kind: one of PER_VIEW, or joints3d (one entry)."""
         return (self.joints3d,) if kind == "joints3d" else tuple(getattr(self, kind))
 
     def has(self, kind: str) -> bool:
@@ -190,7 +187,7 @@ class Capture:
             "names": list(self.rig.names),
             **{k: getattr(self.rig, k).tolist() for k in ("intrinsics", "distortion", "world_to_camera", "size")},
         }
-        for kind in ("pictures", "masks", "joints", "depth"):
+        for kind in PER_VIEW:
             out[kind] = [asdict(s) if s else None for s in self.streams(kind)]
         out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
         return out
@@ -212,5 +209,5 @@ class Capture:
             np.array(r["world_to_camera"], dtype=np.float64),
             np.array(r["size"], dtype=np.int64),
         )
-        kinds = {k: tuple(stream(s) for s in data[k]) for k in ("pictures", "masks", "joints", "depth")}
+        kinds = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
         return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]

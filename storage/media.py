@@ -69,6 +69,25 @@ def read_depth(path: str | Path) -> np.ndarray:
     return depth
 
 
+def read_depth_map(path: str | Path, scale: float) -> np.ndarray:
+    """[h, w] float32 metres of the first channel of a float or integer file, `scale` metres a unit; 0 and what is not finite mean no surface.
+
+    Raises SourceError for negative depth.
+    """
+    values = _read(path)[..., 0].astype(np.float32)
+    depth = np.where(np.isfinite(values), values, np.float32(0)) * np.float32(scale)
+    if (depth < 0).any():
+        raise SourceError(f"depth map {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no surface)")
+    return depth
+
+
+def holds_integers(path: str | Path) -> bool:
+    """Whether a picture's file holds integers, whose unit nobody knows; it is not decoded. Raises SourceError."""
+    source, spec = _open(path)
+    source.close()
+    return str(spec.format) in ("uint8", "uint16")
+
+
 def write_png(path: str | Path, picture: np.ndarray) -> None:
     """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha."""
     if picture.dtype != np.uint8:

@@ -23,7 +23,7 @@ class _Source:
 
     def __init__(self, capture: Capture, kind: str) -> None:
         self._names = capture.rig.names
-        self._kind = kind
+        self._kind = kind.replace("_", " ")
         self._streams = capture.streams(kind)
         self._verified: set[str] = set()
 
@@ -112,6 +112,21 @@ class Depth(_Source):
             yield self._sized(view, int(n), media.read_depth(path))
 
 
+class DepthMaps(_Source):
+    """Depth as the user gives it (`stages.io.DepthMapReader`)."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int source frame numbers that have a map, ascending; none of a view without maps."""
+        stream = self._streams[view]
+        return np.asarray(() if stream is None else stream.numbers, dtype=np.int64)
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""
+        scale = float(self._stream(view).options["scale"])
+        for n, path in zip(numbers, self._files(view, numbers), strict=True):
+            yield self._sized(view, int(n), media.read_depth_map(path, scale))
+
+
 _ONE_PICTURE: dict[str, Callable[[str], Detections]] = {"openpose": read_openpose, "easymocap": read_easymocap}
 
 
@@ -168,14 +183,14 @@ class Joints3D(_Source):
         return self._joints.get(int(number), np.zeros((len(names), 4)))
 
 
-_READERS: dict[str, Callable[[Capture, str], Any]] = {"pictures": Pictures, "masks": Masks, "joints": Joints, "joints3d": Joints3D, "depth": Depth}
+_READERS: dict[str, Callable[[Capture, str], Any]] = {"pictures": Pictures, "masks": Masks, "joints": Joints, "joints3d": Joints3D, "depth": Depth, "depth_maps": DepthMaps}
 
 
 def open_source(capture: Capture, kind: str) -> Any:
-    """The reader of a source kind: pictures, masks, joints, joints3d or depth (the protocols of `stages/io.py`).
+    """The reader of a source kind: pictures, masks, joints, joints3d, depth or depth_maps (the protocols of `stages/io.py`).
 
     Raises SourceError when the capture has no such source.
     """
     if not capture.has(kind):
-        raise SourceError(f"the capture has no {kind}; import one that has them")
+        raise SourceError(f"the capture has no {kind.replace('_', ' ')}; import one that has them")
     return _READERS[kind](capture, kind)

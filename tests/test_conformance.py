@@ -18,17 +18,18 @@ from dags.config import PACKAGED, Settings
 from stages.contract import Axis, Params, Read, Resources, Stage, extra, resolve
 from stages.registry import STAGES, stage
 from storage.archive import layout
+from storage.capture import PER_VIEW
 from storage.spec import ArraySpec, TableSpec
 
-SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "estimator"}
-CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected")
+SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "depth_maps", "estimator"}
+CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected", "given_depth", "single_source")
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
 OPTIONAL = tuple(s for s in STAGES if s.optional)
 EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
 EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) if "joints2d" in c or "detected" not in c for on in EFFECT_STATES]
-SHAPE = {"frame": 16, "view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25, "person": 3}
+SHAPE = {"frame": 16, "view": 8, "other_view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "sample": 25, "person": 3}
 HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh", "ai_edge_litert"}
 
 every_stage = pytest.mark.parametrize("s", STAGES, ids=lambda s: s.name)
@@ -77,7 +78,7 @@ def test_every_read_is_a_known_source_or_written_by_an_earlier_stage(s: Stage) -
 def test_a_read_of_its_own_view_belongs_to_a_stage_over_views(s: Stage) -> None:
     arrays = {w.name: w for t in STAGES for w in t.writes}
     for r in s.reads:
-        per_view = r.array in ("pictures", "masks", "joints", "depth") if r.is_source else arrays[r.array].per_view
+        per_view = r.array in PER_VIEW if r.is_source else arrays[r.array].per_view
         assert r.views != "own" or "view" in s.over or not per_view, r.array
 
 
@@ -157,7 +158,7 @@ def test_quality_levels_are_valid_settings_and_hold_the_default(s: Stage) -> Non
         levels = extra(field).get("quality_levels")
         if levels is not None:
             assert len(levels) > 1
-            assert field.default in levels, f"{s.name}.{name}"
+            assert field.default in (*levels, "auto"), f"{s.name}.{name}"  # `auto` is one of them, or what this capture alone can serve
             for level in levels:
                 assert getattr(s.params(**{name: level}), name) == level
 

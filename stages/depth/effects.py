@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
+from stages.depth.params import MATCHING, SEVERAL, resolve_method
 from stages.geometry.subject import PERSON_RADIUS, look_at_point
 
 
@@ -31,9 +32,10 @@ def hidden_width(evidence: Evidence) -> float:
 
 
 def _nothing_matched(evidence: Evidence) -> str | None:
-    if evidence.params.method not in ("sweep", "sgbm"):
-        return f"depth.method is {evidence.params.method}: nothing is matched"
-    return None if len(evidence.sources) > 1 else "there is a single source view: nothing is matched"
+    if len(evidence.sources) < 2:
+        return "there is a single source view: nothing is matched"
+    method = resolve_method(evidence.params, evidence.facts)
+    return None if method in MATCHING else f"depth.method is {method}: nothing is matched"
 
 
 def _check(evidence: Evidence, bound: float) -> Decision:
@@ -73,11 +75,12 @@ def _trusted_joints(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _no_limbs(evidence: Evidence) -> str | None:
-    if evidence.params.method == "truth":
-        return "depth.method is truth: nothing is searched"
-    if not {"joints2d", "joints3d"} & evidence.facts:
-        return "the capture has no joints"
-    return None if len(evidence.sources) > 1 else "there is a single source view: joints are not triangulated"
+    if len(evidence.sources) < 2:
+        return "there is a single source view: no search that limbs could bound"
+    method = resolve_method(evidence.params, evidence.facts)
+    if method not in SEVERAL:
+        return f"depth.method is {method}: nothing is searched"
+    return None if {"joints2d", "joints3d"} & evidence.facts else "the capture has no joints"
 
 
 LIMB_BOUNDS = Effect(

@@ -8,10 +8,14 @@ from functools import cache
 import numpy as np
 
 from stages.depth.estimate import estimate, estimate_open
+from stages.depth.given import given_depth
 from stages.depth.limbs import limbs_of
-from stages.depth.params import DepthParams, refusal
+from stages.depth.params import MATCHING, SINGLE_SOURCE, DepthParams, refusal, resolve_method
+from stages.depth.relief import relief
 from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
 from stages.depth.sweeping import sweep_hull, sweep_open
+from stages.geometry.hull import foreground
+from stages.geometry.subject import subject_distance
 from stages.io import Block, Inputs
 from storage.errors import UserError
 from storage.joints import to_set
@@ -19,21 +23,32 @@ from storage.rig import Rig
 
 FEW_MATCHES = 0.3
 """Share of the surface below which a view is reported as poorly matched."""
+STATURE = 1.7
+"""Metres; a standing person."""
+OFF = 1.3
+"""Factor by which the subject of a single view may be farther or nearer than assumed before it is reported."""
 
 
 def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
 
     Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match counts
-    whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises UserError for `method: truth` without
-    true depth.
+    whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises UserError for a method that
+    this capture cannot serve.
     """
     reason = refusal(params, inputs.facts)
     if reason:
         raise UserError(reason)
-    if params.method == "truth":
-        yield from _truth(inputs)
-        return
+    params = params.model_copy(update={"method": resolve_method(params, inputs.facts)})
+    by_view = {"truth": _true, "given": _given, "relief": _relief}
+    if params.method in by_view:
+        yield from _alone(inputs, params, by_view[params.method])
+    else:
+        yield from _together(inputs, params)
+
+
+def _together(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
+    """Blocks of all views, each compared with the others."""
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
     colors = {v: inputs.read("frames/color", v) for v in sources} if params.method != "hull" else {}
@@ -51,8 +66,9 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
         for v, (z, c) in _depth(geometry, frame, params, inputs.rig, "left_right_check" in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
+        sure = confidence.get(v, np.zeros(shape, np.float16))
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
-        yield Block("depth/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
+        yield Block("depth/confidence", sure, v, notes=matched_note(sure) if params.method in MATCHING else ())
 
 
 def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig, checked: bool) -> Maps:
@@ -77,25 +93,77 @@ def _limbs(inputs: Inputs) -> list[np.ndarray]:
     return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 
 
-def _truth(inputs: Inputs) -> Iterator[Block]:
+def _alone(inputs: Inputs, params: DepthParams, found: Callable[[Inputs, DepthParams, int], tuple[np.ndarray, np.ndarray]]) -> Iterator[Block]:
+    """Blocks of all views, each from its own maps alone; zeros in frames without a picture."""
     for v in range(len(inputs.rig)):
-        depth = np.zeros(_shape(inputs), np.float32)
+        depth, confidence = np.zeros(_shape(inputs), np.float32), np.zeros(_shape(inputs), np.float16)
+        notes: tuple[str, ...] = ()
         if v in inputs.views.sources:
-            depth[inputs.valid[:, v]] = inputs.read("truth/depth", v)[inputs.valid[:, v]]
-        yield Block("depth/depth", depth, v)
-        yield Block("depth/confidence", (depth > 0).astype(np.float16), v)
+            valid = inputs.valid[:, v]
+            depth[valid], confidence[valid] = (a[valid] for a in found(inputs, params, v))
+            if SINGLE_SOURCE in inputs.facts and params.method != "truth":
+                notes = distance_note(inputs.rig, v, depth, inputs.read("frames/mask", v), params)
+        yield Block("depth/depth", depth, v, notes=notes)
+        yield Block("depth/confidence", confidence, v)
+
+
+def _true(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and confidence [F, h, w] of one view; so below."""
+    depth = inputs.read("truth/depth", view)
+    return depth, depth > 0
+
+
+def _given(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
+    focal = float(inputs.rig.intrinsics[view, 0, 0])
+    found = [given_depth(z, focal, params.depth_range) for z in inputs.read("frames/depth", view)]
+    return np.stack([z for z, _ in found]), np.stack([c for _, c in found])
+
+
+def _relief(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
+    distance, focal = subject_distance(inputs.rig, view, params.subject_distance), float(inputs.rig.intrinsics[view, 0, 0])
+    masks = inputs.read("frames/mask", view)
+    depth, confidence = np.zeros(masks.shape, np.float32), np.zeros(masks.shape, np.float32)
+    width, height = inputs.rig.size[view]
+    for f in np.flatnonzero(inputs.valid[:, view]):
+        depth[f, :height, :width], confidence[f, :height, :width] = relief(masks[f, :height, :width], distance, focal)
+    return depth, confidence
 
 
 def check(block: Block, params: DepthParams) -> list[str]:
-    """Warn of a view that matching could hardly serve; raise ValueError for values that no depth or confidence can have."""
+    """Raise ValueError for values that no depth or confidence can have."""
     bound = np.inf if block.array == "depth/depth" else 1.0
     data = np.asarray(block.data)
     wrong = ~(np.isfinite(data) & (data >= 0) & (data <= bound))
     if wrong.any():
         raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0, {bound:g}]")
-    if block.array != "depth/confidence" or params.method not in ("sgbm", "sweep") or not data.any():
-        return []
-    matched = float((data >= 0.5).sum() / (data > 0).sum())
+    return []
+
+
+def matched_note(confidence: np.ndarray) -> tuple[str, ...]:
+    """A sentence about a view [F, h, w] that matching could hardly serve."""
+    if not confidence.any():
+        return ()
+    matched = float((confidence >= 0.5).sum() / (confidence > 0).sum())
     if matched >= FEW_MATCHES:
-        return []
-    return [f"view {block.view}: {matched:.0%} of the surface was matched with another view (at least {FEW_MATCHES:.0%} expected); the rest follows neighbours and the hull"]
+        return ()
+    return (f"{matched:.0%} of the surface was matched with another view (at least {FEW_MATCHES:.0%} expected); the rest follows neighbours and the hull",)
+
+
+def distance_note(rig: Rig, view: int, depth: np.ndarray, masks: np.ndarray, params: DepthParams) -> tuple[str, ...]:
+    """A sentence where the subject of a single view is elsewhere than assumed: given depth says so, or the height of the silhouettes [F, h, w]."""
+    assumed = subject_distance(rig, view, params.subject_distance)
+    inside = foreground(masks)
+    if params.method == "given":
+        seen = depth[inside & (depth > 0)]
+        likely = float(np.median(seen)) if seen.size else assumed
+        says = "the given depth of the subject"
+    else:
+        if params.subject_distance is not None or not inside.any() or inside.all():
+            return ()
+        tall = float(np.median([np.ptp(np.nonzero(m.any(axis=1))[0]) + 1 for m in inside if m.any()]))
+        likely = float(rig.intrinsics[view, 1, 1]) * STATURE / tall
+        says = f"the silhouette, if of a standing person of {STATURE:g} m,"
+    if 1 / OFF <= likely / assumed <= OFF:
+        return ()
+    turns = "the relief lies at" if params.method == "relief" else "`sway` turns about a point at"
+    return (f"{says} is at {likely:.2g} m and {turns} {assumed:.2g} m; set depth.subject_distance: {likely:.2g}",)

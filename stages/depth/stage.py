@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from stages.contract import Read, Resources, Stage
+from stages.contract import Choice, Read, Resources, Stage
 from stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
-from stages.depth.params import DepthParams, refusal
+from stages.depth.params import MATCHING, DepthParams, method_choice, refusal, resolve_method
 from storage.spec import ArraySpec, Shape
 
 
@@ -21,8 +21,9 @@ STAGE = Stage(
     run="stages.depth.run:run",
     check="stages.depth.run:check",
     reads=(
-        Read("frames/color", when=lambda p, f: p.method in ("sweep", "sgbm")),
+        Read("frames/color", when=lambda p, f: resolve_method(p, f) in MATCHING),
         Read("frames/mask"),
+        Read("frames/depth", when=lambda p, f: resolve_method(p, f) == "given"),
         Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f and bool({"joints2d", "joints3d"} & f)),
         Read("truth/depth", when=lambda p, f: p.method == "truth"),
     ),
@@ -35,4 +36,5 @@ STAGE = Stage(
     needs=needs,
     refusal=refusal,
     effects=(LEFT_RIGHT_CHECK, LIMB_BOUNDS),
+    choices=(Choice("method", method_choice),),
 )

@@ -57,8 +57,8 @@ class BlazePose:
         """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or LiteRT are missing, SourceError where one is not what was published.
 
         Landmarks are read again up to `rounds` times in the region they themselves give. The detector needs people to be about
-        a fifth of what it is shown: zoom 0 shows it the whole picture, 1 also squares along the long side, 2 also squares
-        half as wide, for people small in the picture.
+        a fifth of what it is shown: zoom 0 shows it the whole picture; 1, where it sees nobody there, squares along the long
+        side, too; 2 always these and squares half as wide, for people small in the picture.
         """
         found = files or model_files()
         if found is None:
@@ -78,7 +78,9 @@ class BlazePose:
     def detect(self, picture: np.ndarray) -> np.ndarray:
         """[D, 4] regions in which the detector sees people, by falling score: in the whole picture and in squares of it."""
         size = (picture.shape[1], picture.shape[0])
-        found = [self._detect_in(picture, place) for place in (whole(size), *(s for share in ZOOMS[self._zoom] for s in squares(size, share)))]
+        found = [self._detect_in(picture, whole(size))]
+        if self._zoom == 2 or not len(found[0][0]):
+            found += [self._detect_in(picture, place) for share in ZOOMS[self._zoom] for place in squares(size, share)]
         scores = np.concatenate([f[1] for f in found])
         return np.concatenate([f[0] for f in found])[np.argsort(-scores, kind="stable")]
 

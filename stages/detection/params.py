@@ -23,6 +23,8 @@ class DetectionParams(Params):
 
     estimator: Literal["auto", "files", "blazepose", "onnx", "none"] = setting("auto", "Where joints come from: files of the capture, BlazePose, a model of yours, or nowhere.")
     model: str | None = setting(None, "YAML file that describes a heatmap or SimCC model in ONNX; for estimator: onnx.")
+    zoom: int = setting(1, "Where BlazePose's detector looks: 0 the whole picture; 1 also squares of it where it sees nobody; 2 always these and smaller ones, for people small in the picture.", quality_levels=[0, 1, 2], ge=0, le=2)
+    rounds: int = setting(1, "Most times BlazePose reads landmarks again in the region they themselves give.", quality_levels=[0, 1, 3], ge=0, le=8)
     people: int = setting(3, "People kept a picture, the clearest first.", ge=1, le=16)
     box: dict[str, Annotated[list[float], Field(min_length=4, max_length=4)]] = setting({}, "Per camera [left, top, right, bottom] in captured px: only people whose joints' middle lies inside count.", unit="px")
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
 from stages.frames.layout import distort, reach
-from stages.survey.exposure import FEWEST, match
-from stages.survey.params import LIGHT, OUTLINES
+from stages.survey.exposure import FEWEST, FEWEST_POINTS, match
+from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.rig import Rig
 
-NO_LINK = f"no two cameras share well exposed patches of the body beside {FEWEST} joints"
+NO_LINK = f"no two cameras share {FEWEST_POINTS} well exposed surface points, or patches of the body beside {FEWEST} joints"
 """Why gains cannot be told."""
 GRID = 33
 """Points a side at which a lens is looked at."""
@@ -68,26 +68,22 @@ def _crop_refusal(evidence: Evidence) -> str | None:
     return None
 
 
-def no_comparison(evidence: Evidence) -> str | None:
+def _single_view(evidence: Evidence) -> str | None:
     """Why exposures cannot be compared."""
-    if len(evidence.sources) < 2:
-        return "there is a single source view"
-    if "joints3d" not in evidence.facts and len(evidence.joint_views) < 2:
-        return "joints, beside which cameras are compared, came with fewer than two source views"
-    return None
+    return "there is a single source view" if len(evidence.sources) < 2 else None
 
 
 def _exposure(evidence: Evidence, bound: float) -> Decision | None:
-    if "survey/colors" not in evidence.noted:
+    if not {COLORS, SURFACE} <= evidence.noted.keys():
         return None
-    found = match(evidence.noted["survey/colors"])
+    found = match(evidence.noted[COLORS], evidence.noted[SURFACE][:, list(evidence.sources)])
     if found is None:
         return Decision(False, None, bound, NO_LINK)
     worst = int(found.proven.argmax())
     proven, name = float(found.proven[worst]), evidence.source_rig.names[evidence.sources[worst]]
     if proven == 0:
-        return Decision(False, 0.0, bound, "on patches of the body that cameras share, no difference is beyond the error of the measure")
-    return Decision(bool(proven > bound), proven, bound, f"on patches of the body that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least {proven:.2f} of them for certain")
+        return Decision(False, 0.0, bound, "on surfaces that cameras share, no difference is beyond the error of the measure")
+    return Decision(bool(proven > bound), proven, bound, f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least {proven:.2f} of them for certain")
 
 
 def proven_offsets(outlines: np.ndarray) -> np.ndarray:
@@ -155,14 +151,14 @@ CROP_SCALE = Effect(
 )
 EXPOSURE_MATCHING = Effect(
     "exposure_matching",
-    "Multiply each source view's light by one gain a channel, so that cameras agree on the body's patches.",
+    "Multiply each source view's light by one gain a channel, so that cameras agree on the surfaces they share.",
     "largest proven difference between cameras",
     # Of equal cameras up to 0.1 stops are "proven" (a synthetic person, 128 to 256 px); 0.25 stops are just visible.
     0.25,
     "stops",
     _exposure,
-    asks=("survey/colors",),
-    lacks=no_comparison,
+    asks=(COLORS, SURFACE),
+    lacks=_single_view,
 )
 OUTLINE_CORRECTION = Effect(
     "outline_correction",

@@ -13,6 +13,8 @@ from storage.timegrid import parse_range
 Matte = Literal["given", "person", "plate", "none"]
 SEGMENTED = "segmented"
 """Fact: what estimates the joints segments the person, too."""
+GIVEN_DEPTH = "given_depth"
+"""The fact that every source view has depth maps to reconstruct from."""
 
 
 class FramesParams(Params):

@@ -8,17 +8,17 @@ import cv2
 import numpy as np
 
 from stages.frames.display import gain_table, to_display, tone_mapped
-from stages.frames.effects import proven_offsets, white_point
+from stages.frames.effects import NO_LINK, proven_offsets, white_point
 from stages.frames.hints import Hints
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
-from stages.frames.params import FramesParams, resolve_matte
+from stages.frames.params import GIVEN_DEPTH, FramesParams, resolve_matte
 from stages.frames.person_matte import person_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
-from stages.survey.exposure import FEWEST, match
-from stages.survey.params import LIGHT, OUTLINES
+from stages.survey.exposure import match
+from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -27,7 +27,7 @@ NEARLY_FULL = 0.7
 
 
 def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
-    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8 and, of simulated captures, true depth [F, h, w] float32 m.
+    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of views with depth maps their depth [F, h, w] float32 m.
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
     0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped at 1 while `tone_mapping` is off.
@@ -68,6 +68,8 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             _same_size(warp, "true depth", truth)
             _place(depth[frame], warp.nearest(truth))
         yield Block("truth/depth", depth, view)
+    if GIVEN_DEPTH in inputs.facts:
+        yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
 
 
 def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> tuple[str, ...]:
@@ -104,6 +106,17 @@ def _plate(inputs: Inputs, warp: Warp) -> tuple[np.ndarray, np.ndarray]:
     return warp(plate), warp(spread)
 
 
+def _given_depth(inputs: Inputs, warp: Warp, frames: dict[int, int]) -> Block:
+    """The depth maps of one view; `frames` are those with a picture, {source frame number: index in the partition}."""
+    reader, view = inputs.source("depth_maps"), inputs.view
+    held = [n for n in frames if n in set(reader.numbers(view).tolist())]
+    given = _empty(inputs, (), np.float32)
+    for number, depth_map in zip(held, reader.read(view, held) if held else (), strict=True):
+        _place(given[frames[number]], warp.depth(depth_map))
+    lacking = len(frames) - len(held)
+    return Block("frames/depth", given, view, notes=(f"{lacking} of {len(frames)} pictures have no depth map; nothing is known of their depth",) if held and lacking else ())
+
+
 def _offset(inputs: Inputs) -> float:
     """Captured px by which the view's outlines are moved inwards."""
     view = inputs.view
@@ -115,9 +128,10 @@ def _offset(inputs: Inputs) -> float:
 def _gain(inputs: Inputs, view: int) -> np.ndarray:
     """[3] factor on the light of one source view, from what the survey saw of all of them."""
     sources = inputs.views.sources
-    found = match(np.stack([inputs.read("survey/colors", v) for v in sources]))
+    colors, surface = (np.stack([inputs.read(array, v) for v in sources]) for array in (COLORS, SURFACE))
+    found = match(colors, surface[:, list(sources)])
     if found is None:
-        raise SourceError(f"effects.exposure_matching is on, but no two cameras share well exposed patches of the body beside {FEWEST} joints; set it to auto or off")
+        raise SourceError(f"effects.exposure_matching is on, but {NO_LINK}; set it to auto or off")
     return found.gains[sources.index(view)]
 
 
@@ -140,10 +154,10 @@ def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
 
 def check(block: Block, params: FramesParams) -> list[str]:
     """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or negative."""
-    if block.array == "truth/depth":
+    if block.array in ("truth/depth", "frames/depth"):
         wrong = ~(np.isfinite(block.data) & (block.data >= 0))
         if wrong.any():
-            raise ValueError(f"truth/depth of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
+            raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
     if block.array != "frames/mask" or not len(block.data):
         return []
     share = (block.data > 127).mean(axis=(1, 2))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import ADDED
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
-from stages.frames.params import FramesParams, matte_choice, resolve_matte
-from stages.survey.params import LIGHT, OUTLINES
+from stages.frames.params import GIVEN_DEPTH, FramesParams, matte_choice, resolve_matte
+from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
-    """One view's partition of pictures and masks, one captured picture while it is warped; for a person, the colours of one picture and all views' segmentations."""
-    pictures, captured = shape["frame"] * shape["y"] * shape["x"] * 16, shape["source_y"] * shape["source_x"] * 60
+    """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of these while it is warped; for a person, the colours of one picture and all views' segmentations."""
+    pictures, captured = shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * 20, shape["source_y"] * shape["source_x"] * 60
     person = shape["y"] * shape["x"] * 160 + shape["frame"] * shape["view"] * shape["person"] * 2**16 if params.matte in ("auto", "person") else 0
     return Resources(cpu=1, ram=pictures + captured + person)
 
@@ -71,6 +71,7 @@ STAGE = Stage(
         Read.source("pictures"),
         Read.source("masks", when=_given),
         Read.source("depth", when=_truth),
+        Read.source("depth_maps", when=lambda p, f: GIVEN_DEPTH in f),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
         Read("detection/person", when=_detected),
@@ -78,7 +79,8 @@ STAGE = Stage(
         Read("pose/chosen", when=_detected),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
-        Read("survey/colors", views="sources", when=_matched),
+        Read(COLORS, views="sources", when=_matched),
+        Read(SURFACE, views="sources", when=_matched),
         Read(OUTLINES, views="own", when=_corrected),
         Read(LIGHT, views="sources", when=_tone_mapped),
     ),
@@ -86,6 +88,7 @@ STAGE = Stage(
         ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
         ArraySpec("frames/mask", ("frame", "view", "y", "x"), "uint8", "1/255", "Soft foreground of the one main subject; padding is 0."),
         ArraySpec("truth/depth", ("frame", "view", "y", "x"), "float32", "m", "True depth along the optical axis of a simulated capture; 0 where there is no surface.", when="truth_depth"),
+        ArraySpec("frames/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis as given with the capture; 0 where there is none.", keep="until_done", when=GIVEN_DEPTH),
     ),
     over=("sequence", "time", "view"),
     params=FramesParams,

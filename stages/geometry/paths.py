@@ -2,7 +2,7 @@
 
 `orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead, one for each
 step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited too: the far
-side then shows what no camera saw, which is nothing.
+side then shows what no camera saw, which is nothing. `sway` stays near a camera: what a single source view has to show.
 """
 
 from __future__ import annotations
@@ -20,15 +20,21 @@ from storage.rig import CameraPath, Rig, rigid
 
 STEPS = 48
 """Cameras of an orbit or arc of a sequence that has one frame only."""
+SWAY = 6.0
+"""Degrees at the subject by which `sway` swings to both sides."""
+RISE = 1 / 3
+"""Share of it by which it swings up and down, twice as often."""
+LOOP = 96
+"""Frames of one swing, about."""
 HALF_TURN = 1e-3
 """Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the way."""
 
 
-def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray) -> CameraPath:
-    """The target cameras of `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, or a file whose name ends in .json.
+def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, distance: float | None = None) -> CameraPath:
+    """The target cameras of `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, `sway [CAM [DEGREES]]`, or a file whose name ends in .json.
 
     Names with spaces are quoted. `rig` holds the cameras of the frames grid, `source_frames` [F] the source frame numbers
-    of the sequence. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
+    of the sequence; `distance` is metres from a single source camera to the subject, where they are known. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
     """
     frames = len(source_frames)
     if text.strip().endswith(".json"):
@@ -38,13 +44,15 @@ def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray) -> C
     except ValueError as e:
         raise UserError(f"camera path {text!r}: {e}; put names with spaces in one pair of quotes") from None
     kind, cameras = (words[0], words[1:]) if words else ("", [])
-    wanted = {"held_out": 0, "orbit": 0, "arc": 2, "still": 1}
+    wanted = {"held_out": (0,), "orbit": (0,), "arc": (2,), "still": (1,), "sway": (0, 1, 2)}
     if kind not in wanted:
         near = difflib.get_close_matches(kind, wanted, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UserError(f'camera path {text!r} is none of "held_out", "orbit", "arc CAM_A CAM_B", "still CAM" and a .json file{hint}')
-    if len(cameras) != wanted[kind]:
-        raise UserError(f"camera path {text!r}: {kind} takes {wanted[kind]} camera names, got {len(cameras)}")
+        raise UserError(f'camera path {text!r} is none of "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]" and a .json file{hint}')
+    if kind == "sway" and len(cameras) < 3:
+        return _sway(rig, views, cameras, text, frames, distance)
+    if len(cameras) not in wanted[kind]:
+        raise UserError(f"camera path {text!r}: {kind} takes {' or '.join(map(str, wanted[kind]))} camera names, got {len(cameras)}")
     indices = [_camera(name, text, rig) for name in cameras]
     if kind == "held_out":
         if not views.held_out:
@@ -112,6 +120,33 @@ def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.n
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     return rigid(rotation, -rotation @ centre)
+
+
+def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, distance: float | None) -> CameraPath:
+    """A source camera that swings about the subject on its axis, sideways by some degrees and less up and down, a lying eight that begins at the camera itself.
+
+    It is turned as a whole about the point `distance` ahead, or as deep as the source cameras look where that is not given, so the subject stays where it is in the picture.
+    A whole number of swings fills the sequence, so that it can be played in a loop.
+    """
+    view = _camera(words[0], text, rig) if words else views.sources[0]
+    try:
+        swing = float(words[1]) if len(words) > 1 else SWAY
+    except ValueError:
+        raise UserError(f"camera path {text!r}: {words[1]!r} is no number of degrees, as in 'sway {words[0]} 5'") from None
+    if not 0 < swing <= 90:
+        raise UserError(f"camera path {text!r}: {swing:g} degrees are not between 0 and 90")
+    r, t = rig.rotations[view], rig.world_to_camera[view, :3, 3]
+    depth = distance if distance is not None and len(views.sources) == 1 else float(r[2] @ (look_at_point(rig.subset(views.sources)) - rig.centres[view]))
+    if depth <= 0:
+        raise UserError(f"camera path {text!r}: the point where the source cameras look lies behind {rig.names[view]}")
+    steps = frames if frames > 1 else STEPS
+    phase = 2 * np.pi * max(1, round(steps / LOOP)) * np.arange(steps) / steps
+    pivot = np.array([0.0, 0.0, depth])
+    poses = []
+    for sideways, upwards in zip(np.deg2rad(swing) * np.sin(phase), np.deg2rad(swing) * RISE * np.sin(2 * phase), strict=True):
+        turn = _rotation(np.array([0.0, sideways, 0.0])) @ _rotation(np.array([upwards, 0.0, 0.0]))
+        poses.append(rigid(turn @ r, turn @ (t - pivot) + pivot))
+    return _moving("sway", np.repeat(rig.intrinsics[view][None], steps, axis=0), np.stack(poses), rig.size[view], frames)
 
 
 def _arc(rig: Rig, a: int, b: int, frames: int) -> CameraPath:

@@ -35,6 +35,11 @@ def look_at_point(rig: Rig) -> np.ndarray:
     return point if (ahead > 0).all() else expected
 
 
+def subject_distance(rig: Rig, view: int, given: float | None) -> float:
+    """Metres along the optical axis of a single source camera to the subject: as given, else the look-at point's."""
+    return given if given is not None else float(rig.rotations[view, 2] @ (look_at_point(rig.subset([view])) - rig.centres[view]))
+
+
 def up_direction(rig: Rig) -> np.ndarray:
     """[3] unit mean of the cameras' upward picture axes in the world; the first camera's where they cancel out."""
     up = -rig.rotations[:, 1].mean(axis=0)

@@ -50,10 +50,6 @@ class TimeOffsets:
     motion: np.ndarray
     """[V] px a frame across the epipolar lines, root mean square: what could tell an offset."""
 
-    def seconds(self, frame_rate: float) -> np.ndarray:
-        """[V] the same in seconds."""
-        return self.frames / frame_rate
-
     def sentence(self, view: int, name: str) -> str:
         """What is known of one camera."""
         if not self.told[view]:

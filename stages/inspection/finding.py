@@ -63,9 +63,11 @@ class Finding:
 
     @property
     def bounds(self) -> str:
-        """Bounds in words."""
+        """Bounds in words; empty where there are none."""
+        if self.good == self.bad:
+            return f"at most {self.good:g}" if self.good else ""
         beyond = ("at most", "above") if self.good <= self.bad else ("at least", "below")
-        return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g} {self.unit}".strip()
+        return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g}"
 
 
 def graded(value: float, good: float, bad: float) -> Verdict:
@@ -90,6 +92,13 @@ def unmeasured(measure: str, cameras: Sequence[str], unit: str, good: float, bad
 def worst_first(findings: Sequence[Finding]) -> list[Finding]:
     """By verdict, then by how far a value is beyond its bounds."""
     return sorted(findings, key=lambda f: (ORDER.index(f.verdict), -f.excess))
+
+
+def by_measure(findings: Sequence[Finding]) -> list[Finding]:
+    """All findings of one measure together, the measure with the worst one first, and within it worst first."""
+    ordered = worst_first(findings)
+    places = {m: i for i, m in enumerate(dict.fromkeys(f.measure for f in ordered))}
+    return sorted(ordered, key=lambda f: places[f.measure])
 
 
 def overall(findings: Sequence[Finding]) -> Verdict:

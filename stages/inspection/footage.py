@@ -24,7 +24,7 @@ JOINT_FRAMES = 30
 RUN = 240
 """Consecutive frames whose joints are compared in time."""
 LOOSE = 0.1
-"""Share of the longer side within which cameras out of step must agree on whom they see: a hand that moves fast is far away some frames later."""
+"""Share of the longer side within which cameras must agree on whom they see: one that is badly calibrated or out of step is to be measured, not left out."""
 
 
 @dataclass(eq=False)
@@ -129,8 +129,14 @@ class Footage:
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Joints seen [F, V, 17, 3] px of `rig` and in space [F, 17, 4] in `joint_numbers`."""
-        seen = np.stack([seen_joints(self.joint_inputs, n) for n in self.joint_numbers])
+        seen = np.stack([seen_joints(self.joint_inputs, n, LOOSE) for n in self.joint_numbers])
         return seen, np.stack([triangulate(self.rig, s, SCORE, RESIDUAL) for s in seen])
+
+    @cached_property
+    def people(self) -> np.ndarray:
+        """[V] share of `joint_numbers` in which a camera has somebody's joints at all."""
+        reader = self.source("joints")
+        return np.array([np.mean([len(reader.read(v, n)) > 0 for n in self.joint_numbers]) for v in range(len(self.rig))])
 
     @cached_property
     def joint_offsets(self) -> tuple[np.ndarray, np.ndarray]:
@@ -139,10 +145,16 @@ class Footage:
         return joint_offsets(self.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
 
     @cached_property
+    def step(self) -> int:
+        """Source frame numbers from one frame to the next."""
+        every = np.unique(np.concatenate(self.numbers))
+        return int(np.diff(every).min()) if len(every) > 1 else 1
+
+    @cached_property
     def tracks(self) -> np.ndarray:
         """[F, V, 17, 3] joints of up to `RUN` consecutive frames from the middle, px of `rig`; score 0 where a camera lacks the frame or the joint."""
         every = np.unique(np.concatenate(self.numbers))
-        step = int(np.diff(every).min()) if len(every) > 1 else 1
+        step = self.step
         start = int(every[max(0, (len(every) - RUN) // 2)])
         found = [seen_joints(self.joint_inputs, n, LOOSE) for n in range(start, min(int(every[-1]), start + (RUN - 1) * step) + 1, step)]
         out = np.stack(found)

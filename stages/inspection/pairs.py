@@ -15,8 +15,8 @@ from storage.rig import Rig
 
 USELESS = 0.5
 """Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
-PARTNERED = (0.5, 0.2)
-"""Share of the cameras that have a partner to be matched with."""
+PARTNERED = (0.5, 0.0)
+"""Share of the cameras that have a partner to be matched with; never bad, as the sweep and the hull do without."""
 
 
 @dataclass(frozen=True)
@@ -71,4 +71,4 @@ def _note(rig: Rig, pair: Rectified, max_angle: float) -> Finding:
     why = pair.sentence.partition(": ")[2]
     sentence = f"{pair.kind}: {why}; baseline {pair.baseline:.2f} m, {pair.body:.0%} of a body kept"
     grade = Grade.GOOD if pair.kind == "ok" else Grade.NOTE
-    return Finding("rectification", names, pair.angle, "deg at the subject", max_angle, max_angle, sentence, "", grade)
+    return Finding("rectification", names, pair.angle, "degrees", max_angle, max_angle, sentence, "", grade)

@@ -47,6 +47,12 @@ class Report:
         return f"{head}{about}:{tail}" if tail else head
 
     @property
+    def unmeasured(self) -> list[str]:
+        """What could not be measured of anybody, and why."""
+        known = {f.measure for f in self.findings if f.verdict is not Verdict.UNKNOWN}
+        return [f"{m}: {why}" for m, why in {f.measure: f.sentence for f in self.findings if f.measure not in known}.items()]
+
+    @property
     def to_do(self) -> list[tuple[Verdict, str, str]]:
         """(verdict, what was found, what to do), worst first; findings with the same advice stand together."""
         out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}

@@ -12,6 +12,8 @@ import numpy as np
 
 FINE, COARSE = 1.0, 2.0
 """Px of the two blurs that are compared; the finer one keeps noise from looking like edges."""
+DIFFERENCE = 1 / 3
+"""Px^2 by which taking the difference of a pixel's two neighbours blurs once more: the variance of a box of 2 px."""
 STRONGEST = 0.9
 """Quantile of the slopes of edges from which on they count."""
 FEWEST = 50
@@ -40,8 +42,9 @@ def edge_width(picture: np.ndarray, region: tuple[int, int, int, int] | None = N
     if strong.sum() < FEWEST:
         strong = edge & (fine >= np.sort(fine[edge])[-FEWEST]) & (coarse > 1e-3)
     ratio2 = (fine[strong] / coarse[strong]) ** 2
-    ratio2 = np.clip(ratio2, 1.001, (COARSE / FINE) ** 2)
-    return float(np.sqrt(np.percentile((COARSE**2 - ratio2 * FINE**2) / (ratio2 - 1), TYPICAL)))
+    fine2, coarse2 = FINE**2 + DIFFERENCE, COARSE**2 + DIFFERENCE
+    ratio2 = np.clip(ratio2, 1.001, coarse2 / fine2)
+    return float(np.sqrt(np.percentile((coarse2 - ratio2 * fine2) / (ratio2 - 1), TYPICAL)))
 
 
 def _slopes(gray: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:

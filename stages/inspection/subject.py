@@ -9,9 +9,10 @@ import numpy as np
 from stages.geometry.projection import project
 from stages.geometry.subject import body_points, look_at_point, up_direction
 from stages.geometry.sync import TimeOffsets, time_offsets
+from stages.inspection.bundle import FEWEST as FEWEST_POSED
 from stages.inspection.bundle import pair_error, refit
 from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.footage import Footage
+from stages.inspection.footage import LOOSE, Footage
 from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
 from stages.inspection.light import stops_apart
 from stages.inspection.matching import Matched, color_differences
@@ -44,13 +45,17 @@ def of_poses(footage: Footage) -> list[Finding]:
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         return []
     seen, space = footage.joints
-    found = refit(footage.rig, np.where(seen[..., 2:] >= SCORE, seen, 0.0), space)
+    seen = np.where(seen[..., 2:] >= SCORE, seen, 0.0)
+    enough = [int(v) for v in np.flatnonzero(((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2)) >= FEWEST_POSED)]
+    rig = footage.rig.subset(enough)
+    found = refit(rig, seen[:, enough], space)
     if found is None:
-        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by every camera")]
-    out = []
-    for a, b in combinations(range(len(footage.rig)), 2):
+        return [unmeasured("calibration by joints", (), "px", 0, 0, "too few joints are seen by two cameras")]
+    out: list[Finding] = []
+    for i, j in combinations(range(len(enough)), 2):
+        a, b = enough[i], enough[j]
         px, longest = float(footage.px[[a, b]].mean()), float(footage.longest[[a, b]].max())
-        off, error = (n * px for n in pair_error(footage.rig, found, a, b))
+        off, error = (n * px for n in pair_error(rig, found, i, j))
         bounds = (round(POSES[0] * longest, 2), round(POSES[1] * longest, 2))
         names = (footage.names[a], footage.names[b])
         if not np.isfinite(error):
@@ -73,16 +78,24 @@ def of_joints(footage: Footage) -> list[Finding]:
     if "joints2d" not in footage.facts or len(footage.rig) < 2:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
         return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
-    out = []
+    out: list[Finding] = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
-        if fit is None:
+        if fit is None and footage.people[len(out)] >= 0.5:
+            told = f"its joints agree with no other camera's within {LOOSE:.0%} of the longer side"
+            advice = f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave it out with views.sources"
+            out.append(measured("joint residual", (name,), LOOSE * float(longest), "px at least", *bounds, told, advice))
+        elif fit is None:
             out.append(unmeasured("joint residual", (name,), "px", *bounds, f"fewer than {FEWEST} joints could be compared with another camera's"))
-            continue
-        told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
-        advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
-        out.append(measured("joint residual", (name,), fit.median, "px", *bounds, told, advice))
+        else:
+            out.append(_residual(name, fit, bounds))
     return out
+
+
+def _residual(name: str, fit: JointFit, bounds: tuple[float, float]) -> Finding:
+    told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
+    advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
+    return measured("joint residual", (name,), fit.median, "px", *bounds, told, advice)
 
 
 def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
@@ -91,33 +104,34 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
         why = NO_JOINTS if "joints2d" not in footage.facts else "one camera has nobody to be in step with"
         return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
     found = time_offsets(footage.rig, footage.tracks)
-    out = []
+    numbers = found.frames * footage.step
+    setting = ", ".join(f"{n}: {o:.2f}" for n, o in zip(footage.names, numbers, strict=True) if round(float(o)))
+    out: list[Finding] = []
     for v, name in enumerate(footage.names):
         told = found.sentence(v, name).partition(": ")[2]
         if not found.told[v]:
             out.append(unmeasured("time offset", (name,), "frames", *OFFSET, told, "film a few seconds of quick movement, a clap or a jump, that all cameras see"))
             continue
-        whole, left = round(float(found.frames[v])), float(found.frames[v] - round(found.frames[v]))
-        seconds = found.seconds(footage.frame_rate)[v]
-        late = f"{told}, {1000 * seconds:+.1f} ms" if v != found.reference else told
-        advice = f"set frames: {{time_offset: {{{name}: {found.frames[v]:.2f}}}}}; {abs(left):.2f} of a frame remain" if whole else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
+        left = float(numbers[v] - round(float(numbers[v])))
+        late = f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of a frame" if v != found.reference else told
+        advice = f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected" if round(float(numbers[v])) else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
         out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
     return out, found
 
 
 def of_light(footage: Footage, found: list[Matched]) -> list[Finding]:
-    """Exposure and white balance of every camera against the others: on the body where joints tell what is the same, else around matched points."""
+    """Exposure and white balance of every camera against the others: around matched points, and where none are, on the body."""
     if len(footage.rig) < 2:
         return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
-    advice = "effects.exposure_matching evens it out where it has joints; better, set exposure and white balance by hand and equal in all cameras"
-    matching = match(_patches(footage)) if footage.facts & {"joints2d", "joints3d"} else None
+    advice = "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
+    compared = stops_apart(color_differences(footage, found), len(footage.rig))
+    matching = match(_patches(footage)) if compared is None and footage.facts & {"joints2d", "joints3d"} else None
     if matching is not None:
         gains = -np.log2(matching.gains)
         return [_light((n,), float(p), g, "on the body", advice) for n, p, g in zip(footage.names, matching.proven, gains, strict=True)]
-    compared = stops_apart(color_differences(footage, found), len(footage.rig))
     if compared is None:
         return [unmeasured("exposure", (), "stops", *LIGHT, "no two cameras share enough well exposed places, neither beside joints nor around matched points")]
-    out = []
+    out: list[Finding] = []
     for name, stops, error in zip(footage.names, *compared, strict=True):
         if not np.isfinite(error):
             out.append(unmeasured("exposure", (name,), "stops", *LIGHT, "no other camera shares enough matched points"))
@@ -150,7 +164,7 @@ def of_masks(footage: Footage) -> list[Finding]:
     if len(footage.rig) < 2:
         return [unmeasured("mask agreement", (), "of the rim", *MASKS, "one camera's masks have nothing to fit to")]
     masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
-    out = []
+    out: list[Finding] = []
     for v, name in enumerate(footage.names):
         shares = [s for m in masks if v in m and (s := agreeing_share(footage.rig, m, v)) is not None]
         if not shares:
@@ -165,7 +179,7 @@ def of_focus(footage: Footage) -> list[Finding]:
     """Blur of every camera's strong edges around the subject, absolutely and against the others."""
     found = [_width(footage, v) for v in range(len(footage.rig))]
     known = [w for w in found if w is not None]
-    out = []
+    out: list[Finding] = []
     for name, width in zip(footage.names, found, strict=True):
         if width is None:
             out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))

@@ -87,7 +87,8 @@ def bridge(rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int
 def rejected(points: np.ndarray, bones: Bones) -> np.ndarray:
     """[F, J] known joints of [F, J, 4] that cannot be: at the end of bones of another length, or that jump away and back.
 
-    Of a frame's impossible bones, the joint goes first that most of them meet at, then what they are the greater share of.
+    Of a frame's impossible bones, the joint goes first that most of them meet at; of equals, the one that they are the greater
+    share of and that fewer views agree on, by share less score.
     """
     known = points[..., 3] > 0
     bad, ends = _jumps(points, known), bones.ends
@@ -99,7 +100,7 @@ def rejected(points: np.ndarray, bones: Bones) -> np.ndarray:
     bound = np.maximum(np.maximum(LENGTH * median, SPREAD * 1.4826 * _median(off, judged)), SLACK)
     for f in np.flatnonzero((off > bound).any(axis=1)):
         wrong = (off[f] > bound) & ~bad[f, ends].any(axis=-1)
-        bad[f] |= _blamed(wrong, judged[f], ends, points.shape[1])
+        bad[f] |= _blamed(wrong, judged[f], ends, points[f, :, 3])
     return bad
 
 
@@ -109,13 +110,13 @@ def _median(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.nanmedian(np.where(none, 0.0, np.where(counts, values, np.nan)), axis=0)
 
 
-def _blamed(wrong: np.ndarray, judged: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
-    """[J] joints to reject so that no wrong bone [B] is left."""
-    out = np.zeros(count, dtype=bool)
+def _blamed(wrong: np.ndarray, judged: np.ndarray, ends: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """[J] joints of scores [J] to reject so that no wrong bone [B] is left."""
+    out, count = np.zeros(len(scores), dtype=bool), len(scores)
     total = np.maximum(np.bincount(ends[judged].ravel(), minlength=count), 1)
     while wrong.any():
         meet = np.bincount(ends[wrong].ravel(), minlength=count)
-        worst = int(np.argmax(meet + meet / total / 2))
+        worst = int(np.where(meet == meet.max(), meet / total - scores, -np.inf).argmax())
         out[worst] = True
         wrong = wrong & (ends != worst).all(axis=-1)
     return out

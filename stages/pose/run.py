@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stages.contract import Facts
+from stages.depth.params import SINGLE_SOURCE
 from stages.io import Block, Inputs
 from stages.pose.heatmaps import draw, grid_of
 from stages.pose.model_maps import put_model_maps
@@ -32,10 +34,12 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     followed = follow(inputs, params, set_id)
     frames = [_frame(inputs, params, followed, f, set_id) for f in range(len(inputs.partition))]
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
-    yield Block("pose/joints3d", joints3d.astype(np.float32), notes=swaps_told(followed, inputs))
+    unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
+    yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*swaps_told(followed, inputs), *unknown))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
-        yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v)
+        told = v in inputs.views.sources or not in_one_picture(inputs.facts)
+        yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v, notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else ())
         if "detected" in inputs.facts:
             yield Block("pose/chosen", followed.chosen[:, v].astype(np.int32), v)
         if "pose_heatmaps" not in inputs.facts:
@@ -93,7 +97,7 @@ def _in_views(rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: Pose
 
 
 def check(block: Block, params: PoseParams) -> list[str]:
-    """Raise ValueError for values that are not finite or scores outside 0..1; warn when most joints are unknown."""
+    """Raise ValueError for values that are not finite or scores outside 0..1."""
     data = np.asarray(block.data)
     where = block.array if block.view is None else f"{block.array} of view {block.view}"
     bad = ~np.isfinite(data)
@@ -104,7 +108,15 @@ def check(block: Block, params: PoseParams) -> list[str]:
     score = data if block.array == "pose/heatmaps" else data[..., -1]
     if data.size and (score.min() < 0 or score.max() > 1):
         raise ValueError(f"{where}: scores run from {score.min():g} to {score.max():g}, the bounds are 0 and 1")
-    unknown = float((score == 0).mean()) if data.size else 0.0
-    if block.array != "pose/heatmaps" and unknown > 0.5:
-        return [f"{where}: {unknown:.0%} of the joints are unknown; do enough views see the person, and does pose.joints_frame fit the joints?"]
     return []
+
+
+def in_one_picture(facts: Facts) -> bool:
+    """Whether joints can be known in the only source view's picture alone; the plan says so."""
+    return SINGLE_SOURCE in facts and "joints3d" not in facts
+
+
+def unknown_note(array: str, joints: np.ndarray) -> tuple[str, ...]:
+    """A sentence where most joints [..., (..., score)] are unknown."""
+    unknown = float((joints[..., -1] == 0).mean()) if joints.size else 0.0
+    return (f"{array}: {unknown:.0%} of the joints are unknown; do enough views see the person, and does pose.joints_frame fit the joints?",) if unknown > 0.5 else ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
+from stages.depth.params import SINGLE_SOURCE
 from stages.refinement.params import RefinementParams, halo
 from storage.spec import ArraySpec, Shape
 
@@ -20,8 +21,10 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:
-    """Without steps rendering takes the Gaussians as they are."""
-    return None if params.steps else "refinement.steps is 0: rendering takes the Gaussians as they are"
+    """Without steps rendering takes the Gaussians as they are; with a single source view nothing judges them."""
+    if not params.steps:
+        return "refinement.steps is 0: rendering takes the Gaussians as they are"
+    return "there is a single source view: refinement is judged by another one" if SINGLE_SOURCE in facts else None
 
 
 STAGE = Stage(

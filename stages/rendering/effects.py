@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
-from stages.frames.effects import NO_LINK, no_comparison
+from stages.frames.effects import NO_LINK
 from stages.geometry.subject import look_at_point
 from stages.survey.disagreement import FEWEST, disagreement
 from stages.survey.exposure import match
-from stages.survey.params import COLORS, NOISE
+from stages.survey.params import COLORS, NOISE, SURFACE
 
 TRUSTED = 0.98
 """Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1 px too small:
@@ -56,14 +56,18 @@ def _one_view(evidence: Evidence) -> str | None:
     """Why there is nothing to blend."""
     if evidence.params.sources < 2:
         return "rendering.sources is 1: a picture is made of one source view"
-    return no_comparison(evidence)
+    if len(evidence.sources) < 2:
+        return "there is a single source view"
+    if "joints3d" not in evidence.facts and len(evidence.joint_views) < 2:
+        return "joints, beside which cameras are compared, came with fewer than two source views"
+    return None
 
 
 def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
-    if not {COLORS, NOISE} <= evidence.noted.keys():
+    if not {COLORS, SURFACE, NOISE} <= evidence.noted.keys():
         return None
     colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
-    matching = match(colors) if "exposure_matching" in evidence.facts else None
+    matching = match(colors, evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
     left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
     if patches < FEWEST:
         return Decision(False, None, bound, NO_LINK)
@@ -108,6 +112,6 @@ VIEW_DEPENDENT_COLOR = Effect(
     5.0,
     "of 255",
     _views_disagree,
-    asks=(COLORS, NOISE),
+    asks=(COLORS, SURFACE, NOISE),
     lacks=_one_view,
 )

@@ -17,6 +17,7 @@ from stages.frames.display import to_linear
 from stages.frames.layout import captured_positions
 from stages.geometry.projection import project
 from stages.geometry.subject import up_direction
+from stages.survey.params import NONE
 from storage.joints import joint_set
 from storage.rig import Rig, points_from_integer_centres
 
@@ -33,6 +34,8 @@ DARKEST, BRIGHTEST = 8, 247
 """sRGB values beyond which a colour is noise or clipped and says nothing about exposure."""
 FEWEST = 4
 """Joints beside which two cameras must share patches before they are compared."""
+FEWEST_POINTS = 16
+"""Surface points that two cameras must share before these are asked instead of patches of the body."""
 ERRORS = 2.0
 """Standard errors by which a difference must exceed zero, and is lessened before it is compared with a bound."""
 TRUNK = [5, 6, 11, 12]
@@ -120,17 +123,23 @@ class Matching(NamedTuple):
     """[S] largest difference of a channel less two standard errors, at least 0, in stops."""
 
 
-def match(colors: np.ndarray) -> Matching | None:
-    """Compare S cameras by their patches [S, 192, 3], linear light, 0 where not seen.
+def match(colors: np.ndarray, surface: np.ndarray | None = None) -> Matching | None:
+    """Compare S cameras by surface points [S, S, 64, 3] (`surface.surface_stops`), and by their patches [S, 192, 3], linear light, 0 where not seen.
 
-    Two cameras that share patches beside at least `FEWEST` joints differ by the median over joints of the median over a
-    joint's patches, in stops. Least squares over all such pairs gives each camera's offset; the spread of the joints about
-    it gives the standard error. Cameras that pairs link are a group and are brought to its median camera, so that one odd
-    camera follows the others; nothing is known between groups, which look at different sides, or of a camera without a
-    pair. None without any pair.
+    Two cameras that share at least `FEWEST_POINTS` surface points differ by their median; else two that share patches beside
+    at least `FEWEST` joints by the median over joints of the median over a joint's patches, in stops. Least squares over all
+    such pairs gives each camera's offset; the spread of the points and joints about it gives the standard error. Cameras that
+    pairs link are a group and are brought to its median camera, so that one odd camera follows the others; nothing is known
+    between groups, which look at different sides, or of a camera without a pair. None without any pair.
     """
     count = len(colors)
-    differ = {(a, b): d for a in range(count) for b in range(a + 1, count) if len(d := _by_joint(colors[a], colors[b])) >= FEWEST}
+    differ = {}
+    for a in range(count):
+        for b in range(a + 1, count):
+            points = _points(surface[a, b]) if surface is not None else np.zeros((0, 3))
+            d = points if len(points) >= FEWEST_POINTS else _by_joint(colors[a], colors[b])
+            if len(d) >= FEWEST:
+                differ[a, b] = d
     if not differ:
         return None
     laplacian, right = np.zeros((count, count)), np.zeros((count, 3))
@@ -149,6 +158,11 @@ def match(colors: np.ndarray) -> Matching | None:
     proven = np.maximum(np.abs(stops) - ERRORS * error, 0.0).max(axis=1)
     stops = np.where((proven > 0)[:, None], stops, 0.0)
     return Matching(np.exp2(stops), np.abs(stops).max(axis=1), proven)
+
+
+def _points(stops: np.ndarray) -> np.ndarray:
+    """[n, 3] of the surface points [64, 3] those that there are."""
+    return stops[(stops < NONE).all(axis=-1)].astype(np.float64)
 
 
 def _by_joint(first: np.ndarray, second: np.ndarray) -> np.ndarray:

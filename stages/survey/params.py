@@ -2,8 +2,11 @@
 
 from stages.contract import Params, setting
 
-PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE, LIGHT = "survey/plate", "survey/spread", "survey/colors", "survey/motion", "survey/silhouettes", "survey/outlines", "survey/joint_fit", "survey/noise", "survey/light"
+PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE, LIGHT, SURFACE = "survey/plate", "survey/spread", "survey/colors", "survey/motion", "survey/silhouettes", "survey/outlines", "survey/joint_fit", "survey/noise", "survey/light", "survey/surface"
 """Outputs that are made only when asked for."""
+
+NONE = 99.0
+"""Stops where two cameras share no surface point."""
 
 
 class SurveyParams(Params):

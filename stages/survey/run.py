@@ -17,8 +17,9 @@ from stages.survey.light import light_of_view
 from stages.survey.motion import jitter_and_motion, run_starts
 from stages.survey.noise import noise_of_view
 from stages.survey.outlines import outline_of_view
-from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SurveyParams
+from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
 from stages.survey.silhouettes import agreement_of_view
+from stages.survey.surface import surface_stops
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
@@ -49,6 +50,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     plate, colors = bool(inputs.facts & {PLATE, SPREAD}), COLORS in inputs.facts
     if plate or colors:
         yield from _of_pictures(inputs, params, view, chosen, plate, colors)
+    if SURFACE in inputs.facts:
+        yield Block(SURFACE, surface_stops(inputs, view, chosen), view)
     if MOTION in inputs.facts:
         found = jitter_and_motion(runs_of_joints(inputs, view, runs)) if view in inputs.views.sources else (0.0, 0.0, 0)
         yield Block(MOTION, np.array(found, dtype=np.float64), view)
@@ -87,7 +90,7 @@ def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.nd
     pictures = inputs.source("pictures")
     width, height = pictures.size(view)
     joints = joint_reader(inputs) if "joints2d" in inputs.facts and params.joints_margin > 0 else None
-    seen = colors and view in inputs.views.sources
+    seen = colors and view in inputs.views.sources and bool(inputs.facts & {"joints2d", "joints3d"})
     stack = np.empty((len(numbers) if plate else 0, height, width, 3), dtype=np.uint8)
     covered = np.zeros(stack.shape[:3], dtype=np.uint8)
     samples = np.zeros((len(numbers), PATCHES, 3))

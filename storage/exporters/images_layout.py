@@ -22,11 +22,13 @@ def write_capture(
     depth: np.ndarray | None = None,
     frame_rate: float = 30.0,
     numbers: Sequence[int] | np.ndarray | None = None,
+    depth_maps: np.ndarray | None = None,
 ) -> None:
     """Write a capture of F frames and V views; pictures smaller than the arrays are cut to the rig's size.
 
     color [F, V, h, w, 3]: uint8 sRGB as PNG, float16 linear as EXR. mask [F, V, h, w] uint8. joints2d [F, V, J, 3] of one
-    person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface.
+    person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface, is
+    true depth; depth_maps, the same to reconstruct from.
     numbers [F] source frame numbers, 0..F-1 by default. What is None is left as it is, so that a long capture may be written
     in parts: pictures of some frames at a time, the joints of a camera at once. Raises ValueError when an array is smaller than the rig's pictures.
     """
@@ -34,7 +36,7 @@ def write_capture(
     frames = np.arange(0 if color is None else len(color)) if numbers is None else np.asarray(numbers)
     root.mkdir(parents=True, exist_ok=True)
     _write_json(root / "cameras.json", _cameras(rig, frame_rate))
-    for kind, array in (("images", color), ("masks", mask), ("depth", depth)):
+    for kind, array in (("images", color), ("masks", mask), ("depth", depth), ("depth_maps", depth_maps)):
         if array is None:
             continue
         for v, name in enumerate(rig.names):

@@ -1,8 +1,8 @@
 """Captures as folders of pictures and one JSON of cameras: the layout `exporters/images_layout.py` writes.
 
 `images/NAME/<number>.png|jpg|exr`, `cameras.json`, and optionally `masks/NAME/<number>.png`, joints as
-`joints/NAME.json` (COCO), `joints.json` (COCO, all views) or `joints/NAME/<number>.json` (OpenPose), and
-`depth/NAME/<number>.exr`. `cameras.json` is
+`joints/NAME.json` (COCO), `joints.json` (COCO, all views) or `joints/NAME/<number>.json` (OpenPose),
+`depth_maps/NAME/<number>.exr|png|tif` to reconstruct from, and a simulator's truth `depth/NAME/<number>.exr`. `cameras.json` is
 
     {"pixel_center": "integer" | "half", "frame_rate": 30,
      "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?}]}
@@ -24,12 +24,15 @@ from storage.capture import Capture, Stream
 from storage.errors import CalibrationError, SourceError
 from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
 from storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
+from storage.importers.depth_streams import depth_map_streams
 from storage.importers.joint_streams import coco_joints, picture_joints
 from storage.joint_files import read_json, read_openpose
 
 
 class ImagesOptions(ImportOptions):
-    """The layout leaves nothing else to choose."""
+    """The layout leaves little else to choose."""
+
+    depth_scale: float | None = Field(None, gt=0, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
 
 
 class CameraEntry(BaseModel):
@@ -76,8 +79,9 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     masks, more = mask_streams(names, [base / "masks" / n for n in names], pictures)
     joints, joint_notes = _joints(base, names, pictures, options.joint_set)
     depth, depth_notes = _depth(base, names, pictures)
-    notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *rig_notes(rig)]
-    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, notes=tuple(notes))
+    depth_maps, map_notes = depth_map_streams(names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale)
+    notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *map_notes, *rig_notes(rig)]
+    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, notes=tuple(notes))
 
 
 def _cameras(path: Path) -> CamerasFile:

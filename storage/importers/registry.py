@@ -33,7 +33,7 @@ _ALL = (
     Importer("pose2sim", "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.", pose2sim.Pose2SimOptions, pose2sim.find),
     Importer("caliscope", "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.", caliscope.CaliscopeOptions, caliscope.find),
     Importer("easymocap", "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.", easymocap.EasyMocapOptions, easymocap.find),
-    Importer("images", "Folders of pictures and one cameras.json, optionally masks, joints and true depth.", images.ImagesOptions, images.find),
+    Importer("images", "Folders of pictures and one cameras.json, optionally masks, joints, depth maps and true depth.", images.ImagesOptions, images.find),
 )
 
 IMPORTERS: Mapping[str, Importer] = {i.name: i for i in _ALL}

@@ -20,7 +20,7 @@ PARTS = (
     ("Cameras and their files", "K", "Paths between cameras, and what calibration files of other systems get wrong."),
     ("Rectified pairs", "R", "Two cameras 2 m from a person, 1024 x 1024. The naive version is OpenCV's, used as its documents show."),
     ("Depth", "D", "Depth maps, matching and masks."),
-    ("Joints over time", "P", "Heatmaps, and their smoothing."),
+    ("Joints over time", "P", "What detectors get wrong, heatmaps, and their smoothing."),
     ("Measures", "L", "Of pictures and of depth."),
 )
 """(title, first letter, a sentence)."""

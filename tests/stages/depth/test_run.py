@@ -7,7 +7,7 @@ import pytest
 
 from stages.capture.person import PersonCapture, capture_person
 from stages.depth.params import DepthParams
-from stages.depth.run import check
+from stages.depth.run import check, matched_note
 from stages.depth.stage import STAGE
 from stages.io import Block
 from stages.metrics.depth_error import depth_error
@@ -177,7 +177,9 @@ def test_check_warns_of_poor_matching_and_refuses_impossible_values(person: Pers
     assert check(Block(DEPTH, estimate[DEPTH][:, 0], 0), params) == []
     assert check(Block(CONFIDENCE, estimate[CONFIDENCE][:, 0], 0), params) == []
     poor = np.full((1, 4, 4), 0.3, np.float16)
-    assert "view 5: 0% of the surface" in check(Block(CONFIDENCE, poor, 5), params)[0]
+    assert check(Block(CONFIDENCE, poor, 5), params) == []
+    assert "0% of the surface" in matched_note(poor)[0]
+    assert matched_note(estimate[CONFIDENCE][:, 0]) == matched_note(0 * poor) == ()
     for bad in (np.nan, -1.0, np.inf):
         with pytest.raises(ValueError, match=r"depth/depth of view 1"):
             check(Block(DEPTH, np.full((1, 2, 2), bad, np.float32), 1), params)

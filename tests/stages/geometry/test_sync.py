@@ -59,7 +59,6 @@ def test_the_reference_is_the_camera_in_the_middle() -> None:
     found = time_offsets(made_rig(), filmed(made_rig(), [5.0, 1.0, 1.0, 1.0], noise=0.5))
     assert found.reference == 1
     np.testing.assert_allclose(found.frames, [4.0, 0.0, 0.0, 0.0], atol=0.15)
-    np.testing.assert_allclose(found.seconds(50.0), found.frames / 50.0)
 
 
 def test_two_cameras_are_enough() -> None:

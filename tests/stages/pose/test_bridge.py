@@ -151,6 +151,13 @@ def test_a_joint_at_the_end_of_bones_of_the_wrong_length_is_rejected_and_no_othe
         assert np.linalg.norm((bridged(wrong)[..., :3] - points[..., :3])[:, joint], axis=-1).max() < 0.05
 
 
+@pytest.mark.parametrize("wrong", [LELBOW, LWRIST])
+def test_of_two_ends_of_a_wrong_bone_the_one_that_fewer_views_agree_on_is_rejected(wrong: int) -> None:
+    points = without(swinging(24), 5, slice(11, 12))  # the shoulder is unknown: nothing else tells
+    points[11, wrong] += [0.0, 0.5, 0.5, -0.5]
+    assert np.argwhere(rejected(points, BONES)).tolist() == [[11, wrong]]
+
+
 def test_a_jump_away_and_back_is_rejected_where_no_bone_says_so() -> None:
     points = swinging(24)[:, :]
     alone = Bones(np.zeros((0, 2), np.int64), BONES.order, (-1,) * 17)

@@ -13,12 +13,14 @@ import pytest
 
 from stages.capture.person import capture_person
 from stages.io import Views
+from stages.pose.over_time import Followed, follow
 from stages.pose.params import PoseParams
 from stages.pose.points import project
 from stages.pose.stage import STAGE
+from stages.pose.swaps import HEAD, Sides
 from storage.joints import to_set
 from storage.rig import Rig, from_integer_centres, points_from_integer_centres, rigid
-from tests.memory import run_stage
+from tests.memory import MemoryInputs, run_stage
 from tests.stages.pose.scene import Joints2D, ring
 
 BALANCE = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "balance"
@@ -79,6 +81,33 @@ def test_balance_is_triangulated_to_its_detector_accuracy(joints_frame: str) -> 
     body = to_set(joints3d, "body_25b", "trc21")[0]
     assert 1.5 < body[:, 2].max() < 1.95  # a standing man in metres, Z up, feet near the floor
     assert -0.1 < body[:, 2].min() < 0.2
+
+
+@pytest.mark.captures
+@pytest.mark.skipif(not BALANCE.is_dir(), reason=f"no capture at {BALANCE}; set POSEGAUSSIAN_CAPTURES")
+def test_sides_exchanged_in_real_detections_are_put_back_and_no_others() -> None:
+    """A frame in ten wrong in all four views, a picture in ten in one: of a view alone all but the undecidable come back."""
+    frames, rng, sides = 24, np.random.default_rng(0), Sides.of("body_25b")
+    source = calibration()
+    rig = Rig(source.names, source.intrinsics, np.zeros((4, 8)), source.world_to_camera, source.size)
+    crop = np.array([[CROP, 0, -7 * CROP], [CROP, 0, -7 * CROP], [1, 0, 0], [1, 0, 0]])
+    people = [[detections(v, f) for v in range(4)] for f in range(frames)]
+    wrong = np.zeros((frames, 4, 3), dtype=bool)
+    wrong[[5, 14]] = True
+    for f in (1, 2, 8, 9, 11, 17, 18, 21):
+        wrong[f, rng.integers(4)] = ([True] * 3, [False, True, False], [True, False, False])[rng.integers(3)]
+    spoilt = [[[sides.exchange(p, wrong[f, v]) for p in people[f][v]] for v in range(4)] for f in range(frames)]
+
+    def followed(given: list[list[list[np.ndarray]]]) -> Followed:
+        inputs = MemoryInputs(STAGE, PoseParams(), {}, rig, Views(CAMERAS, (0, 1, 2, 3), ()), range(frames), frames, sources={"joints": Joints2D(given, joint_set="body_25b")}, facts=frozenset({"joints2d"}), source_rig=source, captured_to_calibrated=crop)
+        return follow(inputs, PoseParams(), "body_25b")
+
+    right, mended = followed(people), followed(spoilt)
+    assert not right.exchanged.any()
+    found, asked = mended.exchanged[..., :HEAD], wrong[..., :HEAD]
+    assert not (found & ~asked).any()
+    assert (found & asked).sum() >= 0.9 * asked.sum()
+    assert (np.linalg.norm((mended.points - right.points)[..., :3], axis=-1) > 0.05).mean() < 0.01
 
 
 def test_a_ring_of_fifty_views_is_handled() -> None:

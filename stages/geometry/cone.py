@@ -1,0 +1,40 @@
+"""How far from a single source camera a picture is worth looking at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from stages.geometry.pairs import angle_at
+from storage.rig import CameraPath, Rig
+
+USEFUL = {"relief": 10.0, "given": 20.0}
+"""Degrees at the subject, by kind of depth: see docs/monocular.md for what is left there."""
+OTHERWISE = 20.0
+"""Of any other depth."""
+
+
+def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping[str, CameraPath]) -> list[str]:
+    """Sentences for the plan of a sequence with a single source view: what its depth can give, and which paths leave what is useful.
+
+    Args:
+        rig: cameras of the frames grid.
+        view: the source view.
+        distance: metres along its axis to the subject.
+        method: the kind of depth, none of those that compare views.
+        paths: camera paths that are rendered.
+    """
+    name, useful = rig.names[view], USEFUL.get(method, OTHERWISE)
+    what = {
+        "relief": f"its depth is the silhouette, rounded, {distance:.2g} m away by assumption: sizes are known up to scale, limbs in front of the body are flat",
+        "given": "its depth is that of the maps given",
+    }.get(method, f"its depth is {method}")
+    notes = [f"{name} is the only source view, so nothing is matched; {what}; the side that faces away stays empty, and novel views are worth looking at up to {useful:g} degrees from it"]
+    subject = rig.centres[view] + distance * rig.rotations[view, 2]
+    for path in paths.values():
+        centres = -np.einsum("...ji,...j->...i", path.world_to_camera[..., :3, :3], path.world_to_camera[..., :3, 3])[path.served]
+        farthest = max((angle_at(subject, rig.centres[view], c) for c in centres), default=0.0)
+        if farthest > useful + 0.5:
+            notes.append(f"camera path {path.name} goes {farthest:.0f} degrees away from {name}, beyond the {useful:g} that are worth looking at; `sway` stays within")
+    return notes

@@ -1,0 +1,80 @@
+"""How bright two cameras see the same surface points, of the subject or of what stands around: features that both show, along the calibration's lines.
+
+A matte surface sends the same light to every camera. Gloss, wrong matches and blur are errors; medians over many points must
+bear them, and `exposure.match` counts their spread.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from stages.frames.display import to_display
+from stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from stages.inspection.light import colors_at
+from stages.inspection.matches import Features, features, matched
+from stages.io import Inputs
+from stages.pose.points import to_frames
+from stages.survey.params import NONE
+
+FRAMES = 2
+"""Sampled frames that are matched."""
+LONGEST = 960
+"""Longer side, px, to which pictures are reduced before they are matched."""
+BESIDE = 0.004
+"""Distance of a right match from the calibration's line, as a share of the longer side."""
+POINTS = 64
+"""Points kept of a pair of cameras."""
+
+
+def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
+    """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both show.
+
+    Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Of more than 64 points those are kept
+    that lie evenly in the order of their brightness, so that medians stay.
+    """
+    out = np.full((len(inputs.rig), POINTS, 3), NONE, dtype=np.float32)
+    later = [v for v in inputs.views.sources if v > view] if view in inputs.views.sources else []
+    chosen = np.asarray(numbers)[np.unique(np.rint(np.linspace(0, len(numbers) - 1, FRAMES + 2)[1:-1]).astype(int))] if len(numbers) else ()
+    found: dict[int, list[np.ndarray]] = {v: [] for v in later}
+    for number in chosen if later else ():
+        own = _seen(inputs, view, int(number))
+        for v in later:
+            other = _seen(inputs, v, int(number)) if own is not None else None
+            if own is not None and other is not None:
+                found[v].append(_differences(inputs, (view, v), own, other))
+    for v, parts in found.items():
+        stops = np.concatenate(parts) if parts else np.zeros((0, 3))
+        if len(stops):
+            order = np.argsort(stops.sum(axis=1), kind="stable")
+            kept = stops[order[np.unique(np.rint(np.linspace(0, len(stops) - 1, POINTS)).astype(int))]]
+            out[v, : len(kept)] = kept
+    return out
+
+
+def _seen(inputs: Inputs, view: int, number: int) -> tuple[np.ndarray, Features, float] | None:
+    """A captured picture, reduced, its features in reduced px, and the factor; None where the view has no such frame."""
+    pictures = inputs.source("pictures")
+    if number not in pictures.numbers(view):
+        return None
+    (picture,) = pictures.read(view, [number])
+    shown = to_display(picture)
+    scale = min(1.0, LONGEST / max(shown.shape[:2]))
+    small = cv2.resize(shown, (round(shown.shape[1] * scale), round(shown.shape[0] * scale)), interpolation=cv2.INTER_AREA) if scale < 1 else shown
+    return small, features(small, np.full(small.shape[:2], 255, np.uint8)), small.shape[1] / shown.shape[1]
+
+
+def _differences(inputs: Inputs, views: tuple[int, int], own: tuple[np.ndarray, Features, float], other: tuple[np.ndarray, Features, float]) -> np.ndarray:
+    """[n, 3] stops between two cameras at the features they share."""
+    pairs = matched(own[1], other[1])
+    points = [seen[1].points[pairs[:, i]] for i, seen in enumerate((own, other))]
+    ideal, known = [], np.ones(len(pairs), bool)
+    for v, at, (_, _, scale) in zip(views, points, (own, other), strict=True):
+        pixels, mapped = to_frames(at / scale, inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
+        ideal.append(pixels)
+        known &= mapped
+    off = np.abs(signed_epipolar_distance(fundamental(inputs.rig, *views), *ideal))
+    right = known & (off <= BESIDE * inputs.rig.size[list(views)].max())
+    light = [colors_at(seen[0], at[right]) for seen, at in zip((own, other), points, strict=True)]
+    both = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
+    return np.log2(light[0][both]) - np.log2(light[1][both])

@@ -1,0 +1,73 @@
+"""Depth maps that a user gives to reconstruct from, one folder a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from storage import media
+from storage.capture import Stream
+from storage.errors import SourceError
+from storage.importers.common import file_stream, gap_notes, numbered
+
+SUFFIXES = (".exr", ".png", ".tif", ".tiff")
+"""File endings of depth maps."""
+PLAUSIBLE = (0.2, 200.0)
+"""Metres between which the median depth of a picture with a person lies; beyond, the unit is another."""
+LOOKED_AT = 3
+"""Maps of a camera whose median is taken."""
+
+
+def depth_map_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream], scale: float | None) -> tuple[tuple[Stream | None, ...], list[str]]:
+    """(depth maps of every view or None, notes), one folder a camera; none at all where no folder has any.
+
+    `scale` is metres per unit of the files; None: floats are metres, and integers are refused. Maps may be smaller or larger than their
+    pictures, but show the same field. Raises SourceError for maps of another shape, of a unit that is not known, or whose median is no distance of a person.
+    """
+    streams: list[Stream | None] = []
+    notes: list[str] = []
+    for name, folder, stream in zip(names, folders, pictures, strict=True):
+        files = {n: p for n, p in numbered(folder, SUFFIXES).items() if n in set(stream.numbers)}
+        if not files:
+            streams.append(None)
+            continue
+        size = _size(name, files, stream.size)
+        if size != tuple(stream.size):
+            notes.append(f"camera {name}: depth maps are {size[0]}x{size[1]} px, pictures {stream.size[0]}x{stream.size[1]} px; both are taken to show the same field")
+        _check_unit(name, files, scale)
+        streams.append(file_stream("images", files, size, scale=1.0 if scale is None else scale))
+    if not any(streams):
+        return (), []
+    notes += [f"camera {n} has no depth maps; depth.method: given needs them of every source view" for n, s in zip(names, streams, strict=True) if s is None]
+    return tuple(streams), notes + gap_notes(names, streams, [np.asarray(s.numbers) for s in pictures], "depth maps")
+
+
+def _size(name: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) px of all maps of a camera."""
+    size = media.picture_size(next(iter(files.values())))
+    for n, p in files.items():
+        if (other := media.picture_size(p)) != size:
+            raise SourceError(f"camera {name}, frame {n}: depth map {p} is {other[0]}x{other[1]} px, the first one is {size[0]}x{size[1]} px; one camera has one size")
+    if abs(size[0] * picture[1] / picture[0] - size[1]) > 1:
+        raise SourceError(
+            f"camera {name}: depth maps are {size[0]}x{size[1]} px, which is another shape than the pictures' {picture[0]}x{picture[1]} px; "
+            f"a map may be smaller or larger, but must show the whole picture: crop or pad the maps to the pictures' shape"
+        )
+    return size
+
+
+def _check_unit(name: str, files: Mapping[int, Path], scale: float | None) -> None:
+    """Raise SourceError for maps that cannot be metres."""
+    paths = list(files.values())
+    for p in paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]:
+        if scale is None and media.holds_integers(p):
+            raise SourceError(f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for millimetres --option depth_scale=0.001")
+        depth = media.read_depth_map(p, 1.0 if scale is None else scale)
+        known = depth[depth > 0]
+        if known.size and not PLAUSIBLE[0] <= (middle := float(np.median(known))) <= PLAUSIBLE[1]:
+            raise SourceError(
+                f"camera {name}: the median of depth map {p} is {middle:g} m, which is not between {PLAUSIBLE[0]:g} and {PLAUSIBLE[1]:g} m; "
+                f"say how many metres a unit of the files is, for millimetres --option depth_scale=0.001 (inverse or relative depth must be made metric first)"
+            )

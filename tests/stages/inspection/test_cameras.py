@@ -1,0 +1,74 @@
+"""A calibration that contradicts itself or its pictures is told by its numbers alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
+from stages.inspection.finding import Finding, Verdict
+from tests.stages.geometry.scenes import ring
+
+RIG = ring(4, (640, 480), 600.0)
+
+
+def named(findings: list[Finding], measure: str) -> Finding:
+    return next(f for f in findings if f.measure == measure)
+
+
+def test_a_plain_camera_is_good() -> None:
+    assert {f.verdict for v in range(4) for f in of_lens(RIG, v)} == {Verdict.GOOD}
+    assert {f.verdict for f in of_aim(RIG)} == {Verdict.GOOD}
+    assert of_sizes(RIG, 0, (640, 480), np.array([1.0, 0, 0])).verdict is Verdict.GOOD
+
+
+def test_a_principal_point_of_another_size_is_bad() -> None:
+    k = RIG.intrinsics.copy()
+    k[1, :2, 2] *= 2
+    assert named(of_lens(replace(RIG, intrinsics=k), 1), "principal point").verdict is Verdict.BAD
+
+
+def test_unequal_focal_lengths_are_told() -> None:
+    k = RIG.intrinsics.copy()
+    k[1, 0, 0] *= 1.05
+    found = named(of_lens(replace(RIG, intrinsics=k), 1), "focal lengths")
+    assert found.value == pytest.approx(0.05)
+    assert found.verdict is Verdict.DOUBTFUL
+
+
+def test_a_lens_that_folds_back_within_the_picture_is_bad() -> None:
+    """k1 = -1 folds at a radius of 1/sqrt(3), where 0.385 is shown; the corner lies at hypot(320, 240) / 600 = 0.667."""
+    d = RIG.distortion.copy()
+    d[0, 0] = -1.0
+    found = of_lens(replace(RIG, distortion=d), 0)
+    assert named(found, "lens model").value == pytest.approx(0.3849 / 0.6667, abs=1e-3)
+    assert named(found, "lens model").verdict is Verdict.BAD
+    assert named(found, "lens distortion").verdict is Verdict.BAD
+    assert named(found, "lens distortion").advice
+
+
+def test_a_letterbox_is_good_and_half_a_picture_is_not() -> None:
+    rig = ring(2, (1088, 1920), 1600.0)
+    assert of_sizes(rig, 0, (1080, 1920), np.array([1.00741, 0, -7.06])).verdict is Verdict.GOOD
+    assert of_sizes(rig, 0, (1080, 1920), np.array([0.5, 0, 0])).verdict is Verdict.BAD
+    unexplained = size_unexplained("cam0", (1080, 1920), (1088, 1920), "{crop: ...}")
+    assert unexplained.verdict is Verdict.BAD
+    assert "{crop: ...}" in unexplained.advice
+
+
+def test_a_camera_that_looks_away_is_told() -> None:
+    """Turned by 60 degrees about its vertical axis."""
+    poses = RIG.world_to_camera.copy()
+    c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
+    poses[2, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ poses[2, :3]
+    verdicts = {f.cameras[0]: f.verdict for f in of_aim(replace(RIG, world_to_camera=poses))}
+    assert verdicts[RIG.names[2]] is Verdict.BAD
+    assert of_aim(RIG.subset([0]))[0].verdict is Verdict.UNKNOWN
+
+
+def test_missing_frames_are_counted_against_all_cameras() -> None:
+    found = of_frames(("a", "b"), [np.arange(100), np.arange(50)])
+    assert [f.value for f in found] == [0.0, 0.5]
+    assert [f.verdict for f in found] == [Verdict.GOOD, Verdict.BAD]
