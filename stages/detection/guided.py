@@ -6,6 +6,7 @@ views agree on in space tells where to look again.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,10 +53,10 @@ class Space:
         return captured_positions(pixels, self.inputs.rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view])
 
 
-def astray(space: Space, found: dict[int, list[Found]]) -> dict[int, dict[int, np.ndarray]]:
+def astray(space: Space, found: dict[int, list[Found]], settled: Collection[int] = ()) -> dict[int, dict[int, np.ndarray]]:
     """{view: {frame: region [4]}} captured px: where to look again.
 
-    found: {source view: what was found in each frame of the partition}.
+    found: {source view: what was found in each frame of the partition}; settled: views that are not asked again.
     """
     sources, again = sorted(found), {v: {} for v in found}  # type: dict[int, dict[int, np.ndarray]]
     rig = space.inputs.rig.subset(sources)
@@ -65,7 +66,7 @@ def astray(space: Space, found: dict[int, list[Found]]) -> dict[int, dict[int, n
         if (joints3d[:, 3] > 0).sum() < FEWEST:
             continue
         for s, v in enumerate(sources):
-            if space.inputs.valid[frame, v] and not _agrees(rig, s, seen[s], joints3d):
+            if v not in settled and space.inputs.valid[frame, v] and not _agrees(rig, s, seen[s], joints3d):
                 region = _region(space, v, joints3d)
                 if region is not None:
                     again[v][frame] = region

@@ -20,12 +20,14 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
 
     Every picture of a source view is looked at by itself. Then, frame by frame, the person on whom the views agree is
     projected into those views that did not find her there, and the estimator looks again in that place; what it finds
-    stands beside the others, in place of the least clear of too many. A result depends on no other frame.
+    stands beside the others, in place of the least clear of too many; a view with a box is left as it is. A result depends on no
+    other frame.
     """
     estimator: Estimator = inputs.source("estimator")
     space = Space(inputs, estimator.joint_set)
     found = {v: _looked(inputs, estimator, params, v) for v in inputs.views.sources}
-    for v, regions in astray(space, found).items():
+    boxed = {v for v in found if inputs.views.names[v] in params.box}
+    for v, regions in astray(space, found, boxed).items():
         for frame, again in _look_again(inputs, estimator, v, regions):
             first = found[v][frame]
             found[v][frame] = Found.together([again, first.pick(range(min(len(first), params.people - 1)))], len(joint_set(estimator.joint_set)))
