@@ -169,10 +169,10 @@ def test_a_failed_survey_blocks_what_waits_for_it(fresh: Pipeline, monkeypatch: 
 def test_an_effect_a_capture_lacks_the_ground_for_is_off_even_where_it_is_forced_on(tmp_path: Path) -> None:
     """So that one setting can hold for a hundred sequences."""
     film(tmp_path / "capture", views=3, frames=2, joints=False, depth=False)
-    p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["effects.temporal_smoothing=on", "effects.exposure_matching=on", "effects.pose_heatmaps=on"])
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["effects.temporal_smoothing=on", "effects.view_dependent_color=on", "effects.pose_heatmaps=on"])
     p.register()
     verdicts = p.plan().context.effects
-    for name in ("temporal_smoothing", "exposure_matching", "pose_heatmaps"):
+    for name in ("temporal_smoothing", "view_dependent_color", "pose_heatmaps"):
         assert verdicts[name].state == "off"
         assert f"effects.{name} is on, but" in verdicts[name].sentence
 

@@ -18,6 +18,7 @@ from tests.dags.test_cli import assert_says, posegaussian
 @pytest.fixture
 def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The cache folder, and three made files that are expected in it."""
+    monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     made = tuple(replace(m, size=len(m.name), sha256=hashlib.sha256(m.name.encode()).hexdigest()) for m in models.BLAZEPOSE)
     monkeypatch.setattr(models, "BLAZEPOSE", made)

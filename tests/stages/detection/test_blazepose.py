@@ -151,6 +151,7 @@ def test_how_far_regions_are_apart() -> None:
 
 
 def test_without_models_the_command_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(ConfigError, match="posegaussian models fetch blazepose"):
         BlazePose()

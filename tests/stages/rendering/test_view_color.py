@@ -16,7 +16,7 @@ from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.params import RenderingParams
 from stages.rendering.scene import Camera
 from stages.rendering.view_color import Photo, color_towards
-from stages.survey.params import COLORS, NOISE
+from stages.survey.params import COLORS, NOISE, NONE, SURFACE
 from tests.memory import run_stage
 
 SIZE, COLOR = 96, "rendering/{path}/color"
@@ -112,7 +112,7 @@ def test_views_that_disagree_are_blended_to_a_picture_closer_to_the_truth(person
 
 
 def evidence(colors: np.ndarray, noise: float, *facts: str, sources: int = 2) -> SimpleNamespace:
-    noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise)}
+    noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise), SURFACE: np.full((len(colors), len(colors), 64, 3), NONE)}
     return SimpleNamespace(params=RenderingParams(sources=sources), facts=frozenset({"joints3d", *facts}), sources=(0, 1), joint_views=(), noted=noted)
 
 
