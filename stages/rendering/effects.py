@@ -6,6 +6,7 @@ import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
 from stages.frames.effects import NO_LINK
+from stages.frames.params import SEGMENTED
 from stages.geometry.subject import look_at_point
 from stages.survey.disagreement import FEWEST, disagreement
 from stages.survey.exposure import match
@@ -27,9 +28,22 @@ def _trusted(evidence: Evidence, bound: float) -> Decision | None:
     return Decision(bool(share > bound), share, bound, f"the masks agree on {share:.1%} of their rims")
 
 
-def _no_masks(evidence: Evidence) -> str | None:
+def _clipping(evidence: Evidence, bound: float) -> Decision | None:
+    # Two simulated people in a room, six cameras: clipping by estimated masks changes box PSNR by -0.49 and +0.05 dB, filling by +0.46 and +0.11.
     if "masks" not in evidence.facts:
-        return "the capture came without masks: the background's shape is a guess"
+        return Decision(False, None, bound, "the masks are estimated: where they are too small, clipping by them takes away more than it mends")
+    return _trusted(evidence, bound)
+
+
+def _filling(evidence: Evidence, bound: float) -> Decision | None:
+    if "masks" not in evidence.facts:
+        return Decision(True, None, bound, "the person is segmented in the source views: a small hole within all her outlines is hers")
+    return _trusted(evidence, bound)
+
+
+def _no_masks(evidence: Evidence) -> str | None:
+    if not {"masks", SEGMENTED} & evidence.facts:
+        return "the capture came without masks, and nobody segments the person: the background's shape is a guess"
     return None if len(evidence.sources) > 2 else "fewer than three source views have masks to compare"
 
 
@@ -81,7 +95,7 @@ SILHOUETTE_CLIPPING = Effect(
     "share of the masks' rims that the other masks agree on",
     TRUSTED,
     "1",
-    _trusted,
+    _clipping,
     asks=("survey/silhouettes",),
     lacks=_no_masks,
 )
@@ -91,7 +105,7 @@ HOLE_FILLING = Effect(
     "share of the masks' rims that the other masks agree on",
     TRUSTED,
     "1",
-    _trusted,
+    _filling,
     asks=("survey/silhouettes",),
     lacks=_no_masks,
 )

@@ -59,3 +59,14 @@ def test_anti_aliasing_is_for_targets_coarser_than_the_sources(person: PersonCap
     nothing = ANTI_ALIASING.decide(evidence(person, targets=()), ANTI_ALIASING.threshold)  # type: ignore[arg-type]
     assert nothing is not None
     assert nothing.measured is None
+
+
+def test_estimated_masks_fill_holes_and_clip_nothing_unless_asked() -> None:
+    estimated = SimpleNamespace(facts=frozenset({"segmented"}), sources=(0, 1, 2), noted={})
+    filling, clipping = (e.decide(estimated, e.threshold) for e in (HOLE_FILLING, SILHOUETTE_CLIPPING))  # type: ignore[arg-type]
+    assert filling is not None
+    assert clipping is not None
+    assert (filling.on, clipping.on) == (True, False)
+    for effect in (HOLE_FILLING, SILHOUETTE_CLIPPING):
+        assert effect.lacks(estimated) is None  # type: ignore[arg-type]
+        assert "nobody segments" in (effect.lacks(SimpleNamespace(facts=frozenset(), sources=(0, 1, 2))) or "")  # type: ignore[arg-type]
