@@ -139,6 +139,8 @@ def yardstick(balance: Path, results: Results, given: np.ndarray) -> list[str]:
 
 def _largest(people: np.ndarray, rig: Rig, ideal: Rig, view: int) -> np.ndarray:
     """[J, 3] the person of [P, J, 3] with the highest scores, calibrated px without lens; `balance` has one a file."""
+    if not len(people):
+        return np.zeros((people.shape[1], 3))
     person = np.asarray(max(people, key=lambda p: p[:, 2].sum()))
     pixels, mapped = to_frames(person[:, :2], np.array([1.0, 0.0, 0.0]), rig, ideal, view)
     return np.concatenate([pixels, np.where(mapped, person[:, 2], 0.0)[:, None]], axis=1)
