@@ -66,6 +66,7 @@ def start_local(settings: RunSettings) -> Any:
     # A failed task is reported by the run, with its sentence; Dask's own report would say it again with a traceback.
     common = {**threads.environment(settings.threads), "DASK_LOGGING__DISTRIBUTED": "critical"}
     dask.config.set({**CONFIGURATION, "distributed.nanny.pre-spawn-environ": {**common, **threads.allocator()}})
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # for good: while it closes, the cluster's own silence is over, and a late message ends in a traceback
     os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:multiprocessing.resource_tracker")  # it counts what killed workers leave
     pools = local_pools(settings)
     devices = {f"cpu-{i}": None for i in range(cpu_workers(settings))} | gpu_workers(settings.gpus)
