@@ -4,24 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
-
-from stages.frames.display import to_linear
-from stages.survey.exposure import BRIGHTEST, DARKEST
-from storage.rig import points_to_integer_centres
 
 FEWEST = 12
 """Points that two cameras must share: a median of fewer is chance."""
-
-
-def colors_at(picture: np.ndarray, points: np.ndarray, blur: float = 3.0) -> np.ndarray:
-    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black or clipped."""
-    soft = cv2.GaussianBlur(picture, (0, 0), blur)
-    at = np.rint(points_to_integer_centres(points)).astype(int)
-    sampled = soft[np.clip(at[:, 1], 0, soft.shape[0] - 1), np.clip(at[:, 0], 0, soft.shape[1] - 1)].astype(np.float64)
-    exposed = ((sampled >= DARKEST) & (sampled <= BRIGHTEST)).all(axis=1)
-    return np.where(exposed[:, None], to_linear(sampled), 0.0)
 
 
 def stops_apart(differences: Mapping[tuple[int, int], np.ndarray], cameras: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -1,6 +1,6 @@
 """Do features that two pictures share lie on each other's epipolar lines?
 
-SIFT features (Lowe 2004, as RootSIFT: Arandjelovic and Zisserman 2012) are matched both ways with a ratio test. Wrong matches lie
+Features are matched by `stages.geometry.features`. Wrong matches lie
 anywhere, right ones beside the epipolar line as far as the calibration is off. Two answers are compared: what the calibration says,
 and what the matches say among themselves, by a robust fundamental matrix that knows no calibration. Matches that fit each other and
 not the calibration accuse the calibration; matches that fit neither say nothing.
@@ -14,12 +14,7 @@ import cv2
 import numpy as np
 
 from stages.geometry.epipolar import signed_epipolar_distance
-from storage.rig import points_from_integer_centres
 
-FEATURES = 6000
-"""Features of a picture, strongest first."""
-RATIO = 0.85
-"""Largest angle between two descriptors over that of the second best match."""
 NEAR = 0.02
 """Share of the picture's longer side within which a match may be a right one: calibrations that are worse accuse themselves otherwise."""
 FREE = 2.0
@@ -28,50 +23,6 @@ FEWEST_FREE, SHARE_FREE = 20, 0.3
 """Matches, and share of all, that must fit a free fundamental matrix: of wrong matches alone it fits its own 7 and a few more, up to 13 of 35 and 22 of 205 seen."""
 PROOF = 10.0
 """Log likelihood by which `near the lines` must beat `anywhere`: one in 20 000."""
-
-
-@dataclass(frozen=True, eq=False)
-class Features:
-    """Features of one picture."""
-
-    points: np.ndarray
-    """[n, 2] px, our pixel centres."""
-    descriptors: np.ndarray
-    """[n, 128] float32 of unit length."""
-
-
-def features(picture: np.ndarray, coverage: np.ndarray) -> Features:
-    """Of [h, w, 3] uint8 where `coverage` [h, w] uint8 is not 0, a few pixels from its border."""
-    gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-    inside = cv2.erode(coverage, np.ones((9, 9), np.uint8), borderValue=0)
-    # A lower contrast than Lowe's .04: floors and clothes are plain.
-    keypoints, descriptors = cv2.SIFT_create(FEATURES, contrastThreshold=0.02).detectAndCompute(gray, inside)  # type: ignore[attr-defined]
-    if descriptors is None or not len(descriptors):
-        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
-    points = points_from_integer_centres(np.array([k.pt for k in keypoints]))
-    # A place with two orientations is listed twice and would match itself.
-    _, first = np.unique(points.round(2), axis=0, return_index=True)
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
-    return Features(points[np.sort(first)], root[np.sort(first)].astype(np.float32))
-
-
-def matched(first: Features, second: Features) -> np.ndarray:
-    """[n, 2] indices of features that are each other's best match, clearly better than the second best in both pictures."""
-    if min(len(first.points), len(second.points)) < 3:
-        return np.zeros((0, 2), dtype=np.int64)
-    likeness = first.descriptors @ second.descriptors.T
-    there, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
-    here = np.arange(len(there))
-    clear = _ratio(likeness)[here] < RATIO, _ratio(likeness.T)[there] < RATIO
-    kept = (back[there] == here) & clear[0] & clear[1]
-    return np.stack([here[kept], there[kept]], axis=1)
-
-
-def _ratio(likeness: np.ndarray) -> np.ndarray:
-    """[n] angle to the best over the angle to the second best, of cosines [n, m]."""
-    two = np.partition(likeness, likeness.shape[1] - 2, axis=1)[:, -2:]
-    angle = np.arccos(np.clip(two.astype(np.float64), -1.0, 1.0))
-    return np.asarray(angle[:, 1] / np.maximum(angle[:, 0], 1e-9))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.frames.display import to_display
+from stages.frames.display import to_display, to_linear
 from stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from stages.inspection.light import colors_at
-from stages.inspection.matches import Features, features, matched
+from stages.geometry.features import Features, features, matched
 from stages.io import Inputs
 from stages.pose.points import to_frames
+from stages.survey.exposure import BRIGHTEST, DARKEST
 from stages.survey.params import NONE
+from storage.rig import points_to_integer_centres
 
 FRAMES = 2
 """Sampled frames that are matched."""
@@ -78,3 +79,12 @@ def _differences(inputs: Inputs, views: tuple[int, int], own: tuple[np.ndarray, 
     light = [colors_at(seen[0], at[right]) for seen, at in zip((own, other), points, strict=True)]
     both = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
     return np.log2(light[0][both]) - np.log2(light[1][both])
+
+
+def colors_at(picture: np.ndarray, points: np.ndarray, blur: float = 3.0) -> np.ndarray:
+    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black or clipped."""
+    soft = cv2.GaussianBlur(picture, (0, 0), blur)
+    at = np.rint(points_to_integer_centres(points)).astype(int)
+    sampled = soft[np.clip(at[:, 1], 0, soft.shape[0] - 1), np.clip(at[:, 0], 0, soft.shape[1] - 1)].astype(np.float64)
+    exposed = ((sampled >= DARKEST) & (sampled <= BRIGHTEST)).all(axis=1)
+    return np.where(exposed[:, None], to_linear(sampled), 0.0)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.inspection.light import FEWEST, colors_at, stops_apart
+from stages.inspection.light import FEWEST, stops_apart
+from stages.survey.surface import colors_at
 
 
 def test_known_stops_are_found_from_pairs() -> None:

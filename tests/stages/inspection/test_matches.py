@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from stages.geometry.features import features, matched
 from stages.geometry.projection import project
-from stages.inspection.matches import epipolar_fit, features, matched
+from stages.inspection.matches import epipolar_fit
 from storage.rig import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
