@@ -218,7 +218,8 @@ def _sentence(error: Any, location: Location) -> str:
     """What is wrong, the bound, and a suggestion."""
     if error["type"] == "extra_forbidden":
         known = _fields_at(location[:-1])
-        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+        elsewhere = [f"{s.name}.{location[-1]}" for s in STAGES if len(location) == 2 and str(location[-1]) in s.params.model_fields]
+        close = elsewhere or difflib.get_close_matches(str(location[-1]), known, n=1)
         return f'unknown key; did you mean "{close[0]}"?' if close else f"unknown key; known are {', '.join(known)}"
     message = error["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]

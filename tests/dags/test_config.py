@@ -254,3 +254,8 @@ def test_the_effective_settings_written_as_yaml_lead_to_the_same_settings(tmp_pa
 def test_settings_cannot_be_changed_afterwards(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="frozen"):
         load(tmp_path).default.depth.pairs = 3
+
+
+def test_a_key_of_another_stage_is_found_there() -> None:
+    with pytest.raises(ConfigError, match=r'pose\.estimator: unknown key; did you mean "detection\.estimator"\?'):
+        load_configuration(None, ["pose.estimator=blazepose"])
