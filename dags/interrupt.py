@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,12 @@ STATUS = 130
 """Exit status of an interrupted run."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+AGAIN_S = 0.02
+"""Seconds after which an interrupt that was lost is raised again: by then the callback that lost it is over."""
+SAID_S = 2.0
+"""Seconds at most that the end of a run waits for the sentence to be said."""
 
 
 @contextmanager
@@ -32,32 +39,61 @@ def interruptible(say: Callable[[str], None], kill: Callable[[], None]) -> Itera
         return
     reader, writer = socket.socketpair()
     writer.setblocking(False)
-    raised = False
-
-    def first(number: int, frame: Any) -> None:
-        nonlocal raised
-        if not raised:
-            raised = True
-            raise KeyboardInterrupt
-
-    handlers = {s: signal.signal(s, first) for s in SIGNALS}
+    first = _First()
+    handlers = {s: signal.signal(s, first.handle) for s in SIGNALS}
     wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
-    threading.Thread(target=_listen, args=(reader, say, kill), name="ctrl-c", daemon=True).start()
+    unraisable, sys.unraisablehook = sys.unraisablehook, first.again_if_lost
+    listener = threading.Thread(target=_listen, args=(reader, first, say, kill), name="ctrl-c", daemon=True)
+    listener.start()
     try:
         yield
     finally:
+        sys.unraisablehook = unraisable
         signal.set_wakeup_fd(wakeup)
         for s, handler in handlers.items():
             signal.signal(s, handler)
-        writer.close()  # ends the thread
+        writer.close()  # ends the thread, when it has said what there is to say
+        listener.join(SAID_S)
 
 
-def _listen(reader: socket.socket, say: Callable[[str], None], kill: Callable[[], None]) -> None:
+class _First:
+    """The first Ctrl-C: raised once where the run can hear it.
+
+    Python drops an exception raised in a destructor or in a callback of the garbage collector, wherever a signal happens to
+    find the main thread; it tells `sys.unraisablehook` so, and then the interrupt is raised again.
+    """
+
+    def __init__(self) -> None:
+        self.raised = False
+        self.repeats = 0
+        """Signals on their way that nobody pressed a key for."""
+        self.hook = sys.unraisablehook
+
+    def handle(self, number: int, frame: Any) -> None:
+        if not self.raised:
+            self.raised = True
+            raise KeyboardInterrupt
+
+    def again_if_lost(self, unraisable: Any) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            self.hook(unraisable)
+            return
+        self.raised = False
+        self.repeats += 1
+        again = threading.Timer(AGAIN_S, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+
+def _listen(reader: socket.socket, first: _First, say: Callable[[str], None], kill: Callable[[], None]) -> None:
     count = 0
     with reader:
         while received := reader.recv(64):
             for number in received:
                 if number not in SIGNALS:
+                    continue
+                if first.repeats:
+                    first.repeats -= 1
                     continue
                 count += 1
                 if count == 1:

@@ -87,3 +87,30 @@ def test_a_second_ctrl_c_ends_a_run_whose_kernel_does_not_listen(finished: Pipel
             break
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=30) == 130
+
+
+DROPPING = """
+import gc, os, signal, sys, time
+from dags.interrupt import interruptible
+def say(line):
+    sys.stdout.write(line + "\\n")  # one write: two threads speak
+def within_a_collection(phase, info):
+    if phase == "stop":
+        gc.callbacks.remove(within_a_collection)
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(10))  # the handler runs here, and Python drops what it raises
+gc.callbacks.append(within_a_collection)
+try:
+    with interruptible(say, lambda: say("killed")):
+        gc.collect()
+        time.sleep(20)
+    say("not heard")
+except KeyboardInterrupt:
+    say("heard")
+"""
+
+
+def test_a_ctrl_c_that_meets_a_collection_of_garbage_is_heard() -> None:
+    done = subprocess.run([sys.executable, "-c", DROPPING], capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    assert sorted(done.stdout.splitlines()) == ["heard", "stopping; what is finished is kept. Ctrl-C once more ends at once"]
+    assert not done.stderr
