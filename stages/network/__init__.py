@@ -1,0 +1,1 @@
+"""The PoseGaussian network: torch modules that refine the analytic depth and Gaussians; they open no files."""
