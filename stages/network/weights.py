@@ -1,0 +1,129 @@
+"""Weights as float16 safetensors: written with a card, loaded by name, known by their sha256."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+
+from storage.errors import UserError
+
+LARGEST = 65504.0
+"""Of float16."""
+
+
+class WeightsError(UserError):
+    """A file of weights that cannot be written or does not fit the network."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """What one should know before using weights."""
+
+    name: str
+    """Of the weights."""
+    preset: str
+    """Of the network: paper, base, fast."""
+    data: str
+    """What they were trained on, in a sentence."""
+    seeds: str
+    """Of the training scenes and of the training."""
+    minutes: float
+    """Of training."""
+    machine: str
+    """That trained."""
+    validation: tuple[tuple[str, ...], ...]
+    """A table: a head and rows, all of one length."""
+    not_good_for: tuple[str, ...] = field(default=())
+    """Sentences."""
+
+    def markdown(self, digest: str) -> str:
+        """The card as a page; digest is the file's sha256."""
+        facts = {"preset": self.preset, "data": self.data, "seeds": self.seeds, "minutes of training": f"{self.minutes:g}", "machine": self.machine, "sha256": digest}
+        lines = [f"# {self.name}", "", *(f"- **{k}**: {v}" for k, v in facts.items()), "", "## Validation", ""]
+        for i, row in enumerate(self.validation):
+            lines += [f"| {' | '.join(row)} |", *(["|" + " --- |" * len(row)] if i == 0 else [])]
+        return "\n".join([*lines, "", "## Not good for", "", *(f"- {s}" for s in self.not_good_for)]) + "\n"
+
+
+def sha256(path: Path) -> str:
+    """Hexadecimal digest of a file."""
+    with path.open("rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> str:
+    """Write a state as float16 with its card, and the card as a page beside it (.md); returns the sha256.
+
+    Floating numbers become float16, whole numbers stay. The file appears whole or not at all; equal weights give equal bytes.
+
+    Raises:
+        WeightsError: for a value that is not finite or beyond float16, naming the key.
+    """
+    tensors = {}
+    for key, value in sorted(state.items()):
+        if value.is_floating_point():
+            largest = float(value.abs().max()) if value.numel() else 0.0
+            if not largest <= LARGEST:
+                raise WeightsError(f"{path}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within {LARGEST:g}")
+            value = value.half()
+        tensors[key] = value.detach().cpu().contiguous().clone()
+    part = path.with_name(path.name + ".part")
+    save_file(tensors, part, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
+    os.replace(part, path)
+    digest = sha256(path)
+    path.with_suffix(".md").write_text(card.markdown(digest), encoding="utf-8")
+    return digest
+
+
+def read_card(path: Path) -> Card:
+    """The card within a file of weights. Raises WeightsError where there is no such file or card."""
+    _exists(path)
+    try:
+        with safe_open(path, framework="pt") as f:
+            found = json.loads((f.metadata() or {})["card"])
+    except (SafetensorError, KeyError) as e:
+        raise WeightsError(f"{path} is no safetensors file with a card ({e!r}); write it with save_weights") from e
+    found["validation"] = tuple(tuple(row) for row in found["validation"])
+    return Card(**{**found, "not_good_for": tuple(found["not_good_for"])})
+
+
+def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> None:
+    """Load weights by name into a network, in the network's dtypes; nothing is changed unless everything fits.
+
+    Raises:
+        WeightsError: where the file is missing, damaged or not the expected one, and where a key is missing, superfluous or of
+            another shape: it names the keys, the shapes and the file.
+    """
+    _exists(path)
+    if digest is not None and (found := sha256(path)) != digest:
+        raise WeightsError(f"{path} has sha256 {found}, expected {digest}: it is damaged or another version; fetch it again")
+    try:
+        with safe_open(path, framework="pt") as f:
+            tensors = {key: f.get_tensor(key) for key in f.keys()}  # noqa: SIM118 (it is no mapping)
+    except SafetensorError as e:
+        raise WeightsError(f"{path} is no safetensors file: {e}") from e
+    own = network.state_dict()
+    wrong = [f"{k} is {tuple(tensors[k].shape)} in the file, {tuple(own[k].shape)} in the network" for k in sorted(own.keys() & tensors.keys()) if tensors[k].shape != own[k].shape]
+    wrong += [f"{k} {tuple(own[k].shape)} is missing in the file" for k in sorted(own.keys() - tensors.keys())]
+    wrong += [f"{k} {tuple(tensors[k].shape)} is not known to the network" for k in sorted(tensors.keys() - own.keys())]
+    wrong += [f"{k} {tuple(v.shape)} holds what is not finite" for k, v in sorted(tensors.items()) if v.is_floating_point() and not torch.isfinite(v).all()]
+    if wrong:
+        more = f"; and {len(wrong) - 4} more" if len(wrong) > 4 else ""
+        raise WeightsError(f"{path} does not fit this network: {'; '.join(wrong[:4])}{more}. Are preset and variant those of its card?")
+    with torch.no_grad():
+        for key, value in own.items():
+            value.copy_(tensors[key])
+
+
+def _exists(path: Path) -> None:
+    if not path.is_file():
+        raise WeightsError(f"{path}: no such file of weights")
