@@ -17,7 +17,10 @@ import torch
 import torch.nn.functional as F
 
 VOLUME_BYTES = 256 * 2**20
-"""Above this the products are made at each look-up: slower, with memory that grows with the picture and not with height x width^2."""
+"""Above this the products are made at each look-up: slower, but less than 3 feature maps are kept, and not height x width^2.
+
+With gradients each look-up keeps 2 r + 2 maps a level, too: train on crops that fit.
+"""
 
 
 def volume_bytes(batch: int, height: int, width: int, other_width: int, levels: int) -> int:

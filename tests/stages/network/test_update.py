@@ -9,6 +9,7 @@ import torch.nn.functional as F
 
 from stages.geometry.projection import project
 from stages.geometry.rectification import rectify
+from stages.network.correlation import Correlation
 from stages.network.disparity import Coding
 from stages.network.refine import DepthRefinement, Refined
 from stages.network.update import ConvGRU, convex_weights, upsample
@@ -237,6 +238,22 @@ def test_further_views_have_a_say_and_only_in_a_network_built_for_them() -> None
         assert not torch.equal(run(net).disparities[-1], net(first, second, start, coding(2), 3).disparities[-1])
     with pytest.raises(ValueError, match="further_views=True"):
         run(network())
+
+
+def test_the_pairs_own_other_view_says_the_same_by_warping_as_along_the_rows() -> None:
+    """The hypotheses of a further view are the disparities of the look-up, in its order: seen through the rig or along the row, one value."""
+    whole = (0, 0, *PAIR.size)
+    net, code = network(True), Coding.of([(PAIR, 0, whole, whole)], 0.5, 10)
+    width, height = (s // FACTOR for s in PAIR.size)
+    first, second = torch.randn(2, 1, 8, height, width, generator=torch.Generator().manual_seed(5))
+    there = projection(PAIR.intrinsics[0], PAIR.world_to_camera(0), PAIR.intrinsics[1], PAIR.world_to_camera(1), FACTOR)[None]
+    disparity = torch.full((1, 1, height, width), 1.3)
+    seen = net._seen(Correlation(first, second, 2, 2), first, disparity, code, [(second, there)])
+    rows, warped, share = seen[:, :5], seen[:, 10:15], seen[:, 15:]
+    inner = (..., slice(6, -6))
+    assert (share[inner] == 1).all()
+    # Depth and back through two matrices in float32: places of tens of cells, to 1e-5, of features that differ by a few.
+    torch.testing.assert_close(warped[inner], rows[inner], rtol=0, atol=1e-3)
 
 
 def test_disparities_are_float32_under_autocast_and_near_those_without() -> None:
