@@ -1,4 +1,4 @@
-"""Records L1-L7: measures of pictures and of depth. Losses of training come with the network."""
+"""Records L1-L7: measures of pictures and of depth. Losses of training are in cases_training.py."""
 
 from __future__ import annotations
 

@@ -1,0 +1,87 @@
+"""Records D5, L5, L6 and L8: losses and heads of the network."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from stages.network.heads import Heads, Prior, blend_quaternions, growth, limited
+from stages.network.losses import sequence_loss
+from tests.hard_cases.catalogue import Case, apart, worst
+
+FAR = (-1e3, -50.0, -0.5, 0.0, 0.5, 50.0, 1e3)
+
+
+def naive_sequence() -> float:
+    """Weights 0.9^(15 / (T - 1) (T - t)), as two published systems have them, of one prediction that is 2 px off."""
+    count = 1
+    return abs(sum((0.9 ** (15 / (count - 1))) ** (count - 1 - t) * 2.0 for t in range(count)) - 2)
+
+
+def sequence_error() -> float:
+    truth = torch.zeros(1, 1, 2, 2)
+    return abs(float(sequence_loss([truth + 2], truth, torch.ones_like(truth))) - 2)
+
+
+def slope(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    return torch.autograd.grad(y.sum(), x)[0].detach()
+
+
+def naive_dead_heads() -> float:
+    """Share of numbers whose slope is under 1e-9: softplus of beta 100, at most 0.01."""
+    x = torch.tensor(FAR, requires_grad=True)
+    return float((slope(x, torch.nn.functional.softplus(x, beta=100).clamp(max=0.01)) < 1e-9).double().mean())
+
+
+def dead_heads() -> float:
+    x = torch.tensor(FAR, requires_grad=True)
+    return float((slope(x, growth(x)) < 1e-9).double().mean())
+
+
+def turned() -> tuple[torch.Tensor, torch.Tensor]:
+    """A quaternion, and the same rotation with the other sign but for a thousandth."""
+    q = torch.nn.functional.normalize(torch.tensor([0.5, -0.1, 0.7, 0.2]).double(), dim=0).reshape(1, 4, 1, 1)
+    near = torch.nn.functional.normalize(q + 1e-3 * torch.tensor([0.1, 0.9, 0.2, -0.4]).double().reshape(1, 4, 1, 1), dim=1)
+    return q, -near
+
+
+def off(q: torch.Tensor, blended: torch.Tensor) -> float:
+    """Degrees between two rotations."""
+    return math.degrees(2 * math.acos(min(1.0, abs(float((q * blended).sum())))))
+
+
+def naive_blend() -> float:
+    q, other = turned()
+    return off(q, torch.nn.functional.normalize(0.5 * q + 0.5 * other, dim=1))
+
+
+def blend_error() -> float:
+    q, other = turned()
+    return off(q, blend_quaternions(q, other, torch.full((1, 1, 1, 1), 0.5, dtype=torch.float64)))
+
+
+def dead_confidence(bounded: bool) -> float:
+    """Share of logits without any slope."""
+    x = torch.tensor(FAR, requires_grad=True)
+    return float((slope(x, torch.sigmoid(limited(x) if bounded else x)) < 1e-9).double().mean())
+
+
+DISPARITIES = torch.tensor([64.3, 200.7, 511.2]).reshape(1, 1, 1, 3)
+
+
+def kept_disparity() -> float:
+    """Px by which untrained heads within bfloat16 autocast move the prior's disparity."""
+    prior = Prior(DISPARITIES, torch.full((1, 3, 1, 3), 0.002), torch.tensor([0.0, 0, -1]).reshape(1, 3, 1, 1).expand(1, 3, 1, 3), torch.full((1, 2, 1, 3), 0.9))
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        found = Heads(4)(torch.ones(1, 4, 1, 3, dtype=torch.bfloat16), prior, -prior.normal)
+    return apart(found.disparity, DISPARITIES)
+
+
+CASES = (
+    Case("D5", "one iteration of the matching network", "its weight's exponent is divided by T - 1 = 0", "px", naive_sequence, sequence_error, 0.0, "mu^(T - t): no division"),
+    Case("L5", "heads far from their range", "a softplus with a cap has no slope on either side", "of numbers without a slope", naive_dead_heads, dead_heads, 0.0, "slopes fall like 1/x^2, to 1e-7 of a footprint at 1000"),
+    Case("L6", "quaternions of two hemispheres, blended", "q and -q are one rotation, and their mean is none", "degrees", naive_blend, blend_error, 0.2, "the two rotations are 0.1 degrees apart"),
+    Case("L6b", "a confidence that saturates", "the sigmoid's slope is 0 in float32", "of logits without a slope", lambda: dead_confidence(False), lambda: dead_confidence(True), 0.0, "logits stay within -6..6, with slopes that fall like 1/x^2"),
+    Case("L8", "disparities within mixed precision", "bfloat16 has steps of 2 px from 256 on", "px", lambda: worst([apart(DISPARITIES.bfloat16().float(), DISPARITIES)]), kept_disparity, 0.0, "heads and disparities are float32, whatever surrounds them"),
+)
