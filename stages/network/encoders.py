@@ -2,7 +2,8 @@
 
 A 3x3 convolution, then six residual units of widths w1, w2, w2, w3, w3, w4 with squeeze-and-excitation (Hu et al. 2018).
 All levels are returned, finest first: they are the skips of the decoder, and the last is correlated.
-The number of threads changes no byte where the last level has 4 x 4 cells or more; on fewer torch's convolutions round differently.
+At the presets' widths the number of threads changes no byte where the last level has 4 x 4 cells or more; on fewer torch's
+convolutions round differently.
 """
 
 from __future__ import annotations

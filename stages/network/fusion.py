@@ -8,7 +8,7 @@ With P a 1x1 and W, Wg 3x3 convolutions, all learnt, and sigma the logistic func
     addition        W (f + P p)
     multiplication  W (f * (1 + P p))
     weighted        W (w * f + (1 - w) * P p), w per channel
-    outer           W (f + P p) + Wg ((R f) (x) [p, 1]), R a 1x1 convolution to a quarter of the width
+    outer           W (f + P p) + Wg ((R f) (x) [p, 1]), R to a quarter of the width in each cell
 
 P has no bias and the products keep a 1, so that heatmaps of zeros (nobody found) bring nothing and take nothing from the picture but a
 scale. Nothing is normalised or rectified behind W: the features are compared by their products.
@@ -142,13 +142,15 @@ class OuterProduct(_Projected):
     def __init__(self, image: int, pose: int) -> None:
         super().__init__(image, pose)
         reduced = max(image // SQUEEZE, 1)
-        self.reduce = nn.Conv2d(image, reduced, 1, bias=False)
+        # A product of matrices: the same as a 1x1 convolution rounds otherwise with more threads.
+        self.reduce = nn.Linear(image, reduced, bias=False)
         self.products = nn.Conv2d(reduced * (pose + 1), image, 3, padding=1, bias=False)
 
     def fuse(self, image: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
         """W (f + P p) + Wg ((R f) (x) [p, 1])."""
         one = torch.ones_like(pose[:, :1])
-        products = (self.reduce(image)[:, :, None] * torch.cat([pose, one], 1)[:, None]).flatten(1, 2)
+        reduced = self.reduce(image.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+        products = (reduced[:, :, None] * torch.cat([pose, one], 1)[:, None]).flatten(1, 2)
         return self.out(image + self.project(pose)) + self.products(products)
 
 

@@ -100,9 +100,9 @@ def test_batch_neighbours_do_not_matter(kind: FusionKind) -> None:
 @KINDS
 def test_threads_change_no_byte(kind: FusionKind) -> None:
     # At the widths of a real network: torch's convolutions round otherwise with more threads to a handful of channels.
-    fusion = FUSIONS[kind](64, 17)
+    fusion = FUSIONS[kind](128, 17)
     for layout in (torch.contiguous_format, torch.channels_last):
-        image, pose = (x.to(memory_format=layout) for x in (torch.randn(2, 64, 8, 12), torch.rand(2, 17, 8, 12)))
+        image, pose = (x.to(memory_format=layout) for x in (torch.randn(2, 128, 32, 32), torch.rand(2, 17, 32, 32)))
         found = []
         for threads in (1, 2):
             torch.set_num_threads(threads)
