@@ -1,4 +1,4 @@
-"""Records D2b-D11b of the matching network: correlation, coordinates and the coding of depth as disparity."""
+"""Records D2b-D12b of the matching network: correlation, coordinates and the coding of depth as disparity."""
 
 from __future__ import annotations
 
@@ -209,11 +209,11 @@ def rim_error() -> float:
 CASES = (
     Case("D2b", "columns of a look-up in bfloat16", "eight bits for 512 columns: a column off", "columns", naive_columns, columns_error, 3.1e-5, "at least float32, even under autocast"),
     Case("D3b", "disparity at infinity and beyond it, of wide pairs", "1 / (d + 1e-8): hundreds of millions of kilometres off, or behind the camera", "m beyond the bounds", naive_depth, depth_outside, 0.0, "held between a nearest and a farthest depth in float64"),
-    Case("D3c", "a recurrence that runs away", "its steps add up beyond infinity, and depth turns negative", "m beyond the bounds", naive_wild, wild_outside, 0.0, "held after each step; a start that is no number takes the picture's mean"),
+    Case("D10b", "a recurrence that runs away", "its steps add up beyond infinity, and depth turns negative", "m beyond the bounds", naive_wild, wild_outside, 0.0, "held after each step; a start that is no number takes the picture's mean"),
     Case("D6", "correlation of 192 channels in float16", "overflows before it is divided by the root of the channels", "of the largest", naive_products, products_error, 1e-6, "scaled first, and multiplied in float32"),
     Case("D7", "correlation of 4096 x 2304 px", "every column with every column: grows with height x width squared", "x the features", naive_memory, memory, 3.0, "above 256 MiB products are made at the look-up, and only the features of both views are kept"),
     Case("D8", "feature maps of odd and of few columns", "halving loses the last column, and cannot halve one", "of a product", lambda: worst(naive_pyramid(w) for w in WIDTHS), lambda: worst(pyramid_error(w) for w in WIDTHS), 2e-6, "a cell is the mean of the columns that are there; float32"),
     Case("D9b", "looking up columns beside the other picture", "a clamped index: whatever leaves the picture matches its rim", "of a match", naive_beside, beside_error, 0.0, "falls linearly to 0 over one cell, and stays 0"),
-    Case("D9c", "convex up-sampling at the rim", "neighbours beside the picture are 0, and pull disparity to 0", "px of 100", naive_rim, rim_error, 3e-5, "the rim's own value stands beside it; float32"),
+    Case("D12b", "convex up-sampling at the rim", "neighbours beside the picture are 0, and pull disparity to 0", "px of 100", naive_rim, rim_error, 3e-5, "the rim's own value stands beside it; float32"),
     Case("D11b", "coarse levels of a correlation", "column / 2^level reads half a cell beside the place", "columns", naive_level_place, level_place_error, 1e-5, "cells are looked up at their centres; float32"),
 )
