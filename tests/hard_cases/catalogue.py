@@ -93,9 +93,9 @@ def holds(case: Case) -> bool:
 @cache
 def catalogue() -> tuple[Case, ...]:
     """Every case that concerns code which is there, in the order of the page."""
-    from tests.hard_cases import cases_cameras, cases_depth, cases_metrics, cases_pose, cases_splatting, cases_training
+    from tests.hard_cases import cases_cameras, cases_depth, cases_metrics, cases_network, cases_pose, cases_splatting, cases_training
 
-    return (*cases_splatting.CASES, *cases_cameras.CASES, *cases_depth.CASES, *cases_pose.CASES, *cases_metrics.CASES, *cases_training.CASES)
+    return (*cases_splatting.CASES, *cases_cameras.CASES, *cases_depth.CASES, *cases_pose.CASES, *cases_metrics.CASES, *cases_training.CASES, *cases_network.CASES)
 
 
 def named(name: str) -> Case:
@@ -104,9 +104,6 @@ def named(name: str) -> Case:
 
 
 LATER = (
-    Later("D6", "correlation of 192 channels in float16 overflows before it is scaled"),
-    Later("D7", "the correlation volume grows with the width cubed"),
-    Later("D8", "pyramids of widths that cannot be halved four times"),
     Later("L9", "batch normalisation frozen in the matching network"),
     Later("L10", "one batch that is not a number"),
 )
