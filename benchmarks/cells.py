@@ -26,6 +26,7 @@ from stages.capture.benchmark import benchmark_scene
 from stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
 from stages.metrics.depth_error import disparity_error, nearest_pair
 from stages.metrics.run import measure
+from stages.network.params import depth_array
 from storage.archive import Archive
 
 NAME = "person"
@@ -111,7 +112,7 @@ def _depths(results: Results, cell: Cell) -> dict[str, float]:
     errors, millimetres, covered = [], [], []
     for view in context.views.sources:
         pair = nearest_pair(context.rig, view, context.views.sources)
-        depth, truth, mask = (results.read(a, range(cell.frames), view) for a in ("depth/depth", "truth/depth", "frames/mask"))
+        depth, truth, mask = (results.read(a, range(cell.frames), view) for a in (depth_array(context.facts), "truth/depth", "frames/mask"))
         for d, t, m in zip(depth, truth, mask, strict=True):
             surface = (m > 127) & (t > 0)
             errors.append(disparity_error(d, t, pair)[surface])
@@ -126,7 +127,7 @@ def _agreement(results: Results, cell: Cell) -> dict[str, float]:
     context, frames = results.context, range(cell.frames)
     rig, sources = context.rig, context.views.sources
     seen, world = np.stack([results.read("frames/color", frames, v) for v in sources], 1), results.read("pose/joints3d", frames)
-    masks, depths = (np.stack([results.read(a, frames, v) for v in sources], 1) for a in ("frames/mask", "depth/depth"))
+    masks, depths = (np.stack([results.read(a, frames, v) for v in sources], 1) for a in ("frames/mask", depth_array(context.facts)))
     joints = np.stack([results.read("pose/joints2d", frames, v) for v in sources], 1)
     subset = rig.subset(sources)
     residuals = [reprojection_residual(subset, joints[i], world[i]) for i in frames]

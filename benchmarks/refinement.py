@@ -37,7 +37,7 @@ from stages.rendering.clipping import retouched, silhouettes_of
 from stages.rendering.lift import Maps
 from stages.rendering.run import quantise
 from stages.rendering.scene import Camera
-from stages.rendering.sources import PRIOR
+from stages.rendering.sources import unrefined_arrays
 
 GAIN = 1.0
 """dB that 50 steps gain on the mean."""
@@ -65,7 +65,7 @@ def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[flo
     rig, views = context.rig, context.views
     cameras = {v: Camera(rig.intrinsics[v], rig.world_to_camera[v], *(int(n) for n in rig.size[v])) for v in range(len(rig))}
     masks = {v: results.read("frames/mask", frame, v)[0] for v in (*views.sources, *views.held_out)}
-    maps = {v: Maps(*(results.read(a, frame, v)[0] for a in PRIOR)) for v in views.sources}
+    maps = {v: Maps(*(results.read(a, frame, v)[0] for a in unrefined_arrays(results.context.facts))) for v in views.sources}
     filmed = [_filmed(cameras[v], np.asarray(maps[v].color), masks[v]) for v in views.sources]
     silhouettes = silhouettes_of(rig, {v: masks[v] for v in views.sources})
     extent = float(np.linalg.norm(rig.centres - rig.centres.mean(axis=0), axis=1).max() * 1.1)

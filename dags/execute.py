@@ -24,10 +24,12 @@ import numpy as np
 from dags import threads
 from dags.estimator import estimator_of
 from dags.memory import Peak
+from dags.network_weights import network_of
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
 from stages.detection.params import DetectionParams
 from stages.io import Block, Views
+from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
@@ -197,7 +199,9 @@ class StoreInputs:
         declared = [r.array for r in stage.reads_for(self._order.params, self.facts) if r.is_source]
         if kind not in declared:
             raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
-        return estimator_of(self._order.estimator) if kind == "estimator" and self._order.estimator is not None else open_source(self._capture, kind)
+        if kind == "estimator" and self._order.estimator is not None:
+            return estimator_of(self._order.estimator)
+        return network_of(self._order.params) if kind == NETWORK else open_source(self._capture, kind)
 
 
 def execute(order: Order) -> Receipt:

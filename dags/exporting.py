@@ -12,6 +12,7 @@ from dags.context import Context
 from dags.plan import Plan
 from dags.results import Results
 from dags.tasks import Product
+from stages.network.params import depth_array
 from storage.errors import UserError
 from storage.rig import CameraPath
 
@@ -84,7 +85,7 @@ def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
     for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES) if sheet else []:
         partition = frame // context.grid.length
         views = _spread(context.views.sources, SHEET_VIEWS)
-        found |= {Product(a, partition, v) for a in ("pose/joints2d", "frames/color", "frames/mask", "depth/depth") for v in views}
+        found |= {Product(a, partition, v) for a in ("pose/joints2d", "frames/color", "frames/mask", depth_array(context.facts)) for v in views}
         for name, path in context.paths.items():
             found.add(Product(f"rendering/{name}/color", partition, None))
             if path.kind == "held_out":
@@ -112,7 +113,7 @@ def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = S
                 results.read("frames/color", one, view)[0][crop],
                 results.read("frames/mask", one, view)[0][crop],
                 joints,
-                results.read("depth/depth", one, view)[0][crop],
+                results.read(depth_array(context.facts), one, view)[0][crop],
             )
         sheet.begin()
         color = results.read(f"rendering/{path.name}/color", one)[0]

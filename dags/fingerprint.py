@@ -8,8 +8,10 @@ from typing import Any
 from dags.code import code_digest
 from dags.context import Context
 from dags.estimator import KERNELS, models_digest
+from dags.network_weights import weights_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
+from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.spec import digest
 
@@ -90,6 +92,9 @@ def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
     for read in context.memo[key]:
         if read.array == "estimator":
             found["estimator"] = digest([models_digest(context.estimator), code_digest(KERNELS[context.estimator.estimator])])
+            continue
+        if read.array == NETWORK:
+            found[NETWORK] = weights_digest(context.settings.network)
             continue
         streams = context.capture.streams(read.array)
         span = None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))

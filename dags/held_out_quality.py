@@ -14,6 +14,7 @@ import numpy as np
 
 from dags.context import Context
 from dags.results import Results
+from stages.network.params import depth_array
 from storage.rig import CameraPath
 
 
@@ -63,7 +64,7 @@ def _depths(context: Context, reference: Context, frames: range) -> Iterator[tup
     sources = reference.views.sources
     for view in sources:
         truth, mask = truths.read("truth/depth", frames, view), truths.read("frames/mask", frames, view)
-        depth = results.read("depth/depth", frames, view)
+        depth = results.read(depth_array(context.facts), frames, view)
         (w, h), (wide, high) = context.rig.size[view], reference.rig.size[view]
         for j, frame in enumerate(frames):
             if reference.valid[frame, view]:

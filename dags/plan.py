@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from dags import network_weights
 from dags.context import Context
 from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
@@ -24,6 +25,7 @@ from stages.depth.params import resolve_method
 from stages.geometry.cone import cone_notes
 from stages.geometry.pairs import pair_notes
 from stages.geometry.subject import subject_distance
+from stages.network.params import NETWORK
 from stages.registry import STAGES
 from storage.capture import PER_VIEW
 from storage.errors import ConfigError
@@ -319,6 +321,8 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
         (view,), depth = context.views.sources, context.settings.depth
         found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
+    if NETWORK not in context.unneeded():
+        found += network_weights.notes(context.settings.network)
     return tuple(found)
 
 

@@ -21,7 +21,7 @@ from storage.archive import layout
 from storage.capture import PER_VIEW
 from storage.spec import ArraySpec, TableSpec
 
-SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "depth_maps", "estimator"}
+SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "depth_maps", "estimator", "network"}
 CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected", "given_depth", "single_source")
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)

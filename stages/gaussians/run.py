@@ -1,4 +1,4 @@
-"""Kernel of the gaussians stage: the analytic prior of every source view."""
+"""Kernel of the gaussians stage: the analytic prior of every source view, and what the network says over it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stages.gaussians.learned import over_prior
 from stages.gaussians.params import GaussiansParams
 from stages.gaussians.prior import normals, scales
 from stages.io import Block, Inputs
+from stages.network.params import NETWORK, depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
 """Maps of one view, in the order they are yielded."""
@@ -18,16 +20,20 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
     """Yield scale, rotation, opacity and confidence of every view, [F, channel, h, w] float16.
 
     Views that are no source, and pixels without confidence, are 0 throughout. The maps' confidence is the share of the
-    learned value, so the prior alone writes 0.
+    learned value: 0 where the network does not run.
     """
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
     for view in range(len(inputs.rig)):
         maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in CHANNELS.items()}
         if view in inputs.views.sources:
-            depth, confidence, mask = (inputs.read(name, view) for name in ("depth/depth", "depth/confidence", "frames/mask"))
+            depth, confidence, mask = (inputs.read(name, view) for name in (depth_array(inputs.facts), "depth/confidence", "frames/mask"))
+            said = [inputs.read(f"network/{name}", view) for name in ("numbers", "confidence")] if NETWORK in inputs.facts else None
             for i in range(len(inputs.partition)):
-                scale, normal, opacity = prior(depth[i], confidence[i], mask[i], inputs.rig.intrinsics[view], params)
-                maps["gaussians/scale"][i], maps["gaussians/rotation"][i], maps["gaussians/opacity"][i] = scale, normal, opacity
+                found = prior(depth[i], confidence[i], mask[i], inputs.rig.intrinsics[view], params)
+                if said is not None:
+                    found = over_prior(found, said[0][i], said[1][i], inputs.rig.intrinsics[view])
+                for name, data in zip(CHANNELS, found, strict=False):  # the prior alone has no share of the learned value
+                    maps[name][i] = data
         for name, data in maps.items():
             yield Block(name, data, view)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from stages.contract import Read, Resources, Stage
 from stages.gaussians.params import GaussiansParams
+from stages.network.params import NETWORK, depth_reads
 from storage.spec import ArraySpec, Shape
 
 
@@ -18,7 +19,13 @@ STAGE = Stage(
     version=1,
     run="stages.gaussians.run:run",
     check="stages.gaussians.run:check",
-    reads=(Read("depth/depth"), Read("depth/confidence"), Read("frames/mask")),
+    reads=(
+        *depth_reads(),
+        Read("network/numbers", when=lambda p, f: NETWORK in f),
+        Read("network/confidence", when=lambda p, f: NETWORK in f),
+        Read("depth/confidence"),
+        Read("frames/mask"),
+    ),
     writes=(
         ArraySpec("gaussians/scale", ("frame", "view", "axis", "y", "x"), "float16", "m", "Standard deviations along (tangent, tangent, normal).", keep="until_done"),
         ArraySpec("gaussians/rotation", ("frame", "view", "axis", "y", "x"), "float16", "1", "Unit normal in camera axes, facing the camera; it is the Gaussian's third axis.", keep="until_done"),

@@ -34,9 +34,9 @@ def pose_encoder(preset: Preset, joints: int = 17) -> Encoder:
     return Encoder.of(joints, preset)
 
 
-def depth_encoder(preset: Preset) -> Encoder:
-    """Of one channel [B, 1, H, W] that is proportional to inverse depth."""
-    return Encoder.of(1, preset)
+def depth_encoder(preset: Preset, channels: int = 1) -> Encoder:
+    """Of maps [B, channels, H, W]: one proportional to inverse depth first, then what is known of it."""
+    return Encoder.of(channels, preset)
 
 
 def heatmaps_on(heatmaps: torch.Tensor, cell: int) -> torch.Tensor:

@@ -7,7 +7,7 @@ in range by `limited`, whose slope falls like 1/x^2 and never to 0, so that no p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import torch
@@ -162,7 +162,11 @@ def blend(prior: Prior, learned: Maps) -> Maps:
 
 
 class Heads(nn.Module):
-    """Five heads, each a 3x3 convolution, ReLU and a 1x1 convolution; with `upscale` 2 a pixel shuffle brings them to full resolution."""
+    """Heads, each a 3x3 convolution, ReLU and a 1x1 convolution; with `upscale` 2 a pixel shuffle brings them to full resolution.
+
+    The paper's five of scale, rotation, opacity, depth and confidence, and one that says at every pixel how much of the refinement's
+    move, which is known a cell at a time, is taken.
+    """
 
     def __init__(self, channels: int, rotation: RotationKind = "normal", opacity: Literal[1, 2] = 2, upscale: int = 1, reach: float = 2.0, hidden: int = 32) -> None:
         """Heads over decoder features of so many channels.
@@ -171,14 +175,18 @@ class Heads(nn.Module):
         """
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
-        outputs = {"disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
+        outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
         self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(), nn.Conv2d(hidden, n * upscale**2, 1)) for name, n in outputs.items()})
-        for name, last in self._last():
-            nn.init.zeros_(last.weight)
-            nn.init.constant_(last.bias, CONFIDENCE_BIAS if name == "confidence" else 0.0)
+        for name, head in self.heads.items():
+            weight, bias = list(head.parameters())[-2:]
+            nn.init.zeros_(weight)
+            nn.init.constant_(bias, CONFIDENCE_BIAS if name == "confidence" else 0.0)
 
-    def _last(self) -> Iterator[tuple[str, nn.Conv2d]]:
-        return ((name, head[-1]) for name, head in self.heads.items())
+    def numbers(self, features: torch.Tensor) -> dict[str, torch.Tensor]:
+        """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale]; `learned` gives it its meaning."""
+        with torch.autocast(features.device.type, enabled=False):
+            full = features.float() if features.dtype in (torch.float16, torch.bfloat16) else features
+            return {name: nn.functional.pixel_shuffle(head(full), self.upscale) for name, head in self.heads.items()}
 
     def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
         """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from the camera.
@@ -188,11 +196,24 @@ class Heads(nn.Module):
         height, width = prior.normal.shape[-2:]
         if (features.shape[-2] * self.upscale, features.shape[-1] * self.upscale) != (height, width):
             raise ValueError(f"features of {tuple(features.shape[-2:])} pixels with upscale {self.upscale} do not give the prior's {height} x {width}")
-        with torch.autocast(features.device.type, enabled=False):
-            full = features.float() if features.dtype in (torch.float16, torch.bfloat16) else features
-            x = {name: nn.functional.pixel_shuffle(head(full), self.upscale) for name, head in self.heads.items()}
-            disparity = prior.disparity + limited(x["disparity"], self.reach)
-            rotation = learned_normal(x["rotation"], prior.normal, rays) if self.rotation == "normal" else learned_quaternion(x["rotation"], prior.normal)
-            confidence = torch.sigmoid(limited(x["confidence"]))
-            maps = (disparity, learned_scale(x["scale"], prior.scale), rotation, learned_opacity(x["opacity"], prior.opacity), confidence)
-            return Maps(*(torch.where(prior.surface, m, 0) for m in maps))
+        return learned(self.numbers(features), prior, rays, self.reach)
+
+
+def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tensor, reach: float) -> Maps:
+    """The learned maps that the heads' numbers stand for, not yet blended; `reach` as in `Heads`. 0 where the prior has no surface."""
+    with torch.autocast(prior.normal.device.type, enabled=False):
+        x = numbers["rotation"]
+        rotation = learned_normal(x, prior.normal, rays) if x.shape[1] == 3 else learned_quaternion(x, prior.normal)
+        disparity, confidence = prior.disparity + limited(numbers["disparity"], reach), trust(numbers["confidence"])
+        maps = (disparity, learned_scale(numbers["scale"], prior.scale), rotation, learned_opacity(numbers["opacity"], prior.opacity), confidence)
+        return Maps(*(torch.where(prior.surface, m, 0) for m in maps))
+
+
+def moved(numbers: Mapping[str, torch.Tensor], move: torch.Tensor, reach: float) -> torch.Tensor:
+    """Learned change of the disparity [B, 1, h, w], px: a share of the refinement's move [B, 1, h, w], and the head's own."""
+    return torch.sigmoid(limited(numbers["move"])) * move + limited(numbers["disparity"], reach)
+
+
+def trust(x: torch.Tensor) -> torch.Tensor:
+    """Confidence 0..1 of the confidence head's number; its slope never vanishes."""
+    return torch.sigmoid(limited(x))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from typing import Literal, get_args
 
 FusionKind = Literal["concatenation", "attention", "gated", "addition", "multiplication", "weighted", "outer"]
@@ -71,6 +72,19 @@ class Preset:
                 raise ValueError(f"preset {self.name}: {name} is {getattr(self, name)!r}; one of {', '.join(get_args(kind))}")
         if unknown := self.pose_in - set(get_args(PosePlace)):
             raise ValueError(f"preset {self.name}: pose_in holds {', '.join(sorted(unknown))}; any of {', '.join(get_args(PosePlace))}")
+
+    def as_json(self) -> str:
+        """Everything, as text that `from_json` reads."""
+        return json.dumps({**asdict(self), "pose_in": sorted(self.pose_in)}, sort_keys=True)
+
+    @staticmethod
+    def from_json(text: str) -> Preset:
+        """The preset that `as_json` wrote. Raises ValueError for what is none."""
+        try:
+            found = json.loads(text)
+            return Preset(**{**found, "widths": tuple(found["widths"]), "pose_in": frozenset(found["pose_in"])})
+        except (TypeError, KeyError) as e:
+            raise ValueError(f"{text[:80]} describes no network: {e}") from e
 
     @property
     def stride(self) -> int:

@@ -38,19 +38,21 @@ class DepthRefinement(nn.Module):
     """Features of both views of a rectified pair and a start -> disparities and a confidence.
 
     channels: of the features; hidden: width of the recurrence; levels, radius: of the correlation; factor: px a feature cell;
-    further_views: whether other cameras than the pair's are looked up, too, by warping.
+    further_views: whether other cameras than the pair's are looked up, too, by warping; beside: channels that the context
+    reads beside the first view's features.
     """
 
-    def __init__(self, channels: int, hidden: int, levels: int, radius: int, factor: int, further_views: bool = False) -> None:
+    def __init__(self, channels: int, hidden: int, levels: int, radius: int, factor: int, further_views: bool = False, beside: int = 0) -> None:
         super().__init__()
         self.levels, self.radius, self.factor, self.hidden = levels, radius, factor, hidden
         taps = 2 * radius + 1
         self.further_views = further_views
-        self.context = nn.Conv2d(channels, 4 * hidden, 3, padding=1)
+        self.context = nn.Conv2d(channels + beside, 4 * hidden, 3, padding=1)
         self.update = Update(levels * taps + (2 * taps if further_views else 0), hidden, factor)
         self.confidence = nn.Conv2d(hidden, 1, 3, padding=1)
-        nn.init.zeros_(self.confidence.weight)
-        nn.init.constant_(self.confidence.bias, CONFIDENCE_BIAS)
+        weight, bias = self.confidence.parameters()
+        nn.init.zeros_(weight)
+        nn.init.constant_(bias, CONFIDENCE_BIAS)
 
     def forward(
         self,
@@ -61,6 +63,7 @@ class DepthRefinement(nn.Module):
         iterations: int,
         others: Sequence[tuple[torch.Tensor, torch.Tensor]] = (),
         only_last: bool = False,
+        beside: torch.Tensor | None = None,
     ) -> Refined:
         """Refine.
 
@@ -68,6 +71,7 @@ class DepthRefinement(nn.Module):
         start: [B, 1, H, W] px, NaN where nothing is known; h = ceil(H / factor), w = ceil(W / factor).
         others: (features [B, C, h", w"], `warping.projection` [B, 3, 4] from cells of the first rectified view) of further views.
         only_last: up-sample the last step only, as inference wants it.
+        beside: [B, beside, h, w] what else is known about the first view's cells, where the refinement was built with it.
 
         On the CPU results are the same bytes on one thread and on several for B >= 2, as the two directions of a pair are. A
         single direction of tiny maps (up to 20480 values) may differ by 1e-6 px: torch chooses its convolutions by that.
@@ -76,7 +80,7 @@ class DepthRefinement(nn.Module):
         """
         self._check(first, start, iterations, others)
         correlation = Correlation(first, second, self.levels, self.radius)
-        read = self.context(first)
+        read = self.context(first if beside is None else torch.cat([first, beside.to(first.dtype)], dim=1))
         state, context = torch.tanh(read[:, : self.hidden]), read[:, self.hidden :]
         begin = coding.seeded(start, self.factor)
         disparity, found = begin, []

@@ -76,9 +76,9 @@ class Update(nn.Module):
         self.recurrence = ConvGRU(hidden, hidden)
         self.delta = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(), nn.Conv2d(hidden, 1, 3, padding=1))
         self.mask = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(), pointwise(hidden, 9 * factor**2))
-        for last in (self.delta[-1], self.mask[-1]):
-            nn.init.zeros_(last.weight)
-            nn.init.zeros_(last.bias)
+        for head in (self.delta, self.mask):
+            for last in list(head.parameters())[-2:]:
+                nn.init.zeros_(last)
 
     def forward(self, state: torch.Tensor, context: torch.Tensor, correlation: torch.Tensor, moved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The next state, and the change of the disparity [B, 1, h, w], cells, at least float32."""

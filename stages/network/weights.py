@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -14,44 +14,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from storage.errors import UserError
+from stages.network.card import Card, WeightsError, must_exist
 
 LARGEST = 65504.0
 """Of float16."""
-
-
-class WeightsError(UserError):
-    """A file of weights that cannot be written or does not fit the network."""
-
-
-@dataclass(frozen=True)
-class Card:
-    """What one should know before using weights."""
-
-    name: str
-    """Of the weights."""
-    preset: str
-    """Of the network: paper, base, fast."""
-    data: str
-    """What they were trained on, in a sentence."""
-    seeds: str
-    """Of the training scenes and of the training."""
-    minutes: float
-    """Of training."""
-    machine: str
-    """That trained."""
-    validation: tuple[tuple[str, ...], ...]
-    """A table: a head and rows, all of one length."""
-    not_good_for: tuple[str, ...] = field(default=())
-    """Sentences."""
-
-    def markdown(self, digest: str) -> str:
-        """The card as a page; digest is the file's sha256."""
-        facts = {"preset": self.preset, "data": self.data, "seeds": self.seeds, "minutes of training": f"{self.minutes:g}", "machine": self.machine, "sha256": digest}
-        lines = [f"# {self.name}", "", *(f"- **{k}**: {v}" for k, v in facts.items()), "", "## Validation", ""]
-        for i, row in enumerate(self.validation):
-            lines += [f"| {' | '.join(row)} |", *(["|" + " --- |" * len(row)] if i == 0 else [])]
-        return "\n".join([*lines, "", "## Not good for", "", *(f"- {s}" for s in self.not_good_for)]) + "\n"
 
 
 def sha256(path: Path) -> str:
@@ -84,18 +50,6 @@ def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> s
     return digest
 
 
-def read_card(path: Path) -> Card:
-    """The card within a file of weights. Raises WeightsError where there is no such file or card."""
-    _exists(path)
-    try:
-        with safe_open(path, framework="pt") as f:
-            found = json.loads((f.metadata() or {})["card"])
-    except (SafetensorError, KeyError) as e:
-        raise WeightsError(f"{path} is no safetensors file with a card ({e!r}); write it with save_weights") from e
-    found["validation"] = tuple(tuple(row) for row in found["validation"])
-    return Card(**{**found, "not_good_for": tuple(found["not_good_for"])})
-
-
 def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> None:
     """Load weights by name into a network, in the network's dtypes; nothing is changed unless everything fits.
 
@@ -103,7 +57,7 @@ def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> N
         WeightsError: where the file is missing, damaged or not the expected one, and where a key is missing, superfluous or of
             another shape: it names the keys, the shapes and the file.
     """
-    _exists(path)
+    must_exist(path)
     if digest is not None and (found := sha256(path)) != digest:
         raise WeightsError(f"{path} has sha256 {found}, expected {digest}: it is damaged or another version; fetch it again")
     try:
@@ -122,8 +76,3 @@ def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> N
     with torch.no_grad():
         for key, value in own.items():
             value.copy_(tensors[key])
-
-
-def _exists(path: Path) -> None:
-    if not path.is_file():
-        raise WeightsError(f"{path}: no such file of weights")

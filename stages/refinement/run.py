@@ -15,7 +15,7 @@ from stages.refinement.schedule import FEWEST, schedule
 from stages.refinement.thinning import thinned
 from stages.rendering.lift import Maps, lift
 from stages.rendering.scene import Camera
-from stages.rendering.sources import PRIOR, REFINED
+from stages.rendering.sources import REFINED, unrefined_arrays
 
 
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
@@ -74,7 +74,7 @@ class _Frames:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
         self.start = inputs.span("frames/mask").start
-        self.arrays = {v: [inputs.read(name, v) for name in PRIOR] for v in inputs.views.sources}
+        self.arrays = {v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources}
         self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
 
     def maps(self, i: int, view: int) -> Maps:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
 from stages.depth.params import SINGLE_SOURCE
+from stages.network.params import depth_reads
 from stages.refinement.params import RefinementParams, halo
 from storage.spec import ArraySpec, Shape
 
@@ -33,7 +34,10 @@ STAGE = Stage(
     version=1,
     run="stages.refinement.run:run",
     check="stages.refinement.run:check",
-    reads=tuple(Read(name, halo=halo) for name in ("frames/color", "frames/mask", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")),
+    reads=(
+        *(Read(name, halo=halo) for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")),
+        *depth_reads(halo),
+    ),
     writes=(
         ArraySpec("refinement/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Colour of the Gaussian of each pixel; the picture where there is none.", keep="until_done"),
         ArraySpec("refinement/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth of the Gaussian of each pixel along the optical axis; 0 where there is no surface.", keep="until_done"),

@@ -6,18 +6,24 @@ import numpy as np
 
 from stages.contract import Facts
 from stages.io import Inputs
+from stages.network.params import depth_array
 
-PRIOR = ("frames/color", "depth/depth", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
-"""What the Gaussians of a view are lifted from, in the order `stages.rendering.lift.Maps` takes it."""
+OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
+"""Beside picture and depth, what the Gaussians of a view are lifted from."""
 REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
-"""The same after refinement."""
+"""What they are lifted from after refinement."""
 OUTCOME = "refinement/outcome"
 """[F, 7] how each frame's refinement went; its third and fourth number are the judge's errors before and after."""
 
 
+def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
+    """What the Gaussians of a view are lifted from before refinement, in the order `stages.rendering.lift.Maps` takes it."""
+    return ("frames/color", depth_array(facts), *OF_GAUSSIANS)
+
+
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
-    return REFINED if "refinement" in facts else PRIOR
+    return REFINED if "refinement" in facts else unrefined_arrays(facts)
 
 
 def refined_frames(inputs: Inputs) -> np.ndarray:

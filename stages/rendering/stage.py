@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from stages.contract import Read, Resources, Stage
+from stages.network.params import depth_reads
 from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from stages.rendering.params import RenderingParams
-from stages.rendering.sources import OUTCOME, PRIOR, REFINED
+from stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED
 from storage.spec import ArraySpec, Shape
 
 
@@ -27,7 +28,8 @@ STAGE = Stage(
     run="stages.rendering.run:run",
     check="stages.rendering.run:check",
     reads=(
-        *(Read(name, when=lambda p, f: "refinement" not in f) for name in PRIOR),
+        *(Read(name, when=lambda p, f: "refinement" not in f) for name in ("frames/color", *OF_GAUSSIANS)),
+        *depth_reads(unless="refinement"),
         *(Read(name, when=lambda p, f: "refinement" in f) for name in (*REFINED, OUTCOME)),
         Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
     ),

@@ -11,7 +11,7 @@ import torch
 from dags.exporting_splats import chosen_views, export_splats, needed
 from dags.results import Results
 from stages.rendering.lift import Maps, lift
-from stages.rendering.sources import PRIOR
+from stages.rendering.sources import unrefined_arrays
 from stages.rendering.splat_scene import scene_of
 from storage.errors import ConfigError, UserError
 from storage.splat_files import read_splats
@@ -42,7 +42,7 @@ def test_reading_back_gives_the_gaussians_that_rendering_lifts(made: Pipeline, t
         back = scene_of(read.splats, torch.float64)
         start = 0
         for view in context.views.sources:
-            maps = Maps(*(results.read(a, range(frame, frame + 1), view)[0] for a in PRIOR))
+            maps = Maps(*(results.read(a, range(frame, frame + 1), view)[0] for a in unrefined_arrays(frozenset())))
             g = lift(maps, context.rig.intrinsics[view], context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
             n = len(g.mean)
             assert n > 100
@@ -91,7 +91,7 @@ def test_what_was_dropped_is_made_again_for_it(made: Pipeline, tmp_path: Path) -
     archive = made.copy(tmp_path / "archive").with_settings("run.keep=as_declared")
     archive.run()
     context = archive.context()
-    assert {p.array for p in needed(context, context.views.sources)} == set(PRIOR)
+    assert {p.array for p in needed(context, context.views.sources)} == set(unrefined_arrays(frozenset()))
     view = context.views.names[context.views.sources[0]]
     done = posegaussian("export", NAME, "--splats", "out", "--view", view, *archive.options, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

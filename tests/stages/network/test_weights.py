@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 
-pytest.importorskip("safetensors", reason="weights are safetensors files: pip install safetensors")
+from stages.network.card import Card, WeightsError, read_card
+from stages.network.presets import PRESETS
+from stages.network.weights import load_weights, save_weights, sha256
 
-from stages.network.weights import Card, WeightsError, load_weights, read_card, save_weights, sha256
-
-CARD = Card("tiny", "fast", "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
+CARD = Card("tiny", "fast", PRESETS["fast"].as_json(), 6, "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
 
 
 def network(width: int = 8, seed: int = 0) -> torch.nn.Module:

@@ -1,0 +1,123 @@
+"""What the network says of every source view of a frame: pairs are rectified, looked at, and pulled back onto the views' own pixels.
+
+Only changes are pulled back, not values: where the network says nothing, a view's depth stays what it was, bit by bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import torch
+
+from stages.depth.params import DepthParams
+from stages.geometry.pairs import choose_pairs
+from stages.geometry.projection import pixel_centres
+from stages.geometry.rectification import RectifiedPair, Window, rectify
+from stages.geometry.subject import look_at_point
+from stages.network.network import PoseGaussianNetwork, Prediction, Timer
+from stages.network.views import SourceView, Views, rectified_pair, windows
+from storage.rig import Rig, points_to_integer_centres
+
+TRAINED_SIDE = 640
+"""Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""
+HEADS = ("scale", "rotation", "opacity")
+"""In the order of the channels of `network/numbers`."""
+NUMBERS = 8
+"""Their channels."""
+SEEN = 0.5
+"""Share of a pixel's surroundings in the rectified window that must have a start."""
+FURTHEST = 0.25
+"""Share by which inverse depth may change: half a body at any distance a person is filmed from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """Of one view, on its own pixels; 0 where nothing is said."""
+
+    inverse_depth: np.ndarray
+    """[h, w] float32 change of 1 / depth, 1/m, the confidence already in it."""
+    confidence: np.ndarray
+    """[h, w] float32 share of the learned value."""
+    numbers: np.ndarray
+    """[8, h, w] float32 of the heads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Which pairs of some views are looked at; follows from the cameras alone."""
+
+    pairs: tuple[RectifiedPair, ...]
+
+    @classmethod
+    def of(cls, rig: Rig, views: tuple[int, ...], count: int) -> Looks:
+        """Each view with its `count` nearest usable neighbours, every pair once."""
+        partners = choose_pairs(rig, views, count, DepthParams().max_angle)
+        centre = look_at_point(rig.subset(views))
+        scale = min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
+        unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
+        return cls(tuple(rectify(rig, a, b, centre, scale) for a, b in unordered))
+
+
+def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceView], iterations: int, precision: str, timer: Timer | None = None) -> dict[int, Learned]:
+    """What is learnt about every view that has a pair."""
+    found: dict[int, list[Learned]] = {}
+    for pair in looks.pairs:
+        shown = (views[pair.views[0]], views[pair.views[1]])
+        around = windows(pair, (shown[0].depth > 0, shown[1].depth > 0), network.preset.stride)
+        if around is None:
+            continue
+        rectified = rectified_pair(pair, shown, around, joints=network.joints)
+        prediction = predict(network, rectified, iterations, precision, timer)
+        for which, view in enumerate(pair.views):
+            found.setdefault(view, []).append(_pulled(pair, which, around[which], rectified, prediction, shown[which].depth))
+    return {view: _merged(parts) for view, parts in found.items()}
+
+
+def predict(network: PoseGaussianNetwork, views: Views, iterations: int, precision: str, timer: Timer | None = None) -> Prediction:
+    """One forward pass without gradients."""
+    with torch.inference_mode(), torch.autocast(views.color.device.type, torch.bfloat16, enabled=precision == "bf16"):
+        return network(views, iterations, only_last=True, timer=timer)
+
+
+def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
+    """Depth [h, w] float32, metres, with the change of its inverse; 0 stays 0, and what is not finite changes nothing."""
+    known = depth > 0
+    inverse = 1 / np.where(known, depth, 1).astype(np.float64)
+    change = np.nan_to_num(learned.inverse_depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    moved = inverse + np.clip(change, -FURTHEST * inverse, FURTHEST * inverse)
+    return np.where(known & (change != 0), 1 / moved, depth).astype(np.float32)
+
+
+def _pulled(pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray) -> Learned:
+    """One direction of a pair on its view's own pixels [h, w], those with a depth."""
+    rectified, ratio = _pixels(pair, which, depth.shape)
+    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0))
+    known = views.known[which, 0].numpy()
+    move = np.where(known, torch.where(views.known, prediction.disparity - views.start, 0)[which, 0].numpy(), 0) / float(views.coding.scale[which])
+    heads = torch.cat([prediction.numbers[name][which] for name in HEADS]).numpy()
+    maps = [move, prediction.confidence[which, 0].numpy(), *heads]
+    share = cv2.remap(known.astype(np.float32), x, y, cv2.INTER_LINEAR)
+    told = (share > SEEN) & (depth > 0) & (ratio > 0)
+    pulled = [np.where(told, cv2.remap(np.where(known, m, 0).astype(np.float32), x, y, cv2.INTER_LINEAR) / np.where(told, share, 1), 0).astype(np.float32) for m in maps]
+    return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], np.stack(pulled[2:]))
+
+
+@lru_cache(maxsize=64)
+def _pixels(pair: RectifiedPair, which: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    return pair.rectified_pixels(which, pixel_centres(shape[::-1]))
+
+
+def _merged(parts: list[Learned]) -> Learned:
+    """What several pairs say, averaged by their confidence."""
+    if len(parts) == 1:
+        return parts[0]
+    weights = np.stack([p.confidence for p in parts])
+    total = weights.sum(axis=0)
+    weights = weights / np.where(total > 0, total, 1)
+    numbers = sum(w * p.numbers for w, p in zip(weights, parts, strict=True))
+    inverse, confidence = ((weights * np.stack([getattr(p, name) for p in parts])).sum(axis=0) for name in ("inverse_depth", "confidence"))
+    return Learned(inverse, confidence, np.asarray(numbers, np.float32))

@@ -1,0 +1,38 @@
+"""Settings of the network stage, and which depth is the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+from stages.contract import Facts, Params, Read, setting
+
+NETWORK = "network"
+"""The stage's name, and the fact that it is needed."""
+Halo = tuple[int, int] | Callable[[Any], tuple[int, int]]
+
+
+class NetworkParams(Params):
+    """Which weights, and how much is computed with them."""
+
+    weights: str = setting(
+        "none",
+        "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`); or a .safetensors file that `posegaussian train` wrote.",
+        quality_levels=["none", "fast"],
+    )
+    iterations: int = setting(4, "Steps of the recurrent refinement, T.", unit="iterations", quality_levels=[1, 2, 4, 6], ge=1, le=32)
+    pairs: int = setting(2, "Neighbouring views each view is paired with; what the pairs say is averaged by their confidence.", quality_levels=[1, 2], ge=1, le=4)
+    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and heads are float32 in both.", quality_levels=["bf16", "float32"])
+
+
+def depth_reads(halo: Halo = (0, 0), unless: str | None = None) -> tuple[Read, Read]:
+    """Reads of the depth that `depth_array` names, not while the fact `unless` holds."""
+    return (
+        Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f and unless not in f),
+        Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f and unless not in f),
+    )
+
+
+def depth_array(facts: Facts) -> str:
+    """The depth that Gaussians are lifted from: the network's where it runs, else the analytic one."""
+    return "network/depth" if NETWORK in facts else "depth/depth"

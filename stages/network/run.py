@@ -1,0 +1,90 @@
+"""Kernel of the network stage: what the trained network makes of every source view, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from stages.io import Block, Inputs
+from stages.network.inference import NUMBERS, Looks, look, refined
+from stages.network.params import NetworkParams
+from stages.network.views import SourceView
+
+SURE = 0.1
+"""Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
+
+
+def run(inputs: Inputs, params: NetworkParams) -> Iterator[Block]:
+    """Blocks `network/depth`, `network/confidence` and `network/numbers` of every view; views that are not sources get zeros.
+
+    Each frame follows from its own pictures, heatmaps and analytic depth alone.
+    """
+    network = inputs.source("network")
+    shape = _shape(inputs)
+    heatmaps = next((n for n in ("smoothing/heatmaps", "pose/heatmaps") if _declared(inputs, n)), None)
+    read = {v: _View(inputs, v, heatmaps) for v in inputs.views.sources}
+    depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
+    confidence = {v: np.zeros(shape, np.float16) for v in read}
+    numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
+
+    @cache
+    def looks(valid: tuple[int, ...]) -> Looks:
+        return Looks.of(inputs.rig, valid, params.pairs)
+
+    for f in range(shape[0]):
+        valid = tuple(v for v in read if inputs.valid[f, v])
+        if len(valid) < 2:
+            continue
+        for v, learned in look(network, looks(valid), {u: read[u].at(f) for u in valid}, params.iterations, params.precision).items():
+            depth[v][f] = refined(depth[v][f], learned)
+            confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
+    for v in range(len(inputs.rig)):
+        yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
+        yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v, notes=_note(depth[v], confidence[v]) if v in read else ())
+        yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
+
+
+class _View:
+    """Arrays of one view's partition."""
+
+    def __init__(self, inputs: Inputs, view: int, heatmaps: str | None) -> None:
+        self.color, self.mask, self.depth, self.confidence = (inputs.read(n, view) for n in ("frames/color", "frames/mask", "depth/depth", "depth/confidence"))
+        self.heatmaps = None if heatmaps is None else inputs.read(heatmaps, view)
+
+    def at(self, f: int) -> SourceView:
+        return SourceView(self.color[f], self.mask[f], self.depth[f], self.confidence[f], None if self.heatmaps is None else self.heatmaps[f])
+
+
+def _declared(inputs: Inputs, array: str) -> bool:
+    """Whether the heatmaps of this name are read under these settings."""
+    smoothed = "temporal_smoothing" in inputs.facts
+    return "pose_heatmaps" in inputs.facts and smoothed == (array == "smoothing/heatmaps")
+
+
+def _shape(inputs: Inputs) -> tuple[int, int, int]:
+    """(frames, height, width) of the arrays: pictures are padded to the largest."""
+    width, height = inputs.rig.size.max(axis=0)
+    return len(inputs.partition), int(height), int(width)
+
+
+def _note(depth: np.ndarray, confidence: np.ndarray) -> tuple[str, ...]:
+    """A sentence about a view of which the network says hardly anything."""
+    surface = depth > 0
+    if not surface.any():
+        return ()
+    mean = float(confidence[surface].mean(dtype=np.float64))
+    if mean >= SURE:
+        return ()
+    return (f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands, network.weights=none gives the same sooner",)
+
+
+def check(block: Block, params: NetworkParams) -> list[str]:
+    """Raise ValueError for values that no depth, confidence or head can have."""
+    data = np.asarray(block.data)
+    low, high = {"network/depth": (0.0, np.inf), "network/confidence": (0.0, 1.0), "network/numbers": (-65504.0, 65504.0)}[block.array]
+    wrong = ~(np.isfinite(data) & (data >= low) & (data <= high))
+    if wrong.any():
+        raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [{low:g}, {high:g}]")
+    return []

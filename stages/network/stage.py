@@ -1,0 +1,52 @@
+"""Declaration of the network stage."""
+
+from __future__ import annotations
+
+from stages.contract import Facts, Read, Resources, Stage
+from stages.depth.params import SINGLE_SOURCE
+from stages.network.params import NETWORK, NetworkParams
+from stages.pose.effects import POSE_HEATMAPS
+from stages.smoothing.effects import TEMPORAL_SMOOTHING
+from storage.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: NetworkParams) -> Resources:
+    """Pictures, maps and results of all views, and the features of one pair (measured: 2.5 kB a pixel of both views)."""
+    pixels = shape["y"] * shape["x"]
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 36 + shape["view"] * 60 + 2500) + 2**28)
+
+
+def unneeded(params: NetworkParams, facts: Facts) -> str | None:
+    """Without weights depth and Gaussians stay the analytic ones; a single view has no pair."""
+    if params.weights == "none":
+        return "network.weights is none: depth and Gaussians are the analytic ones"
+    return "there is a single source view: the network compares pairs" if SINGLE_SOURCE in facts else None
+
+
+STAGE = Stage(
+    name=NETWORK,
+    summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
+    version=1,
+    run="stages.network.run:run",
+    check="stages.network.run:check",
+    reads=(
+        Read("frames/color"),
+        Read("frames/mask"),
+        Read("depth/depth"),
+        Read("depth/confidence"),
+        Read("smoothing/heatmaps", when=lambda p, f: "temporal_smoothing" in f and "pose_heatmaps" in f),
+        Read("pose/heatmaps", when=lambda p, f: "temporal_smoothing" not in f and "pose_heatmaps" in f),
+        Read.source("network"),
+    ),
+    writes=(
+        ArraySpec("network/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis, the network's blended over the analytic one; 0 where there is no surface."),
+        ArraySpec("network/confidence", ("frame", "view", "y", "x"), "float16", "1", "Share of the learned value in the blend; 0 = the analytic one alone.", keep="until_done"),
+        ArraySpec("network/numbers", ("frame", "view", "heads", "y", "x"), "float16", "1", "What the heads of scale (3), rotation (3) and opacity (2) say; `stages.network.heads` gives it its meaning.", keep="until_done"),
+    ),
+    over=("sequence", "time"),
+    params=NetworkParams,
+    needs=needs,
+    unneeded=unneeded,
+    effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
+    optional=True,
+)

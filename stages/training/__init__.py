@@ -1,0 +1,1 @@
+"""Training: scenes of the simulator become examples, examples become steps."""

@@ -1,0 +1,174 @@
+"""What a step is given: crops of pairs of views around the same point of the body, the truth, and a picture from between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+
+from stages.geometry.projection import pixel_centres, project
+from stages.geometry.rectification import RectifiedPair, Window, rectify
+from stages.geometry.subject import look_at_point
+from stages.network.views import SourceView, Views, rectified_pair, start_on, windows
+from stages.pose.heatmaps import draw
+from stages.rendering.scene import Camera
+from stages.training.config import TrainingConfig
+from storage.rig import Rig
+
+HARD = 0.4
+"""Share of the crops that lie around a pixel whose start is more than a px off."""
+ESTIMATED = 0.1
+"""Share of the crops without any joints, as captures without an estimator have it."""
+JOINT_NOISE = 3.0
+"""Px, largest standard deviation of what joints are moved by."""
+SIGMA = 6.0
+"""Px of a joint's heatmap, about the pose stage's 5 cm at the size of a person in these pictures."""
+TINT = 0.08
+"""Largest change of a colour channel's gain, the same in both views and the target."""
+Frame = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One pair of views."""
+
+    views: Views
+    """Both directions."""
+    truth: torch.Tensor
+    """[2, 1, H, W] true disparity, px, NaN where there is none."""
+    pair: RectifiedPair
+    windows: tuple[Window, Window]
+    """Of the rectified frame."""
+    picture: torch.Tensor
+    """[2, H, W, 3] the rectified pictures as the Gaussians take them, sRGB 0..1."""
+    target: Camera
+    """A held-out camera between both views, cropped."""
+    seen: torch.Tensor
+    """[1, 3, h, w] what it sees, premultiplied."""
+    cover: torch.Tensor
+    """[1, 1, h, w] its mask, 0..1."""
+
+
+def frames_of_step(config: TrainingConfig, step: int) -> range:
+    """Training frames at hand for a step, counted from 0: a window that moves on by a frame every `steps_per_frame` steps."""
+    first = step // config.steps_per_frame
+    return range(first, first + config.window)
+
+
+def drawn(config: TrainingConfig, step: int, frames: Mapping[int, Frame]) -> tuple[list[Example], int]:
+    """The examples of a step and its number of iterations: they follow from (config.seed, step) alone."""
+    random = np.random.default_rng([config.seed, step])
+    at_hand = frames_of_step(config, step)
+    found = [crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random) for _ in range(config.batch)]
+    return found, int(random.integers(1, config.iterations + 1))
+
+
+def crop(frame: Frame, side: int, random: np.random.Generator) -> Example:
+    """A pair of a frame, cut out around a point that the first view sees."""
+    a, b, between = (int(v) for v in frame["pairs"][random.integers(len(frame["pairs"]))])
+    if random.random() < 0.5:
+        a, b = b, a
+    pair = rectify(_rig(frame), a, b, _centre(frame))
+    row, column = _point(frame, a, pair, random)
+    point = _world(frame, a, row, column)
+    places = [project(point[None], pair.intrinsics[w], pair.world_to_camera(w))[0][0] for w in (0, 1)]
+    off = random.uniform(-side / 8, side / 8, 2)
+    corners = [np.round(p + off - side / 2).astype(int) for p in places]
+    found = tuple((int(c[0]), int(corners[0][1]), side, side) for c in corners)
+    gain = 1 + random.uniform(-TINT, TINT, 3)
+    return _example(frame, (a, b, between), pair, (found[0], found[1]), point, side // 2, random, gain)
+
+
+def whole(frame: Frame, row: int, multiple: int) -> Example:
+    """A pair of a frame without a crop, as inference sees it."""
+    a, b, between = (int(v) for v in frame["pairs"][row])
+    pair = rectify(_rig(frame), a, b, _centre(frame))
+    found = windows(pair, (frame["depth"][a] > 0, frame["depth"][b] > 0), multiple)
+    assert found is not None, "a training frame without a subject"
+    return _example(frame, (a, b, between), pair, found, None, 0, None, np.ones(3))
+
+
+def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, found: tuple[Window, Window], point: np.ndarray | None, side: int, random: np.random.Generator | None, gain: np.ndarray) -> Example:
+    a, b, between = views
+    heatmaps = _heatmaps(frame, (a, b), random)
+    shown = tuple(SourceView(_tinted(frame["color"][v], gain), frame["mask"][v], frame["depth"][v], frame["confidence"][v], heatmaps[i]) for i, v in enumerate((a, b)))
+    truth = [start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0)) for w, v in enumerate((a, b))]
+    pictures = [cv2.remap(shown[w].color, *pair.maps(w, found[w]), cv2.INTER_LINEAR).astype(np.float32) / 255 for w in (0, 1)]
+    camera = _target(frame, between, point, side)
+    seen = _tinted(_cut(frame["color"][between], frame, between, camera), gain).astype(np.float32) / 255
+    cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
+    return Example(
+        rectified_pair(pair, (shown[0], shown[1]), found), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
+        torch.from_numpy(np.stack(pictures)), camera, torch.from_numpy(np.ascontiguousarray(np.moveaxis(seen, -1, 0)))[None], torch.from_numpy(cover)[None, None],
+    )  # fmt: skip
+
+
+def _rig(frame: Frame) -> Rig:
+    height, width = frame["mask"].shape[1:]
+    n = len(frame["intrinsics"])
+    return Rig(tuple(f"{v:03d}" for v in range(n)), frame["intrinsics"], np.zeros((n, 8)), frame["world_to_camera"], np.tile([width, height], (n, 1)).astype(np.int64))
+
+
+def _centre(frame: Frame) -> np.ndarray:
+    return look_at_point(_rig(frame).subset(range(len(frame["depth"]))))
+
+
+def _point(frame: Frame, view: int, pair: RectifiedPair, random: np.random.Generator) -> tuple[int, int]:
+    """Row and column of a pixel of the body; a share of them where the start is wrong."""
+    truth, depth = frame["truth"][view], frame["depth"][view]
+    inside = truth > 0
+    if random.random() < HARD:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wrong = inside & (depth > 0) & (pair.sensitivity * np.abs(1 / depth - 1 / truth) > 1)
+        inside = wrong if wrong.any() else inside
+    rows, columns = np.nonzero(inside)
+    k = int(random.integers(len(rows)))
+    return int(rows[k]), int(columns[k])
+
+
+def _world(frame: Frame, view: int, row: int, column: int) -> np.ndarray:
+    """[3] of a pixel's true surface, metres."""
+    z = float(frame["truth"][view, row, column])
+    centre = np.array([column, row]) + pixel_centres((1, 1))[0, 0]
+    ray = np.linalg.inv(frame["intrinsics"][view]) @ np.array([*centre, 1.0])
+    pose = frame["world_to_camera"][view]
+    return pose[:3, :3].T @ (z * ray - pose[:3, 3])
+
+
+def _heatmaps(frame: Frame, views: Sequence[int], random: np.random.Generator | None) -> list[np.ndarray | None]:
+    """Of the given views, with joints moved as an estimator would; now and then none."""
+    height, width = frame["mask"].shape[1:]
+    if random is not None and random.random() < ESTIMATED:
+        return [None for _ in views]
+    noise = 0.0 if random is None else float(random.uniform(0, JOINT_NOISE))
+    out: list[np.ndarray | None] = []
+    for v in views:
+        joints = frame["joints"][v].copy()
+        if random is not None:
+            joints[:, :2] += random.normal(0, noise, (len(joints), 2))
+        out.append(draw(joints[None], np.full((1, len(joints)), SIGMA), (width, height), (-(-height // 4), -(-width // 4)))[0])
+    return out
+
+
+def _tinted(color: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    return np.clip(np.round(color * gain), 0, 255).astype(np.uint8)
+
+
+def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Camera:
+    """A held-out camera: a window of `side` px around a point, or the whole picture."""
+    intrinsics, pose = frame["intrinsics"][view].copy(), frame["world_to_camera"][view]
+    height, width = frame["mask"].shape[1:]
+    if point is None:
+        return Camera(intrinsics, pose, width, height)
+    place = project(point[None], intrinsics, pose)[0][0]
+    corner = np.clip(np.round(place - side / 2), 0, [width - side, height - side])
+    intrinsics[:2, 2] -= corner
+    return Camera(intrinsics, pose, side, side)
+
+
+def _cut(picture: np.ndarray, frame: Frame, view: int, camera: Camera) -> np.ndarray:
+    x, y = np.round(frame["intrinsics"][view][:2, 2] - np.asarray(camera.intrinsics)[:2, 2]).astype(int)
+    return picture[y : y + camera.height, x : x + camera.width]

@@ -1,0 +1,122 @@
+"""The loss of a step: depth alone, or depth and the picture that a camera between both views sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from stages.gaussians.params import GaussiansParams
+from stages.gaussians.prior import rays
+from stages.gaussians.run import prior
+from stages.network.heads import Maps, Prior, blend, learned
+from stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
+from stages.network.network import PoseGaussianNetwork, Prediction
+from stages.network.views import Views
+from stages.rendering.lift import Maps as LiftMaps
+from stages.rendering.lift import lift
+from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.scene import Gaussians
+from stages.training.config import TrainingConfig
+from stages.training.examples import Example
+
+TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
+"""Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned disparity, which a low
+confidence must not starve; and of what comes out."""
+OUTSIDE = 0.25
+"""Weight of a target's pixels beside the subject: what is drawn there is clipped by the silhouettes later."""
+
+
+class Terms(NamedTuple):
+    """Parts of the loss, each with its weight in it."""
+
+    depth: torch.Tensor
+    """Sequence of the refinement, its trust, and the disparity that comes out."""
+    pose: torch.Tensor
+    """Alignment of joint and pose features, and the heatmaps read back."""
+    render: torch.Tensor
+    """0 in the first phase."""
+
+    @property
+    def total(self) -> torch.Tensor:
+        """What is minimised."""
+        return self.depth + self.pose + self.render
+
+
+def together(examples: Sequence[Example]) -> tuple[Views, torch.Tensor, torch.Tensor]:
+    """Views, true disparity [B, 1, H, W] and where both it and the start are known."""
+    views, truth = Views.batch([e.views for e in examples]), torch.cat([e.truth for e in examples])
+    return views, torch.where(torch.isfinite(truth), truth, 0), torch.isfinite(truth) & views.known
+
+
+def depth_terms(prediction: Prediction, views: Views, truth: torch.Tensor, valid: torch.Tensor, config: TrainingConfig) -> torch.Tensor:
+    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what comes out."""
+    start, last = torch.where(valid, views.start, 0), prediction.disparities[-1].detach()
+    blended = start + prediction.trust * (last - start)
+    parts = ((TRUST, blended), (LEARNED, start + prediction.change), (BLENDED, torch.where(valid, prediction.disparity, 0)))
+    return sequence_loss(prediction.disparities, truth, valid, config.mu) + torch.stack([w * masked_mean((d - truth).abs(), valid) for w, d in parts]).sum()
+
+
+def pose_terms(fusion: PoseFusion | None, prediction: Prediction, views: Views, config: TrainingConfig) -> torch.Tensor:
+    """Zero where the decoder does not see the pose."""
+    if fusion is None or prediction.pose is None:
+        return prediction.joint.new_zeros(())
+    found = fusion(prediction.joint, prediction.pose, views.heatmaps)
+    return found.alignment + config.heatmaps * found.heatmaps
+
+
+def render_terms(network: PoseGaussianNetwork, prediction: Prediction, examples: Sequence[Example], config: TrainingConfig, threads: int = 1) -> torch.Tensor:
+    """Mean over the pairs of the loss of the picture between both views."""
+    found = []
+    for i, example in enumerate(examples):
+        maps = [gaussian_maps(network, prediction, example, 2 * i + w, w) for w in (0, 1)]
+        picture = draw(example, maps, threads)
+        weight = torch.where(example.cover > 0, 1.0, OUTSIDE)
+        found.append(render_loss(picture, example.seen, weight, config.beta, config.gamma))
+    return torch.stack(found).mean()
+
+
+def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int) -> LiftMaps:
+    """What the Gaussians of one direction are lifted from: the blend over the analytic prior on the rectified grid."""
+    there = torch.isfinite(prediction.disparity[direction : direction + 1])
+    depth = torch.where(there, _depth(example, which, torch.where(there, prediction.disparity[direction : direction + 1], example.views.start[which : which + 1].nan_to_num())), 0)
+    analytic, ray = _prior(example, which, depth.detach()[0, 0].numpy())
+    numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
+    blended: Maps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
+    return LiftMaps(example.picture[which], depth[0, 0], blended.scale[0], blended.rotation[0], blended.opacity[0])
+
+
+def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tensor:
+    """[1, 3, h, w] the picture of the target camera, premultiplied."""
+    parts = []
+    for which, m in enumerate(maps):
+        lifted = lift(m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, torch.device("cpu"))
+        parts.append(lifted.seen_from(example.target))
+    drawn = rasterize(Gaussians.concatenate(parts), [example.target], drawing=Drawing(threads=threads))
+    return drawn.color[0].permute(2, 0, 1)[None].clamp(0, 1)
+
+
+def _intrinsics(example: Example, which: int) -> np.ndarray:
+    k = example.pair.intrinsics[which].copy()
+    k[:2, 2] -= example.windows[which][:2]
+    return k
+
+
+def _depth(example: Example, which: int, disparity: torch.Tensor) -> torch.Tensor:
+    """Rectified depth, metres, of a direction's disparity [1, 1, H, W], differentiable."""
+    coding = example.views.coding
+    scale, offset = float(coding.scale[which]), float(coding.offset[which])
+    inverse = ((disparity.double() - offset) / scale).clamp(1 / float(coding.far[which]), 1 / float(coding.near[which]))
+    return (1 / inverse).float()
+
+
+def _prior(example: Example, which: int, depth: np.ndarray) -> tuple[Prior, torch.Tensor]:
+    """The analytic prior of a depth [H, W] on one view's rectified window, as the gaussians stage makes it, and unit rays [1, 3, H, W]."""
+    views, k = example.views, _intrinsics(example, which)
+    mask = np.round(255 * views.cover[which, 0].numpy()).astype(np.uint8)
+    scale, normal, opacity = (torch.from_numpy(np.ascontiguousarray(m, np.float32))[None] for m in prior(depth, views.confidence[which, 0].numpy(), mask, k, GaussiansParams()))
+    directions = rays(k, *depth.shape)
+    unit = directions / np.sqrt((directions**2).sum(axis=0))
+    return Prior(torch.zeros_like(scale[:, :1]), scale, normal, opacity), torch.from_numpy(unit)[None]

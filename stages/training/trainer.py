@@ -1,0 +1,132 @@
+"""A training, one step at a time: what a step does follows from the settings, the state before it and its frames alone."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from stages.network.losses import PoseFusion
+from stages.network.network import PoseGaussianNetwork
+from stages.network.weights import load_weights
+from stages.training.config import TrainingConfig
+from stages.training.contract import Frame
+from stages.training.examples import Example, drawn, whole
+from stages.training.loss import Terms, depth_terms, pose_terms, render_terms, together
+
+SETTLED = 1000
+"""Steps after which the learning rate falls with the root of the steps."""
+MISSED = 16.0
+"""Px that a pixel without a depth counts in the error."""
+
+
+class Trainer:
+    """Network, averaged weights and optimiser."""
+
+    def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
+        """The network's first weights follow from `config.seed`, or are those of the file `config.start`. Raises WeightsError where these do not fit."""
+        self.config, self.device = config, torch.device(device)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            preset = config.network()
+            self.network = PoseGaussianNetwork(preset).to(self.device, memory_format=torch.channels_last)
+            width = preset.widths[-1]
+            self.fusion = PoseFusion(width, width, weight=config.pose_fusion).to(self.device) if self.network.pose is not None else None
+        if config.start is not None:
+            from pathlib import Path
+
+            load_weights(Path(config.start), self.network)
+        self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
+        learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
+        self.optimiser = torch.optim.AdamW(learnt, lr=config.learning_rate, weight_decay=config.weight_decay, foreach=False)
+        self.learnt = learnt
+        self.step, self.skipped = 0, 0
+
+    def advance(self, frames: Mapping[int, Frame]) -> dict[str, float]:
+        """Do the next step; a loss or gradient that is not finite changes no weight and is counted."""
+        began = time.perf_counter()
+        examples, iterations = drawn(self.config, self.step, frames)
+        cut = time.perf_counter()
+        terms, numbers = self._terms(examples, iterations)
+        self.optimiser.zero_grad(set_to_none=True)
+        terms.total.backward()
+        norm = float(nn.utils.clip_grad_norm_(self.learnt, self.config.clip))
+        rate = self._rate()
+        if np.isfinite(norm) and bool(torch.isfinite(terms.total.detach())):
+            for group in self.optimiser.param_groups:
+                group["lr"] = rate
+            self.optimiser.step()
+            self._average()
+        else:
+            self.skipped += 1
+        self.step += 1
+        seconds = {"seconds examples": cut - began, "seconds step": time.perf_counter() - cut}
+        return {"loss": float(terms.total.detach()), **{k: float(v.detach()) for k, v in terms._asdict().items()}, **numbers, "gradient": norm, "rate": rate, "skipped": float(self.skipped), **seconds}
+
+    def _terms(self, examples: list[Example], iterations: int) -> tuple[Terms, dict[str, float]]:
+        views, truth, valid = together(examples)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
+            prediction = self.network(views, iterations)
+        depth = depth_terms(prediction, views, truth, valid, self.config)
+        pose = pose_terms(self.fusion, prediction, views, self.config)
+        joint = self.config.phase(self.step) == "joint"
+        render = render_terms(self.network, prediction, examples, self.config, torch.get_num_threads()) if joint else depth.new_zeros(())
+        with torch.no_grad():
+            count = valid.sum().clamp(min=1)
+            before, after = (float(torch.where(valid, (d - truth).abs(), 0).sum() / count) for d in (views.start, prediction.disparity))
+            numbers = {"epe": after, "epe start": before, "confidence": float(torch.where(valid, prediction.confidence, 0).sum() / count), "iterations": float(iterations)}
+        return Terms(depth, pose, render), numbers
+
+    def _rate(self) -> float:
+        """Rising over the warm-up, then level, then with the inverse root of the steps."""
+        rising = min(1.0, (self.step + 1) / max(self.config.warm_up, 1))
+        return self.config.learning_rate * rising * min(1.0, (SETTLED / max(self.step, 1)) ** 0.5)
+
+    def _average(self) -> None:
+        """Move the averaged weights; the first steps count more, or the random start would stay for long."""
+        keep = min(self.config.ema, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for a, p in zip(self.averaged.state_dict().values(), self.network.state_dict().values(), strict=True):
+                if a.is_floating_point():
+                    a.lerp_(p, 1 - keep)
+                else:
+                    a.copy_(p)
+
+    def validate(self, frames: Mapping[int, Frame]) -> dict[str, float]:
+        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and twice the trained T, and the mean confidence."""
+        found: dict[str, list[float]] = {}
+        for index in sorted(frames):
+            for row in (0, 1):
+                views, truth, valid = together([whole(frames[index], row, self.config.network().stride)])
+                surface = torch.isfinite(views.start) | valid
+                with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
+                    by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}
+                measured = {"epe start": views.start, "epe": by_steps[self.config.iterations].disparity, "epe T=1": by_steps[1].disparity, "epe 2T": by_steps[2 * self.config.iterations].disparity}
+                for name, d in measured.items():
+                    error = torch.where(torch.isfinite(d), (d - truth).abs(), MISSED)
+                    found.setdefault(name, []).append(float(error[valid].mean()))
+                found.setdefault("confidence", []).append(float(by_steps[self.config.iterations].confidence[surface].mean()))
+        return {name: float(np.mean(values)) for name, values in found.items()}
+
+    def weights(self) -> dict[str, torch.Tensor]:
+        """The averaged weights by name."""
+        return self.averaged.state_dict()
+
+    def state(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        fusion = self.fusion.state_dict() if self.fusion is not None else {}
+        return {"network": self.network.state_dict(), "averaged": self.averaged.state_dict(), "fusion": fusion, "optimiser": self.optimiser.state_dict(), "step": self.step, "skipped": self.skipped}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state that `state` gave."""
+        self.network.load_state_dict(state["network"])
+        self.averaged.load_state_dict(state["averaged"])
+        if self.fusion is not None:
+            self.fusion.load_state_dict(state["fusion"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step, self.skipped = int(state["step"]), int(state["skipped"])
