@@ -5,7 +5,6 @@ What a step does is `stages/training`'s; this file knows it by `stages/training/
 
 from __future__ import annotations
 
-import importlib
 import os
 import platform
 import shutil
@@ -21,7 +20,7 @@ from dags.interrupt import interruptible
 from dags.threads import limit
 from dags.training_card import card
 from dags.training_folder import RunFolder, log_row
-from dags.training_frames import Frames, Producers
+from dags.training_frames import Frames, Item, Producers
 from dags.training_state import packed, unpacked
 from stages.contract import resolve
 from stages.training.config import TrainingConfig
@@ -39,8 +38,10 @@ QUIET_SECONDS = 20.0
 class Parts:
     """What is trained, by dotted names that this process and those that make frames resolve."""
 
-    examples: str = "stages.training.examples"
-    """Module that keeps `stages.training.contract.Examples`."""
+    frames: str = "stages.training.frames"
+    """Module that keeps `stages.training.contract.Frames`."""
+    frames_of_step: str = "stages.training.examples:frames_of_step"
+    """Function that tells which frames a step needs."""
     trainer: str = "stages.training.trainer:Trainer"
     """Class that keeps `stages.training.contract.Trainer`."""
 
@@ -107,10 +108,10 @@ class Training:
         checkpoint, sentences = folder.resume()
         for sentence in sentences:
             say(sentence)
-        examples = importlib.import_module(parts.examples)
-        place = (order.frames or folder.root / "frames") / examples.data_key(self.config)[:16]
-        self.producers = Producers(self.config, place, parts.examples, order.workers)
-        self.frames = Frames(self.config, self.producers, lambda step: examples.frames_of_step(self.config, step), say)
+        place = (order.frames or folder.root / "frames") / resolve(f"{parts.frames}:data_key")(self.config)[:16]
+        frames_of_step = resolve(parts.frames_of_step)
+        self.producers = Producers(self.config, place, parts.frames, order.workers)
+        self.frames = Frames(self.config, self.producers, lambda step: frames_of_step(self.config, step), say)
         self.device = _device(order.device)
         self.trainer: Trainer = resolve(parts.trainer)(self.config, self.device)
         self.facts: dict[str, Any] = {"machines": {}, "circumstances": self._circumstances()}
@@ -151,7 +152,7 @@ class Training:
             if frames is None:
                 return
             numbers = trainer.advance(frames)
-            self.skipped += int(numbers.get("skipped", 0) > 0)
+            self.skipped = int(numbers.get("skipped", 0))
             self.folder.note(log_row("step", trainer.step, {"phase": config.phase(trainer.step - 1), **numbers}))
             if trainer.step == self.first + 1:
                 self._say_bytes()
@@ -213,15 +214,14 @@ class Training:
 
     def _say_bytes(self) -> None:
         """What frames take on the disk, once a first window of them is there."""
-        last = self.frames.range_of(self.config.steps - 1).stop
-        files = [f.stat().st_size for f in self.producers.folder.glob("[0-9]*.npz") if int(f.stem) < last]
-        if not files:
-            return
-        still = max(0, last - len(files)) * sum(files) / len(files)
+        held = sum(a.nbytes for f in self.frames.held.values() for a in f.values())
+        every = {Item.training(self.config, i) for i in range(min(self.frames.range_of(self.config.steps - 1).stop, self.config.scene_frames()))}
+        there = sum(self.producers.has(i) for i in every)
+        still = (len(every) - there) * held / max(1, len(self.frames.held))
         free = shutil.disk_usage(self.producers.folder).free
-        self.say(f"frames: {len(files)} of {last} made, {sum(files) / len(files) / 1e6:.1f} MB each; the rest will take {still / 1e9:.2f} GB, {free / 1e9:.1f} GB are free")
+        self.say(f"frames: {there} of {len(every)} are there; the rest will take about {still / 1e9:.1f} GB of {free / 1e9:.1f} GB that are free, those at hand take {held / 1e9:.1f} GB of memory")
         if still > free:
-            self.say(f"the disk of {self.producers.folder} will be full before the last step; free it, train on fewer scenes, or name another place with --frames")
+            self.say(f"the disk of {self.producers.folder} will be full before the last step: free it, train on fewer scenes, or name another place with --frames")
 
     def _say_progress(self, numbers: dict[str, float]) -> None:
         now = time.monotonic()
@@ -241,7 +241,9 @@ class Training:
         if step >= self.config.steps and self.folder.validated_at(step):
             self.say(f"done: {step} steps, {sum(self._machines().values()):.1f} minutes in all; {self.folder.weights_file}")
         elif not self.stop.is_set():
-            self.say(f"stopped after {minutes:.1f} minutes at step {step} of {self.config.steps}; the same command goes on from there")
+            last = max((r["step"] for r in self.folder.rows if r["kind"] == "validation"), default=None)
+            weights = f"{self.folder.weights_file.name} is of step {last}" if last else f"weights are written from step {min(self.config.validate_every, self.config.steps)} on"
+            self.say(f"stopped after {minutes:.1f} minutes at step {step} of {self.config.steps} ({weights}); the same command goes on from there")
 
 
 def _device(wanted: str) -> str:

@@ -102,7 +102,7 @@ class RunFolder:
 
 def log_row(kind: str, step: int, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """A row of the log, of kind `step` or `validation`, after so many steps; what is not finite becomes null."""
-    plain = {k: v if isinstance(v, str | int) else float(v) for k, v in numbers.items()}
+    plain = {k: v if isinstance(v, str | int | None) else float(v) for k, v in numbers.items()}
     return {"kind": kind, "step": step, **{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()}}
 
 

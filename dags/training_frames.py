@@ -44,27 +44,39 @@ class Item:
     """One frame."""
 
     kind: str
-    """train or validation."""
+    """training or validation."""
     index: int
     """Within its kind."""
+    seed: int
+    """Of its scene."""
+    moment: int
+    """Within its scene."""
+
+    @classmethod
+    def training(cls, config: TrainingConfig, index: int) -> Item:
+        """A frame that steps draw from."""
+        return cls("training", index, config.scene_seed(index), index % config.frames_per_scene)
+
+    @classmethod
+    def validation(cls, config: TrainingConfig, index: int) -> Item:
+        """A frame that weights are measured on."""
+        return cls("validation", index, config.validation_seed(index), 0)
 
     @property
     def file(self) -> str:
-        """Its name within the folder of its key."""
-        return f"{self.index:06d}.npz" if self.kind == "train" else f"validation-{self.index:06d}.npz"
+        """Its name within the folder of its key: what it shows, so that a moment that comes round again is one file."""
+        return f"{self.seed:04d}-{self.moment:02d}.npz"
 
-    def label(self, config: TrainingConfig) -> str:
-        """For sentences."""
-        seed = config.scene_seed(self.index) if self.kind == "train" else config.validation_seed(self.index)
-        return f"{'training' if self.kind == 'train' else 'validation'} frame {self.index} (scene seed {seed})"
+    def __str__(self) -> str:
+        return f"{self.kind} frame {self.index} (scene seed {self.seed}, moment {self.moment})"
 
 
 class Producers:
     """Processes that make frames into files, in the order in which they were asked for; with none, they are made here."""
 
-    def __init__(self, config: TrainingConfig, folder: Path, examples: str, count: int) -> None:
-        """`folder` holds the files of this data key; `examples` is the module that makes frames."""
-        self.config, self.folder, self.examples, self.count = config, folder, examples, count
+    def __init__(self, config: TrainingConfig, folder: Path, frames: str, count: int) -> None:
+        """`folder` holds the files of this data key; `frames` is the module that makes frames."""
+        self.config, self.folder, self.source, self.count = config, folder, frames, count
         self.queue: deque[Item] = deque()
         self.busy: dict[Connection, tuple[SpawnProcess, Item | None]] = {}
         self.deaths: Counter[Item] = Counter()
@@ -78,19 +90,16 @@ class Producers:
 
     def order(self, items: Iterable[Item], first: bool = False) -> None:
         """Ask for frames; those that are there or asked for already are not asked for twice. `first`: before all others."""
-        under_way = {i for _, i in self.busy.values()}
-        wanted = [i for i in items if i not in under_way and not self.has(i) and (first or i not in self.queue)]
-        if not first:
-            self.queue.extend(wanted)
-            return
-        rest = [i for i in self.queue if i not in wanted]
-        self.queue = deque([*wanted, *rest])
+        under_way = {i.file for _, i in self.busy.values() if i is not None}
+        wanted = {i.file: i for i in items if i.file not in under_way and not self.has(i)}
+        queued = {i.file: i for i in self.queue}
+        self.queue = deque(({**wanted, **queued} if first else {**queued, **wanted}).values())
 
     def poll(self, seconds: float) -> None:
         """Hand out work, and wait for a frame at most `seconds`. Raises FrameError for one that cannot be made."""
         if self.count == 0:
             if item := self._next():
-                self._done(item, _made(self.config, self.folder, self.examples, item))
+                self._done(item, _made(self.config, self.folder, self.source, item))
             return
         working = sum(item is not None for _, item in self.busy.values())
         while len(self.busy) < min(self.count, working + len(self.queue)):
@@ -129,7 +138,7 @@ class Producers:
         context = get_context("spawn")  # torch runs threads here: a fork could not be trusted
         os.environ.update(allocator())
         ours, theirs = context.Pipe()
-        process = context.Process(target=_produce, args=(theirs, self.config, self.folder, self.examples), name="frames", daemon=True)
+        process = context.Process(target=_produce, args=(theirs, self.config, self.folder, self.source), name="frames", daemon=True)
         process.start()
         theirs.close()
         self.busy[ours] = (process, None)
@@ -147,10 +156,9 @@ class Producers:
         connection.close()
         self.deaths[item] += 1
         if self.deaths[item] >= DEATHS:
-            raise FrameError(
-                f"{item.label(self.config)} cannot be made: {DEATHS} processes died over it, the last with exit status {process.exitcode}; "
-                f"most likely memory ran out: use fewer than {self.count} --workers"
-            )
+            memory = process.exitcode == -signal.SIGKILL
+            why = f"killed, most likely as memory ran out: use fewer than {self.count} --workers" if memory else f"exit status {process.exitcode}; what it said stands above"
+            raise FrameError(f"{item} cannot be made: {DEATHS} processes died over it, the last one {why}")
         self.queue.appendleft(item)
 
     def _done(self, item: Item, failure: tuple[str, str] | None) -> None:
@@ -160,7 +168,7 @@ class Producers:
         why, trace = failure
         file = self.folder / f"{item.file}.failed.txt"
         file.write_text(trace, encoding="utf-8")
-        raise FrameError(f"{item.label(self.config)} cannot be made: {why}; where it happened is in {file}. Leave that scene out with scenes.first and scenes.count, or mend its cause")
+        raise FrameError(f"{item} cannot be made: {why}; where it happened is in {file}. Leave that scene out with scenes.first and scenes.count, or mend its cause")
 
 
 class Frames:
@@ -177,8 +185,8 @@ class Frames:
 
     @property
     def ahead(self) -> int:
-        """Frames made beyond those in hand."""
-        return sum(self.producers.has(Item("train", i)) for i in self._asked if i not in self.held)
+        """Frames there beyond those in hand."""
+        return sum(self.producers.has(Item.training(self.config, i)) for i in self._asked if i not in self.held)
 
     def of_step(self, step: int, go_on: Callable[[], bool]) -> dict[int, Frame] | None:
         """The training frames of a step; None where `go_on` says no while they are waited for."""
@@ -186,10 +194,10 @@ class Frames:
         self.held = {i: f for i, f in self.held.items() if i in needed}
         missing = [i for i in needed if i not in self.held]
         if missing:
-            self.producers.order((Item("train", i) for i in missing), first=True)
+            self.producers.order((Item.training(self.config, i) for i in missing), first=True)
         self._ask_ahead(step, needed)
         if missing:
-            found = self._read([Item("train", i) for i in missing], go_on)
+            found = self._read([Item.training(self.config, i) for i in missing], go_on)
             if found is None:
                 return None
             self.held.update({item.index: frame for item, frame in found.items()})
@@ -199,7 +207,7 @@ class Frames:
 
     def of_validation(self, go_on: Callable[[], bool]) -> dict[int, Frame] | None:
         """All validation frames; None where `go_on` says no while they are waited for."""
-        items = [Item("validation", i) for i in range(self.config.validation.count)]
+        items = [Item.validation(self.config, i) for i in range(self.config.validation.count)]
         self.producers.order(items, first=True)
         found = self._read(items, go_on)
         return None if found is None else {item.index: frame for item, frame in found.items()}
@@ -210,7 +218,7 @@ class Frames:
         while len(self._asked) < self.limit and self._scanned < self.config.steps:
             new = [i for i in self.range_of(self._scanned) if i not in needed and i not in self._asked]
             self._asked.update(new)
-            self.producers.order(Item("train", i) for i in new)
+            self.producers.order(Item.training(self.config, i) for i in new)
             self._scanned += 1
 
     def _read(self, items: list[Item], go_on: Callable[[], bool]) -> dict[Item, Frame] | None:
@@ -242,12 +250,12 @@ def read_frame(file: Path) -> Frame:
         return {name: f[name] for name in f.files}
 
 
-def _made(config: TrainingConfig, folder: Path, examples: str, item: Item) -> tuple[str, str] | None:
+def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tuple[str, str] | None:
     """Make one frame into its file; (sentence, traceback) where that fails."""
     partial = folder / f".{item.file}.{os.getpid()}.partial"
     try:
-        module = importlib.import_module(examples)
-        make = module.make_frame if item.kind == "train" else module.validation_frame
+        module = importlib.import_module(frames)
+        make = module.make_frame if item.kind == "training" else module.validation_frame
         frame = make(config, item.index)
         with partial.open("wb") as f:
             np.savez(f, allow_pickle=False, **frame)
@@ -258,12 +266,12 @@ def _made(config: TrainingConfig, folder: Path, examples: str, item: Item) -> tu
     return None
 
 
-def _produce(connection: Connection, config: TrainingConfig, folder: Path, examples: str) -> None:
+def _produce(connection: Connection, config: TrainingConfig, folder: Path, frames: str) -> None:
     """The life of a process: one frame after another until the training is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it here too; the training alone decides what it means
     limit(1)
     try:
         while True:
-            connection.send(_made(config, folder, examples, connection.recv()))
+            connection.send(_made(config, folder, frames, connection.recv()))
     except (EOFError, OSError):
         return

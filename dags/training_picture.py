@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Curve]]:
         if row["kind"] == "validation":
             for key, value in row.items():
                 if key not in ("kind", "step") and isinstance(value, int | float):
-                    panel = out.setdefault(f"{key.replace('.', '_').split('_')[0]}, validated", {})
+                    panel = out.setdefault(f"{re.split('[ _.]', key)[0]}, validated", {})
                     panel.setdefault(key, []).append((float(row["step"]), float(value)))
     return out
 

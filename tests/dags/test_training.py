@@ -16,13 +16,14 @@ import pytest
 from safetensors import safe_open
 
 from dags.training import Order, Parts, train
+from dags.training_folder import RunFolder
 from dags.training_frames import FrameError, read_frame
 from stages.network.weights import read_card
 from stages.training.config import TrainingConfig
 from storage.checkpoints import read_latest, steps_kept
 from storage.errors import ConfigError, UserError
 
-PARTS = Parts("tests.dags.training_fakes", "tests.dags.training_fakes:Trainer")
+PARTS = Parts("tests.dags.fake_frames", "tests.dags.fake_frames:frames_of_step", "tests.dags.fake_trainer:Trainer")
 SHORT = ("depth_steps=40", "joint_steps=20", "validate_every=20", "checkpoint_every=10", "window=4", "steps_per_frame=4")
 CONFIG = TrainingConfig(depth_steps=40, joint_steps=20, validate_every=20, checkpoint_every=10, window=4, steps_per_frame=4)
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +31,7 @@ CODE = f"""
 import sys
 sys.path.insert(0, {str(ROOT)!r})
 import dags.training
-dags.training.PARTS = dags.training.Parts({PARTS.examples!r}, {PARTS.trainer!r})
+dags.training.PARTS = dags.training.Parts({PARTS.frames!r}, {PARTS.frames_of_step!r}, {PARTS.trainer!r})
 from dags.cli import main
 main()
 """
@@ -145,8 +146,8 @@ def test_minutes_end_it_with_a_checkpoint(undisturbed: Path, tmp_path: Path, mon
         m.setenv("POSEGAUSSIAN_FAKE", '{"step_s": 0.1}')
         said = run(tmp_path, minutes=0.02)
     step = max(r["step"] for r in rows(tmp_path))
-    assert 0 < step < 60
-    assert said[-1].endswith(f"at step {step} of 60; the same command goes on from there")
+    assert 0 < step < 20
+    assert said[-1].endswith(f"at step {step} of 60 (weights are written from step 20 on); the same command goes on from there")
     assert steps_kept(tmp_path / "checkpoints")[0] == step
     run(tmp_path)
     assert_alike(tmp_path, undisturbed)
@@ -188,22 +189,23 @@ def test_another_configuration_is_refused_by_name_and_lengths_are_not(tmp_path: 
 
 
 def test_two_trainings_in_one_folder_are_one_too_many(tmp_path: Path) -> None:
-    process = start(tmp_path, 0.2, "--workers", "0")
-    try:
-        wait_for_step(tmp_path, process, 10)
-        with pytest.raises(UserError, match="another training is running in"):
-            run(tmp_path)
-    finally:
-        process.kill()
-        process.wait()
+    with RunFolder(tmp_path).locked(), pytest.raises(UserError, match="another training is running in"):
+        run(tmp_path)
+    run(tmp_path, CONFIG.model_copy(update={"depth_steps": 2, "joint_steps": 0}))
+
+
+def test_frames_that_come_round_again_are_made_once(tmp_path: Path) -> None:
+    few = TrainingConfig.model_validate({**CONFIG.model_dump(), "scenes": {"count": 3}, "frames_per_scene": 2, "window": 4, "steps_per_frame": 1})
+    run(tmp_path, few, workers=1)
+    assert sorted(f.name for f in (tmp_path / "frames").rglob("0*.npz")) == [f"{s:04d}-{m:02d}.npz" for s in range(3) for m in range(2)]
 
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_frame_that_cannot_be_made_is_named_by_its_seed_and_costs_no_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int) -> None:
     monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"raises": 7, "step_s": 0.05}')
-    with pytest.raises(FrameError, match=r"training frame 7 \(scene seed 3\) cannot be made: ValueError: the person left the picture"):
+    with pytest.raises(FrameError, match=r"training frame 7 \(scene seed 3, moment 1\) cannot be made: ValueError: the person left the picture"):
         run(tmp_path, workers=workers)
-    assert "Traceback" in next((tmp_path / "frames").rglob("000007.npz.failed.txt")).read_text()
+    assert "Traceback" in next((tmp_path / "frames").rglob("0003-01.npz.failed.txt")).read_text()
     done = [r["step"] for r in rows(tmp_path)]
     assert steps_kept(tmp_path / "checkpoints")[:1] == done[-1:]
 
@@ -214,7 +216,7 @@ def test_a_process_that_dies_is_replaced_once(tmp_path: Path, monkeypatch: pytes
     assert run(tmp_path / "a", short, workers=1)[-1].startswith("done: 6 steps")
     assert (tmp_path / "died").exists()
     monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"dies_always": 2}')
-    with pytest.raises(FrameError, match=r"training frame 2 \(scene seed 1\) cannot be made: 2 processes died over it.*fewer than 1 --workers"):
+    with pytest.raises(FrameError, match=r"training frame 2 \(scene seed 1, moment 0\) cannot be made: 2 processes died over it.*fewer than 1 --workers"):
         run(tmp_path / "b", short, workers=1)
 
 
@@ -223,12 +225,12 @@ def test_a_damaged_frame_is_made_again_and_frames_are_shared(undisturbed: Path, 
     short = CONFIG.model_copy(update={"depth_steps": 6, "joint_steps": 0})
     run(tmp_path / "a", short, frames=shared)
     assert not (tmp_path / "a" / "frames").exists()
-    files = sorted(shared.rglob("[0-9]*.npz"))
+    files = sorted(shared.rglob("0*.npz"))
     data = bytearray(files[1].read_bytes())
     data[len(data) // 2] ^= 255
     files[1].write_bytes(data)
     untouched = files[2].stat().st_mtime_ns
     said = run(tmp_path / "b", short, frames=shared)
-    assert any("000001.npz is damaged" in line and "made again" in line for line in said)
+    assert any("0000-01.npz is damaged" in line and "made again" in line for line in said)
     assert read_frame(files[1])["x"].shape == (64, 8)
     assert files[2].stat().st_mtime_ns == untouched

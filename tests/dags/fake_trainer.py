@@ -1,16 +1,9 @@
-"""A training that takes no time, kept to `stages/training/contract.py`: frames of noise, a line fitted to them.
-
-The variable POSEGAUSSIAN_FAKE, JSON, slows steps (`step_s`), breaks a frame (`raises`), kills its process once (`dies`) or always (`dies_always`).
-"""
+"""A trainer that takes no time, kept to `stages/training/contract.py`: fits a line to frames of noise."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,41 +11,7 @@ import torch
 
 from stages.training.config import TrainingConfig
 from stages.training.contract import Frame
-
-
-def behaviour() -> dict[str, Any]:
-    return json.loads(os.environ.get("POSEGAUSSIAN_FAKE", "{}"))
-
-
-def make_frame(config: TrainingConfig, index: int) -> Frame:
-    wrong = behaviour()
-    if wrong.get("raises") == index:
-        raise ValueError("the person left the picture")
-    if wrong.get("dies_always") == index:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if "dies" in wrong and wrong["dies"][0] == index and not Path(wrong["dies"][1]).exists():
-        Path(wrong["dies"][1]).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return noise(config, index)
-
-
-def validation_frame(config: TrainingConfig, index: int) -> Frame:
-    return noise(config, 10_000 + index)
-
-
-def noise(config: TrainingConfig, index: int) -> Frame:
-    random = np.random.default_rng([config.seed, index])
-    x = random.normal(size=(64, 8)).astype(np.float32)
-    return {"x": x, "y": (x.sum(axis=1) + 0.1 * random.normal(size=64)).astype(np.float32)}
-
-
-def data_key(config: TrainingConfig) -> str:
-    return f"{config.seed:064x}"
-
-
-def frames_of_step(config: TrainingConfig, step: int) -> range:
-    first = step // config.steps_per_frame
-    return range(first, first + config.window)
+from tests.dags.fake_frames import behaviour, frames_of_step
 
 
 class Trainer:
@@ -82,20 +41,20 @@ class Trainer:
             for k, v in self.line.state_dict().items():
                 self.ema[k].lerp_(v, 0.1)
         self.step += 1
-        return {"loss": error.item(), "epe": error.item() ** 0.5, "skipped": 0.0}
+        return {"loss": error.item(), "epe": error.item() ** 0.5, "skipped": float(self.skipped)}
 
     def state(self) -> dict[str, Any]:
-        return {"step": self.step, "line": dict(self.line.state_dict()), "ema": self.ema, "optimizer": self.optimizer.state_dict()}
+        return {"step": self.step, "skipped": self.skipped, "line": dict(self.line.state_dict()), "ema": self.ema, "optimizer": self.optimizer.state_dict()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        self.step, self.ema = state["step"], state["ema"]
+        self.step, self.skipped, self.ema = state["step"], state["skipped"], state["ema"]
         self.line.load_state_dict(state["line"])
         self.optimizer.load_state_dict(state["optimizer"])
 
     def validate(self, frames: Mapping[int, Frame]) -> dict[str, float]:
         weight, bias = self.ema["weight"].numpy(), self.ema["bias"].numpy()
         errors = [float(np.abs(f["x"] @ weight[0] + bias[0] - f["y"]).mean()) for f in frames.values()]
-        return {"epe": float(np.mean(errors)), "epe_floor": 2.0, "psnr": 20.0 - float(np.mean(errors))}
+        return {"epe": float(np.mean(errors)), "epe start": 2.0, "psnr": 20.0 - float(np.mean(errors))}
 
     def weights(self) -> dict[str, torch.Tensor]:
         return self.ema
