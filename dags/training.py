@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dags.interrupt import interruptible
+from dags.projection import gigabytes
 from dags.threads import limit
 from dags.training_card import card
 from dags.training_folder import RunFolder, log_row
 from dags.training_frames import Frames, Item, Producers
 from dags.training_state import packed, unpacked
+from dags.wording import number
 from stages.contract import resolve
 from stages.training.config import TrainingConfig
 from storage.errors import ConfigError, UserError
@@ -125,8 +127,7 @@ class Training:
     def run(self) -> None:
         """All that there is to do, in order; whatever ends it early leaves a checkpoint."""
         config, trainer = self.config, self.trainer
-        how = f"on {self.device}, {self.order.threads} threads, {self.order.workers} processes for frames"
-        self.say(f"step {trainer.step} of {config.steps} in {self.folder.root}, {how}")
+        self.say(f"step {trainer.step} of {config.steps} in {self.folder.root}, on {self.device} with {number(self.order.threads, 'thread')}, frames made by {number(self.order.workers, 'worker')}")
         try:
             self._go()
         except UserError:
@@ -219,7 +220,8 @@ class Training:
         there = sum(self.producers.has(i) for i in every)
         still = (len(every) - there) * held / max(1, len(self.frames.held))
         free = shutil.disk_usage(self.producers.folder).free
-        self.say(f"frames: {there} of {len(every)} are there; the rest will take about {still / 1e9:.1f} GB of {free / 1e9:.1f} GB that are free, those at hand take {held / 1e9:.1f} GB of memory")
+        rest = f"; the rest will take about {gigabytes(still)} of {gigabytes(free)} that are free" if still else ""
+        self.say(f"frames: {there} of {len(every)} are there{rest}; those at hand take {gigabytes(held)} of memory")
         if still > free:
             self.say(f"the disk of {self.producers.folder} will be full before the last step: free it, train on fewer scenes, or name another place with --frames")
 

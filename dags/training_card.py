@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dags.wording import number
 from stages.training.config import TrainingConfig
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
 
     scenes, held = config.scenes, config.validation
     data = (
-        f"{scenes.count} simulated scenes with {config.frames_per_scene} frames each, filmed at {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; "
-        f"crops of {config.crop} px, {config.batch} pairs a step, over analytic depth of {' and '.join(config.methods)}; step {step} of {config.steps}"
+        f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; "
+        f"crops of {config.crop} px, {number(config.batch, 'pair')} a step, over analytic depth of {' and '.join(config.methods)}; step {step} of {config.steps}"
     )
     start = f", continued from {config.start}" if config.start else ""
     return Card(
@@ -54,8 +55,8 @@ def _table(validations: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], .
     first, last = validations[0], validations[-1]
     shown = [last] if first is last else [first, last]
     head = ("measure", *(f"step {v['step']}" for v in shown))
-    return (head, *((key, *(_number(v.get(key)) for v in shown)) for key in last if key not in ("kind", "step")))
+    return (head, *((key, *(_text(v.get(key)) for v in shown)) for key in last if key not in ("kind", "step")))
 
 
-def _number(value: Any) -> str:
+def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, int | float) else "none"

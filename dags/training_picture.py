@@ -74,7 +74,7 @@ def _panel(cv2: Any, panel: np.ndarray, title: str, drawn: Mapping[str, Curve], 
     for t in ticks(low, high):
         _, y = place(0.0, t)
         cv2.line(panel, (LEFT, y), (WIDTH - RIGHT, y), GRID, 1)
-        _write(cv2, panel, f"{t:.4g}", (14, y + 5))
+        _write(cv2, panel, f"{t:.6g}", (14, y + 5))
     if border is not None:
         x, _ = place(border, low)
         cv2.line(panel, (x, ABOVE), (x, HEIGHT - UNDER), PHASE, 2)
