@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, models, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, train, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -32,6 +32,7 @@ from dags.cli_options import (
     say,
     selected,
 )
+from dags.cli_train import train
 from dags.plan import Selection
 from dags.tasks import Task
 from dags.wording import number
@@ -355,6 +356,7 @@ def export(
 
 
 app.command()(inspect)
+app.command()(train)
 
 
 @app.command()

@@ -130,7 +130,7 @@ def load_configuration(config: Path | None = None, assignments: Sequence[str] = 
     elif own.is_file() and own.resolve() != PACKAGED.resolve():
         layers.append(load(own))
     if assignments:
-        layers.append(_from_assignments(assignments))
+        layers.append(from_assignments(assignments))
     return validate(tuple(layers))
 
 
@@ -162,8 +162,17 @@ def _merged(layers: Sequence[Document]) -> dict[str, Any]:
     return values
 
 
-def _from_assignments(assignments: Sequence[str]) -> Document:
-    """`depth.method=hull` as a layer; values are YAML."""
+def validated(model: type[Any], layers: Sequence[Document]) -> Any:
+    """The settings of a model of its own, from layers, lowest first. Raises ConfigError with all faults at once."""
+    faults: list[str] = []
+    settings = _try(_merged(layers), (), layers, faults, model=model)
+    if faults:
+        raise ConfigError("\n".join(dict.fromkeys(faults)))
+    return settings
+
+
+def from_assignments(assignments: Sequence[str]) -> Document:
+    """`depth.method=hull` as a layer; values are YAML. Raises ConfigError for what is no assignment."""
     document = Document("--set")
     for text in assignments:
         key, separator, value = text.partition("=")
@@ -200,25 +209,25 @@ def _present(node: Any, location: Location) -> bool:
     return True
 
 
-def _try(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document], faults: list[str], only: Mapping[str, Any] | None = None) -> Any:
+def _try(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document], faults: list[str], only: Mapping[str, Any] | None = None, model: type[Any] = Settings) -> Any:
     """Validate; add a sentence per fault; None when there are any."""
     try:
-        return Settings.model_validate(values)
+        return model.model_validate(values)
     except ValidationError as error:
         for e in error.errors():
             location: Location = tuple(p for p in e["loc"] if p != "[key]")
             if only is not None and not _present(only, location):
                 continue
             where = _where(layers, (*prefix, *location))
-            faults.append(f"{where} {'.'.join(map(str, (*prefix, *location)))}: {_sentence(e, location)}")
+            faults.append(f"{where} {'.'.join(map(str, (*prefix, *location)))}: {_sentence(e, location, model)}")
         return None
 
 
-def _sentence(error: Any, location: Location) -> str:
+def _sentence(error: Any, location: Location, model: type[BaseModel]) -> str:
     """What is wrong, the bound, and a suggestion."""
     if error["type"] == "extra_forbidden":
-        known = _fields_at(location[:-1])
-        elsewhere = [f"{s.name}.{location[-1]}" for s in STAGES if len(location) == 2 and str(location[-1]) in s.params.model_fields]
+        known = _fields_at(location[:-1], model)
+        elsewhere = [f"{s.name}.{location[-1]}" for s in STAGES if model is Settings and len(location) == 2 and str(location[-1]) in s.params.model_fields]
         close = elsewhere or difflib.get_close_matches(str(location[-1]), known, n=1)
         return f'unknown key; did you mean "{close[0]}"?' if close else f"unknown key; known are {', '.join(known)}"
     message = error["msg"].removeprefix("Value error, ")
@@ -226,9 +235,8 @@ def _sentence(error: Any, location: Location) -> str:
     return message if error["type"] == "value_error" else f"{message}, got {error['input']!r}"
 
 
-def _fields_at(location: Location) -> list[str]:
-    """Known keys of a section."""
-    model: type[BaseModel] = Settings
+def _fields_at(location: Location, model: type[BaseModel]) -> list[str]:
+    """Known keys of a section of a model."""
     of_each: Any = None
     for part in location:
         info = model.model_fields.get(str(part))

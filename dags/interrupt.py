@@ -24,7 +24,7 @@ SAID_S = 2.0
 
 
 @contextmanager
-def interruptible(say: Callable[[str], None], kill: Callable[[], None]) -> Iterator[None]:
+def interruptible(say: Callable[[str], None], kill: Callable[[], None], stop: Callable[[], None] | None = None) -> Iterator[None]:
     """Within, the first Ctrl-C (or SIGTERM) raises KeyboardInterrupt in the main thread, and the second ends everything.
 
     A thread listens as well: Python runs signal handlers between two steps of the main thread only, and a kernel may spend
@@ -33,13 +33,14 @@ def interruptible(say: Callable[[str], None], kill: Callable[[], None]) -> Itera
     Args:
         say: takes the sentence shown at the first one.
         kill: ends what would outlive this process, at the second one.
+        stop: called at the first one instead of raising, for work that must not be torn apart and looks by itself whether to end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     reader, writer = socket.socketpair()
     writer.setblocking(False)
-    first = _First()
+    first = _First(stop)
     handlers = {s: signal.signal(s, first.handle) for s in SIGNALS}
     wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     unraisable, sys.unraisablehook = sys.unraisablehook, first.again_if_lost
@@ -63,7 +64,8 @@ class _First:
     find the main thread; it tells `sys.unraisablehook` so, and then the interrupt is raised again.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stop: Callable[[], None] | None) -> None:
+        self.stop = stop
         self.raised = False
         self.repeats = 0
         """Signals on their way that nobody pressed a key for."""
@@ -72,7 +74,9 @@ class _First:
     def handle(self, number: int, frame: Any) -> None:
         if not self.raised:
             self.raised = True
-            raise KeyboardInterrupt
+            if self.stop is None:
+                raise KeyboardInterrupt
+            self.stop()
 
     def again_if_lost(self, unraisable: Any) -> None:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):

@@ -12,6 +12,7 @@ import typer.main
 from dags.cli import app
 from dags.config import load_configuration
 from dags.simulate import read_scene
+from dags.training_config import load_training
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -33,10 +34,11 @@ def commands(page: Path) -> list[str]:
 
 @pytest.mark.parametrize(("page", "block"), [(p, b) for p in PAGES for b in blocks(p, "yaml")], ids=lambda v: v.name if isinstance(v, Path) else "")
 def test_settings_are_valid(page: Path, block: str, tmp_path: Path) -> None:
-    """A block that starts with a seed is a scene, any other one a configuration."""
+    """A block that starts with a seed is a scene, one that starts with a preset a training, any other one a configuration."""
     file = tmp_path / "pipeline.yaml"
     file.write_text(block)
-    _ = read_scene(file) if block.startswith("seed:") else load_configuration(file, [])
+    read = {"seed": read_scene, "preset": load_training}.get(block.partition(":")[0], load_configuration)
+    read(file)
 
 
 @pytest.mark.parametrize(("page", "line"), [(p, c) for p in PAGES for c in commands(p)], ids=lambda v: v.name if isinstance(v, Path) else "")

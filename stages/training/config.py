@@ -128,6 +128,10 @@ class TrainingConfig(Params):
         """Seed of the scene that training frame `index` shows; beyond the last scene they come round again."""
         return self.scenes.first + index // self.frames_per_scene % self.scenes.count
 
+    def scene_frames(self) -> int:
+        """Different training frames that there are."""
+        return self.scenes.count * self.frames_per_scene
+
     def validation_seed(self, index: int) -> int:
         """Seed of the scene that validation frame `index` (0 to validation.count - 1) shows."""
         return self.validation.first + index

@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import psutil
 import pytest
 
+from dags.interrupt import interruptible
 from dags.plan import State
 from storage.lease import living
 from tests.pipeline import NAME, Pipeline
@@ -114,3 +116,12 @@ def test_a_ctrl_c_that_meets_a_collection_of_garbage_is_heard() -> None:
     done = subprocess.run([sys.executable, "-c", DROPPING], capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": os.getcwd()})
     assert sorted(done.stdout.splitlines()) == ["heard", "stopping; what is finished is kept. Ctrl-C once more ends at once"]
     assert not done.stderr
+
+
+def test_work_that_must_not_be_torn_apart_is_told_instead_of_interrupted() -> None:
+    said: list[str] = []
+    stopped = threading.Event()
+    with interruptible(said.append, lambda: said.append("killed"), stopped.set):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopped.wait(5.0), "nothing is raised here"
+    assert said == ["stopping; what is finished is kept. Ctrl-C once more ends at once"]
