@@ -9,7 +9,7 @@ from dags.wording import number
 from stages.training.config import TrainingConfig
 
 if TYPE_CHECKING:
-    from stages.network.weights import Card
+    from stages.network.card import Card
 
 VARIANTS = ("fusion", "pose_in", "rotation_head", "opacity_head", "normalisation", "downsampling", "residual")
 """Settings in which a network may differ from its preset."""
@@ -25,7 +25,7 @@ def name(config: TrainingConfig) -> str:
 
 def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows: Sequence[Mapping[str, Any]]) -> Card:
     """The card at a step; `machines` is {machine: minutes}, `rows` the log, whose last validation is shown beside the first one."""
-    from stages.network.weights import Card
+    from stages.network.card import Card
 
     scenes, held = config.scenes, config.validation
     data = (
@@ -36,6 +36,8 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
     return Card(
         name=name(config),
         preset=config.preset,
+        network=config.network().as_json(),
+        iterations=config.iterations,
         data=data,
         seeds=f"training scenes {scenes.first} to {scenes.end - 1}, validation scenes {held.first} to {held.end - 1}, training {config.seed}{start}",
         minutes=round(sum(machines.values()), 1),

@@ -1,5 +1,1 @@
-<<<<<<< HEAD
-"""Training: scenes of the simulator become examples, examples become steps."""
-=======
-"""Training of the network: scene to examples to loss to step, all of it pure."""
->>>>>>> training
+"""Training of the network: scenes become frames, frames become examples, examples become steps; all of it pure."""
