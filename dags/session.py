@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import presence, projection, tables, threads
+from dags import contribution, presence, projection, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.events import Listener, RunEnded, SequenceRefused
@@ -196,6 +196,8 @@ class Session:
         outcome = self.run(plans, selection, refused)
         ended = outcome.ended
         self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
+        if not ended.interrupted and not ended.failed:
+            self.say(contribution.sentences(plans))
         self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
         self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:

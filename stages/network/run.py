@@ -17,7 +17,7 @@ SURE = 0.1
 
 
 def run(inputs: Inputs, params: NetworkParams) -> Iterator[Block]:
-    """Blocks `network/depth`, `network/confidence` and `network/numbers` of every view; views that are not sources get zeros.
+    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view; views that are not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
@@ -42,7 +42,9 @@ def run(inputs: Inputs, params: NetworkParams) -> Iterator[Block]:
             confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
-        yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v, notes=_note(depth[v], confidence[v]) if v in read else ())
+        yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
+        share = _share(depth[v], confidence[v]) if v in read else np.zeros((shape[0], 1), np.float32)
+        yield Block("network/share", share, v, notes=_note(share) if v in read else ())
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
 
 
@@ -69,12 +71,16 @@ def _shape(inputs: Inputs) -> tuple[int, int, int]:
     return len(inputs.partition), int(height), int(width)
 
 
-def _note(depth: np.ndarray, confidence: np.ndarray) -> tuple[str, ...]:
-    """A sentence about a view of which the network says hardly anything."""
+def _share(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """[F, 1] float32 mean confidence over the surface of each frame, 0 without one."""
     surface = depth > 0
-    if not surface.any():
-        return ()
-    mean = float(confidence[surface].mean(dtype=np.float64))
+    total = np.where(surface, confidence, 0).sum(axis=(1, 2), dtype=np.float64)
+    return (total / np.maximum(surface.sum(axis=(1, 2)), 1)).astype(np.float32)[:, None]
+
+
+def _note(share: np.ndarray) -> tuple[str, ...]:
+    """A sentence about a view of which the network says hardly anything; `share` as `_share` gives it."""
+    mean = float(share[share > 0].mean()) if (share > 0).any() else 0.0
     if mean >= SURE:
         return ()
     return (f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands, network.weights=none gives the same sooner",)
@@ -83,7 +89,7 @@ def _note(depth: np.ndarray, confidence: np.ndarray) -> tuple[str, ...]:
 def check(block: Block, params: NetworkParams) -> list[str]:
     """Raise ValueError for values that no depth, confidence or head can have."""
     data = np.asarray(block.data)
-    low, high = {"network/depth": (0.0, np.inf), "network/confidence": (0.0, 1.0), "network/numbers": (-65504.0, 65504.0)}[block.array]
+    low, high = {"network/depth": (0.0, np.inf), "network/confidence": (0.0, 1.0), "network/share": (0.0, 1.0), "network/numbers": (-65504.0, 65504.0)}[block.array]
     wrong = ~(np.isfinite(data) & (data >= low) & (data <= high))
     if wrong.any():
         raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [{low:g}, {high:g}]")

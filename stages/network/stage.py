@@ -41,6 +41,7 @@ STAGE = Stage(
     writes=(
         ArraySpec("network/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis, the network's blended over the analytic one; 0 where there is no surface."),
         ArraySpec("network/confidence", ("frame", "view", "y", "x"), "float16", "1", "Share of the learned value in the blend; 0 = the analytic one alone.", keep="until_done"),
+        ArraySpec("network/share", ("frame", "view", "one"), "float32", "1", "Mean of that share over the view's surface; 0 without one."),
         ArraySpec("network/numbers", ("frame", "view", "heads", "y", "x"), "float16", "1", "What the heads of scale (3), rotation (3) and opacity (2) say; `stages.network.heads` gives it its meaning.", keep="until_done"),
     ),
     over=("sequence", "time"),
