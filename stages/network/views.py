@@ -66,6 +66,11 @@ class Views:
         codings = (torch.cat([getattr(p.coding, f.name) for p in pairs]) for f in fields(Coding))
         return Views(color, heatmaps, start, confidence, cover, Coding(*codings))
 
+    def to(self, device: torch.device) -> Views:
+        """The same on a device; the coding stays where it is, its numbers are few."""
+        color, heatmaps, start, confidence, cover = (getattr(self, f.name).to(device) for f in fields(Views)[:-1])
+        return Views(color, heatmaps, start, confidence, cover, self.coding)
+
     @property
     def known(self) -> torch.Tensor:
         """[B, 1, H, W] bool, where the start is."""

@@ -45,9 +45,9 @@ class Terms(NamedTuple):
         return self.depth + self.pose + self.render
 
 
-def together(examples: Sequence[Example]) -> tuple[Views, torch.Tensor, torch.Tensor]:
-    """Views, true disparity [B, 1, H, W] and where both it and the start are known."""
-    views, truth = Views.batch([e.views for e in examples]), torch.cat([e.truth for e in examples])
+def together(examples: Sequence[Example], device: torch.device) -> tuple[Views, torch.Tensor, torch.Tensor]:
+    """On a device: views, true disparity [B, 1, H, W] and where both it and the start are known."""
+    views, truth = Views.batch([e.views for e in examples]).to(device), torch.cat([e.truth for e in examples]).to(device)
     return views, torch.where(torch.isfinite(truth), truth, 0), torch.isfinite(truth) & views.known
 
 
@@ -73,16 +73,18 @@ def render_terms(network: PoseGaussianNetwork, prediction: Prediction, examples:
     for i, example in enumerate(examples):
         maps = [gaussian_maps(network, prediction, example, 2 * i + w, w) for w in (0, 1)]
         picture = draw(example, maps, threads)
-        weight = torch.where(example.cover > 0, 1.0, OUTSIDE)
-        found.append(render_loss(picture, example.seen, weight, config.beta, config.gamma))
+        weight = torch.where(example.cover > 0, 1.0, OUTSIDE).to(picture.device)
+        found.append(render_loss(picture, example.seen.to(picture.device), weight, config.beta, config.gamma))
     return torch.stack(found).mean()
 
 
 def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int) -> LiftMaps:
     """What the Gaussians of one direction are lifted from: the blend over the analytic prior on the rectified grid."""
-    there = torch.isfinite(prediction.disparity[direction : direction + 1])
-    depth = torch.where(there, _depth(example, which, torch.where(there, prediction.disparity[direction : direction + 1], example.views.start[which : which + 1].nan_to_num())), 0)
-    analytic, ray = _prior(example, which, depth.detach()[0, 0].numpy())
+    disparity = prediction.disparity[direction : direction + 1]
+    there = torch.isfinite(disparity)
+    depth = torch.where(there, _depth(example, which, torch.where(there, disparity, 0)), 0)
+    analytic, ray = _prior(example, which, depth.detach()[0, 0].cpu().numpy())
+    analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
     blended: Maps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
     return LiftMaps(example.picture[which], depth[0, 0], blended.scale[0], blended.rotation[0], blended.opacity[0])
@@ -92,7 +94,8 @@ def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tens
     """[1, 3, h, w] the picture of the target camera, premultiplied."""
     parts = []
     for which, m in enumerate(maps):
-        lifted = lift(m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, torch.device("cpu"))
+        assert isinstance(m.depth, torch.Tensor)
+        lifted = lift(m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, m.depth.device)
         parts.append(lifted.seen_from(example.target))
     drawn = rasterize(Gaussians.concatenate(parts), [example.target], drawing=Drawing(threads=threads))
     return drawn.color[0].permute(2, 0, 1)[None].clamp(0, 1)

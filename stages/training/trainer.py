@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,6 @@ class Trainer:
             width = preset.widths[-1]
             self.fusion = PoseFusion(width, width, weight=config.pose_fusion).to(self.device) if self.network.pose is not None else None
         if config.start is not None:
-            from pathlib import Path
-
             load_weights(Path(config.start), self.network)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
         learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
@@ -69,7 +68,7 @@ class Trainer:
         return {"loss": float(terms.total.detach()), **{k: float(v.detach()) for k, v in terms._asdict().items()}, **numbers, "gradient": norm, "rate": rate, "skipped": float(self.skipped), **seconds}
 
     def _terms(self, examples: list[Example], iterations: int) -> tuple[Terms, dict[str, float]]:
-        views, truth, valid = together(examples)
+        views, truth, valid = together(examples, self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
             prediction = self.network(views, iterations)
         depth = depth_terms(prediction, views, truth, valid, self.config)
@@ -102,7 +101,7 @@ class Trainer:
         found: dict[str, list[float]] = {}
         for index in sorted(frames):
             for row in (0, 1):
-                views, truth, valid = together([whole(frames[index], row, self.config.network().stride)])
+                views, truth, valid = together([whole(frames[index], row, self.config.network().stride)], self.device)
                 surface = torch.isfinite(views.start) | valid
                 with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
                     by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}
