@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import signal
@@ -33,6 +34,8 @@ POLL_S = 0.2
 """Pause between two looks at whether the training is to stop while it waits for frames, seconds."""
 QUIET_SECONDS = 20.0
 """Pause between two lines that say what is waited for."""
+LEFT_S = 3600.0
+"""Age at which a half-written file is taken for what a kill left behind; another training may be writing a younger one."""
 
 
 class FrameError(UserError):
@@ -83,6 +86,10 @@ class Producers:
         self.made = 0
         """Frames made so far."""
         folder.mkdir(parents=True, exist_ok=True)
+        for left in folder.glob(".*.partial"):
+            with contextlib.suppress(FileNotFoundError):  # another training may sweep as well
+                if time.time() - left.stat().st_mtime > LEFT_S:
+                    left.unlink()
 
     def has(self, item: Item) -> bool:
         """Whether its file is there."""
@@ -118,6 +125,11 @@ class Producers:
                 continue
             self.busy[connection] = (process, None)
             self._done(item, failure)
+
+    def kill(self) -> None:
+        """End the processes without waiting for them; any thread may do so."""
+        for process, _ in list(self.busy.values()):
+            process.kill()
 
     def close(self) -> None:
         """End the processes; frames half made are lost, files are whole or not there."""
