@@ -86,9 +86,16 @@ def train(order: Order, say: Say, parts: Parts | None = None) -> None:
     begin = time.monotonic()
     stop = threading.Event()
     folder = RunFolder(order.folder)
-    with folder.locked(), interruptible(say, lambda: None, stop.set):
+    alive: list[Training] = []
+
+    def kill() -> None:
+        for training in alive:
+            training.producers.kill()
+
+    with folder.locked(), interruptible(say, kill, stop.set):
         limit(order.threads)
         training = Training(order, folder, parts or PARTS, say, stop, begin)
+        alive.append(training)
         try:
             training.run()
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import signal
@@ -33,6 +34,8 @@ POLL_S = 0.2
 """Pause between two looks at whether the training is to stop while it waits for frames, seconds."""
 QUIET_SECONDS = 20.0
 """Pause between two lines that say what is waited for."""
+LEFT_S = 3600.0
+"""Age at which a half-written file is taken for what a kill left behind; another training may be writing a younger one."""
 
 
 class FrameError(UserError):
@@ -83,6 +86,10 @@ class Producers:
         self.made = 0
         """Frames made so far."""
         folder.mkdir(parents=True, exist_ok=True)
+        for left in folder.glob(".*.partial"):
+            with contextlib.suppress(FileNotFoundError):  # another training may sweep as well
+                if time.time() - left.stat().st_mtime > LEFT_S:
+                    left.unlink()
 
     def has(self, item: Item) -> bool:
         """Whether its file is there."""
@@ -118,6 +125,11 @@ class Producers:
                 continue
             self.busy[connection] = (process, None)
             self._done(item, failure)
+
+    def kill(self) -> None:
+        """End the processes without waiting for them; any thread may do so."""
+        for process, _ in list(self.busy.values()):
+            process.kill()
 
     def close(self) -> None:
         """End the processes; frames half made are lost, files are whole or not there."""
@@ -177,7 +189,7 @@ class Frames:
     def __init__(self, config: TrainingConfig, producers: Producers, range_of: Callable[[int], range], say: Callable[[str], None]) -> None:
         """`range_of` tells the training frames of a step."""
         self.config, self.producers, self.range_of, self.say = config, producers, range_of, say
-        self.limit = max(4, 2 * producers.count) if producers.count else 0
+        self.limit = max(4, 2 * producers.count)
         """Frames asked for beyond those of the current step, at most."""
         self.held: dict[int, Frame] = {}
         self._scanned = 0
@@ -195,7 +207,8 @@ class Frames:
         missing = [i for i in needed if i not in self.held]
         if missing:
             self.producers.order((Item.training(self.config, i) for i in missing), first=True)
-        self._ask_ahead(step, needed)
+        if self.producers.count:
+            self._ask_ahead(step, needed)
         if missing:
             found = self._read([Item.training(self.config, i) for i in missing], go_on)
             if found is None:
@@ -207,12 +220,17 @@ class Frames:
 
     def of_validation(self, go_on: Callable[[], bool]) -> dict[int, Frame] | None:
         """All validation frames; None where `go_on` says no while they are waited for."""
-        items = [Item.validation(self.config, i) for i in range(self.config.validation.count)]
+        items = self._validation_items()
         self.producers.order(items, first=True)
         found = self._read(items, go_on)
         return None if found is None else {item.index: frame for item, frame in found.items()}
 
+    def _validation_items(self) -> list[Item]:
+        return [Item.validation(self.config, i) for i in range(self.config.validation.count)]
+
     def _ask_ahead(self, step: int, needed: range) -> None:
+        """Ask for frames of later steps, and at the first step for those of validation too, so that nobody waits for them then."""
+        first = self._scanned == 0
         self._scanned = max(self._scanned, step + 1)
         self._asked = {i for i in self._asked if i >= needed.start and i not in needed}
         while len(self._asked) < self.limit and self._scanned < self.config.steps:
@@ -220,6 +238,8 @@ class Frames:
             self._asked.update(new)
             self.producers.order(Item.training(self.config, i) for i in new)
             self._scanned += 1
+        if first:
+            self.producers.order(self._validation_items())
 
     def _read(self, items: list[Item], go_on: Callable[[], bool]) -> dict[Item, Frame] | None:
         found: dict[Item, Frame] = {}

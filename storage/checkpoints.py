@@ -42,7 +42,17 @@ def write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any
     """Keep `data` as `root/STEP/`, then remove all but the last two up to this step, and those of later steps.
 
     A later step is one that was found damaged and gone back from. Whatever kills the writer, `root/STEP` is whole or as it was.
+
+    Raises:
+        CheckpointError: where the disk does not take it; the ones before are as they were.
     """
+    try:
+        return _write_checkpoint(root, step, data, facts)
+    except OSError as e:
+        raise CheckpointError(f"the checkpoint of step {step} cannot be written to {root}: {e.strerror or e}; free the disk, or move the folder to a larger one") from e
+
+
+def _write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any]) -> Path:
     root.mkdir(parents=True, exist_ok=True)
     for left in root.glob(".*.partial"):
         shutil.rmtree(left)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -83,17 +84,31 @@ def test_a_writer_that_died_leaves_the_ones_before_as_they_are(tmp_path: Path, m
     write_checkpoint(tmp_path, 10, b"whole", {})
 
     def dies(*_: object) -> None:
-        raise InterruptedError
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as m:
         m.setattr(checkpoints.os, "rename", dies)
-        with pytest.raises(InterruptedError):
+        with pytest.raises(KeyboardInterrupt):
             write_checkpoint(tmp_path, 20, b"half", {})
     checkpoint, _ = read_latest(tmp_path)
     assert checkpoint is not None
     assert checkpoint.step == 10
     write_checkpoint(tmp_path, 20, b"whole", {})
     assert sorted(f.name for f in tmp_path.iterdir()) == ["00000010", "00000020"]
+
+
+def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_checkpoint(tmp_path, 10, b"whole", {})
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as m:
+        m.setattr(checkpoints, "_write", full)
+        with pytest.raises(CheckpointError, match=r"step 20 cannot be written .* No space left on device; free the disk"):
+            write_checkpoint(tmp_path, 20, b"more", {})
+    assert steps_kept(tmp_path) == [10]
+    assert read_checkpoint(tmp_path, 10).data == b"whole"
 
 
 def test_an_empty_folder_has_none(tmp_path: Path) -> None:
