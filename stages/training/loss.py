@@ -25,6 +25,8 @@ from stages.training.examples import Example
 TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
 """Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned disparity, which a low
 confidence must not starve; and of what comes out."""
+RENDER = 20.0
+"""Weight of the picture: px of disparity count in units, shares of brightness in hundredths."""
 OUTSIDE = 0.25
 """Weight of a target's pixels beside the subject: what is drawn there is clipped by the silhouettes later."""
 
@@ -75,7 +77,7 @@ def render_terms(network: PoseGaussianNetwork, prediction: Prediction, examples:
         picture = draw(example, maps, threads)
         weight = torch.where(example.cover > 0, 1.0, OUTSIDE).to(picture.device)
         found.append(render_loss(picture, example.seen.to(picture.device), weight, config.beta, config.gamma))
-    return torch.stack(found).mean()
+    return RENDER * torch.stack(found).mean()
 
 
 def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int) -> LiftMaps:
