@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -96,7 +97,7 @@ def rectified_pair(pair: RectifiedPair, views: tuple[SourceView, SourceView], wi
 
 def _on_window(pair: RectifiedPair, which: int, window: Window, other: Window, view: SourceView, joints: int) -> tuple[np.ndarray, ...]:
     """Color, heatmaps, start, confidence and cover of one view, channels first, float32."""
-    x, y = pair.maps(which, window)
+    x, y, _ = places(pair, which, window)
     cover = cv2.remap(view.mask, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255
     color = cv2.remap(view.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255 * cover[..., None]
     disparity = start_on(pair, which, window, other, view.depth)
@@ -104,11 +105,18 @@ def _on_window(pair: RectifiedPair, which: int, window: Window, other: Window, v
     return np.moveaxis(color, -1, 0), _heatmaps(pair, which, window, view.heatmaps, joints), disparity[None], np.where(np.isnan(disparity), 0, confidence)[None], cover[None]
 
 
+@lru_cache(maxsize=8)
+def places(pair: RectifiedPair, which: int, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a window's pixels lie in their source picture: x, y [H, W] float32 for `cv2.remap`, and source depth per rectified depth [H, W]."""
+    source, ratio = pair.source_pixels(which, pixel_centres(window[2:]) + np.array(window[:2]))
+    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0))
+    return x, y, ratio
+
+
 def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, depth: np.ndarray) -> np.ndarray:
     """Disparity [H, W] float32 between windows, px, of a source depth map [h, w] m at the nearest pixel; NaN where that is 0 or beside the picture."""
-    source, ratio = pair.source_pixels(which, pixel_centres(window[2:]) + np.array(window[:2]))
-    x, y = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
-    found = cv2.remap(depth, np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_NEAREST)
+    x, y, ratio = places(pair, which, window)
+    found = cv2.remap(depth, x, y, cv2.INTER_NEAREST)
     known = (found > 0) & (ratio > 0)
     # Of the second view the other one is the first: the same disparity with the other sign.
     sign = 1 if which == 0 else -1

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,7 +12,8 @@ import torch
 from stages.geometry.projection import pixel_centres, project
 from stages.geometry.rectification import RectifiedPair, Window, rectify
 from stages.geometry.subject import look_at_point
-from stages.network.views import SourceView, Views, rectified_pair, start_on, windows
+from stages.network.encoders import HEATMAP_CELL
+from stages.network.views import SourceView, Views, places, rectified_pair, start_on, windows
 from stages.pose.heatmaps import draw
 from stages.rendering.scene import Camera
 from stages.training.config import TrainingConfig
@@ -93,16 +94,18 @@ def whole(frame: Frame, row: int, multiple: int) -> Example:
 
 def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, found: tuple[Window, Window], point: np.ndarray | None, side: int, random: np.random.Generator | None, gain: np.ndarray) -> Example:
     a, b, between = views
-    heatmaps = _heatmaps(frame, (a, b), random)
-    shown = tuple(SourceView(_tinted(frame["color"][v], gain), frame["mask"][v], frame["depth"][v], frame["confidence"][v], heatmaps[i]) for i, v in enumerate((a, b)))
+    shown = tuple(SourceView(frame["color"][v], frame["mask"][v], frame["depth"][v], frame["confidence"][v], None) for v in (a, b))
+    given = rectified_pair(pair, (shown[0], shown[1]), found)
+    tint = torch.from_numpy(gain.astype(np.float32))
     truth = [start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0)) for w, v in enumerate((a, b))]
-    pictures = [cv2.remap(shown[w].color, *pair.maps(w, found[w]), cv2.INTER_LINEAR).astype(np.float32) / 255 for w in (0, 1)]
+    pictures = [cv2.remap(shown[w].color, *places(pair, w, found[w])[:2], cv2.INTER_LINEAR).astype(np.float32) / 255 for w in (0, 1)]
     camera = _target(frame, between, point, side)
-    seen = _tinted(_cut(frame["color"][between], frame, between, camera), gain).astype(np.float32) / 255
+    seen = _cut(frame["color"][between], frame, between, camera).astype(np.float32) / 255
     cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
     return Example(
-        rectified_pair(pair, (shown[0], shown[1]), found), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
-        torch.from_numpy(np.stack(pictures)), camera, torch.from_numpy(np.ascontiguousarray(np.moveaxis(seen, -1, 0)))[None], torch.from_numpy(cover)[None, None],
+        replace(given, heatmaps=_heatmaps(frame, pair, found, random), color=(given.color * tint[:, None, None]).clamp(max=1)), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
+        (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1), camera,
+        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None],
     )  # fmt: skip
 
 
@@ -138,23 +141,20 @@ def _world(frame: Frame, view: int, row: int, column: int) -> np.ndarray:
     return pose[:3, :3].T @ (z * ray - pose[:3, 3])
 
 
-def _heatmaps(frame: Frame, views: Sequence[int], random: np.random.Generator | None) -> list[np.ndarray | None]:
-    """Of the given views, with joints moved as an estimator would; now and then none."""
-    height, width = frame["mask"].shape[1:]
-    if random is not None and random.random() < ESTIMATED:
-        return [None for _ in views]
+def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], random: np.random.Generator | None) -> torch.Tensor:
+    """[2, 17, H / 4, W / 4] drawn on the windows, with joints moved as an estimator would; now and then none."""
+    width, height = found[0][2:]
+    none = random is not None and random.random() < ESTIMATED
     noise = 0.0 if random is None else float(random.uniform(0, JOINT_NOISE))
-    out: list[np.ndarray | None] = []
-    for v in views:
-        joints = frame["joints"][v].copy()
+    drawn_maps = []
+    for which, view in enumerate(pair.views):
+        joints = frame["joints"][view].copy()
         if random is not None:
             joints[:, :2] += random.normal(0, noise, (len(joints), 2))
-        out.append(draw(joints[None], np.full((1, len(joints)), SIGMA), (width, height), (-(-height // 4), -(-width // 4)))[0])
-    return out
-
-
-def _tinted(color: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    return np.clip(np.round(color * gain), 0, 255).astype(np.uint8)
+        joints[:, :2] = pair.rectified_pixels(which, joints[:, :2])[0] - np.array(found[which][:2])
+        joints[:, 2] *= not none
+        drawn_maps.append(draw(joints[None], np.full((1, len(joints)), SIGMA), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0])
+    return torch.from_numpy(np.stack(drawn_maps).astype(np.float32))
 
 
 def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Camera:
