@@ -106,4 +106,8 @@ class PoseGaussianNetwork(nn.Module):
             disparity = torch.where(known, start + share * change, torch.nan)
         return Prediction(refined.disparities, refined.confidence, numbers, change, disparity, decoded.joint, None if pose is None else pose[-1])
 
-
+    def last_layers(self) -> list[nn.Parameter]:
+        """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of the start."""
+        update = self.refinement.update
+        ends: list[nn.Module] = [*self.heads.heads.values(), update.delta, update.mask, self.refinement.confidence]
+        return [p for end in ends for p in list(end.parameters())[-2:]]

@@ -22,6 +22,8 @@ from stages.training.loss import Terms, depth_terms, pose_terms, render_terms, t
 
 SETTLED = 1000
 """Steps after which the learning rate falls with the root of the steps."""
+QUICK = 8.0
+"""Times the learning rate that the layers have which begin at zero: they have far to go (in 60 steps on one batch the error falls twice as much)."""
 MISSED = 16.0
 """Px that a pixel without a depth counts in the error."""
 
@@ -42,7 +44,7 @@ class Trainer:
             load_weights(Path(config.start), self.network)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
         learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
-        self.optimiser = torch.optim.AdamW(learnt, lr=config.learning_rate, weight_decay=config.weight_decay, foreach=False)
+        self.optimiser = torch.optim.AdamW(_groups(learnt, self.network.last_layers()), lr=config.learning_rate, weight_decay=config.weight_decay, foreach=False)
         self.learnt = learnt
         self.step, self.skipped = 0, 0
 
@@ -58,7 +60,7 @@ class Trainer:
         rate = self._rate()
         if np.isfinite(norm) and bool(torch.isfinite(terms.total.detach())):
             for group in self.optimiser.param_groups:
-                group["lr"] = rate
+                group["lr"] = rate * group["factor"]
             self.optimiser.step()
             self._average()
         else:
@@ -129,3 +131,9 @@ class Trainer:
             self.fusion.load_state_dict(state["fusion"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step, self.skipped = int(state["step"]), int(state["skipped"])
+
+
+def _groups(learnt: list[nn.Parameter], last: list[nn.Parameter]) -> list[dict[str, Any]]:
+    """Groups of the optimiser: `last` learn `QUICK` times as fast as the others."""
+    quick = {id(p) for p in last}
+    return [{"params": [p for p in learnt if id(p) not in quick], "factor": 1.0}, {"params": last, "factor": QUICK}]
