@@ -44,6 +44,7 @@ def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> s
         tensors[key] = value.detach().cpu().contiguous().clone()
     part = path.with_name(path.name + ".part")
     save_file(tensors, part, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
+    part.chmod(0o644)  # the library makes it readable for its owner alone
     os.replace(part, path)
     digest = sha256(path)
     path.with_suffix(".md").write_text(card.markdown(digest), encoding="utf-8")
