@@ -100,7 +100,7 @@ def _fusion() -> Group:
         "Fusion of image and pose features",
         tuple(Row(kind, {"fusion": kind}) for kind in get_args(FusionKind)),
         "concatenation",
-        "Both are end-point errors in px, but of other people, pictures of another size and rectified pairs of another baseline: compare the order of the rows, not the values. "
+        "Both are end-point errors in px, but of other people and other pairs of cameras, and the paper says neither on which data nor over which pixels: compare the order of the rows, not the values. "
         "Parameters are those of the whole network here and of the paper's own model there; its 1px accuracy is not measured here.",
     )
 

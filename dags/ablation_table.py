@@ -123,7 +123,7 @@ def _table(group: Mapping[str, Any]) -> list[str]:
     for row in rows:
         ran = row["seeds"] > 0
         ours = [_pm(row["measures"].get(n), "-") if ran else NOT_RUN for n in names]
-        against = "reference" if row["label"] == group["reference"] else _pm(row["against_reference"], "-", signed=True) if ran else NOT_RUN
+        against = NOT_RUN if not ran else "reference" if row["label"] == group["reference"] else _pm(row["against_reference"], "-", signed=True)
         size = [f"{row['parameters'] / 1e6:.2f} M" if row["parameters"] is not None else NOT_RUN] if sizes else []
         body.append([row["label"], *ours, against, *size, _seeds_text(row, group), *(row["paper"].get(m, "-") for m in group["paper_measures"])])
     widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
