@@ -1,4 +1,4 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, train, models, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, train, ablate, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -13,6 +13,7 @@ import typer
 from rich.markup import escape
 
 from dags import tables
+from dags.cli_ablate import ablate
 from dags.cli_inspect import inspect
 from dags.cli_models import models
 from dags.cli_options import (
@@ -357,6 +358,7 @@ def export(
 
 app.command()(inspect)
 app.command()(train)
+app.command()(ablate)
 
 
 @app.command()

@@ -117,11 +117,10 @@ class Training:
         checkpoint, sentences = folder.resume()
         for sentence in sentences:
             say(sentence)
-        place = (order.frames or folder.root / "frames") / resolve(f"{parts.frames}:data_key")(self.config)[:16]
         frames_of_step = resolve(parts.frames_of_step)
-        self.producers = Producers(self.config, place, parts.frames, order.workers)
+        self.producers = producers(self.config, order.frames or folder.root / "frames", parts, order.workers)
         self.frames = Frames(self.config, self.producers, lambda step: frames_of_step(self.config, step), say)
-        self.device = _device(order.device)
+        self.device = chosen_device(order.device)
         self.trainer: Trainer = resolve(parts.trainer)(self.config, self.device)
         self.facts: dict[str, Any] = {"machines": {}, "circumstances": self._circumstances()}
         if checkpoint is not None:
@@ -255,7 +254,13 @@ class Training:
             self.say(f"stopped after {minutes:.1f} minutes at step {step} of {self.config.steps} ({weights}); the same command goes on from there")
 
 
-def _device(wanted: str) -> str:
+def producers(config: TrainingConfig, frames: Path, parts: Parts, count: int) -> Producers:
+    """What makes the frames of a configuration into their place below `frames`, with so many processes."""
+    return Producers(config, frames / resolve(f"{parts.frames}:data_key")(config)[:16], parts.frames, count)
+
+
+def chosen_device(wanted: str) -> str:
+    """Device that is meant, cpu or cuda. Raises ConfigError where torch finds no CUDA device."""
     import torch
 
     if wanted == "cuda" and not torch.cuda.is_available():

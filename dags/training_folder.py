@@ -77,7 +77,7 @@ class RunFolder:
         """
         checkpoint, said = read_latest(self.checkpoints)
         step = checkpoint.step if checkpoint else 0
-        self.rows = [row for row in _read_rows(self.log_file) if row["step"] <= step]
+        self.rows = [row for row in read_rows(self.log_file) if row["step"] <= step]
         write_atomically(self.log_file, "".join(_line(row) for row in self.rows).encode())
         self._log = self.log_file.open("a", encoding="utf-8")
         return checkpoint, said
@@ -110,7 +110,7 @@ def _line(row: Mapping[str, Any]) -> str:
     return json.dumps(row, allow_nan=False) + "\n"
 
 
-def _read_rows(file: Path) -> list[dict[str, Any]]:
+def read_rows(file: Path) -> list[dict[str, Any]]:
     """Rows of a log; what a kill left half written at its end is dropped."""
     rows = []
     if file.is_file():

@@ -1,0 +1,130 @@
+"""Ablation: many short trainings that differ in one thing each, cell by cell, and the tables that come of them.
+
+A cell is an ordinary training (`dags/training.py`) in a folder of its own, over frames that all cells share. What is finished is
+never trained again, what is not goes on; the tables are written whatever ends a call.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dags.ablation_cells import Cell, in_order, take
+from dags.ablation_groups import Group, chosen
+from dags.ablation_iterations import measure
+from dags.ablation_table import write
+from dags.threads import limit
+from dags.training import PARTS, Order, Parts, train
+from dags.training_frames import FrameError
+from dags.wording import number
+from stages.training.config import TrainingConfig
+from storage.errors import UserError
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class AblationOrder:
+    """One call of `posegaussian ablate`."""
+
+    config: TrainingConfig
+    """What all cells have in common, the number of steps included."""
+    folder: Path
+    seeds: tuple[int, ...] = (0, 1, 2)
+    only: tuple[str, ...] = ()
+    """Groups that are worked on; empty: all."""
+    frames: Path | None = None
+    """Folder for frames that other trainings share, too; None: `frames` within the folder."""
+    minutes: float | None = None
+    """After which it ends in order; None: when all is done."""
+    threads: int = 1
+    workers: int = 1
+    device: str = "auto"
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Those that are worked on. Raises ConfigError for a name that is no group."""
+        return chosen(self.config, self.only)
+
+    def cells(self) -> list[Cell]:
+        """In the order in which they are trained."""
+        return in_order(self.config, self.groups, self.seeds, self.folder)
+
+
+def plan_lines(order: AblationOrder) -> list[str]:
+    """What a call would do, a line a cell in their order; nothing is trained or written."""
+    cells = order.cells()
+    open_cells = [c for c in cells if c.result() is None]
+    lines = [f"{c}: {c.state()}" for c in cells]
+    lines += [f"{g.title}: not run, {g.not_run}" for g in order.groups if g.not_run is not None]
+    return [*lines, f"{number(len(open_cells), 'training')} of {number(order.config.steps, 'step')} to do, {len(cells) - len(open_cells)} done"]
+
+
+def ablate(order: AblationOrder, say: Say, parts: Parts | None = None) -> bool:
+    """Train and measure what is missing, until all is done, the minutes are over or Ctrl-C; then the tables are written.
+
+    Returns whether no cell failed; one that fails is said and left, and the next one begins.
+
+    Raises:
+        ConfigError: for groups that are not known and a folder that holds an ablation of another configuration.
+        FrameError: for a frame that cannot be made: every cell needs it.
+        KeyboardInterrupt: after Ctrl-C and the checkpoint of the cell in hand.
+    """
+    cells = order.cells()
+    take(order.folder, order.config)
+    work = _Work(order, say, parts or PARTS)
+    try:
+        work.do(cells)
+    finally:
+        tables = write(order.config, order.folder, order.seeds, work.failures)
+        for line in tables:
+            say(line)
+    return not work.failures
+
+
+class _Work:
+    """One call: its clock and what failed in it."""
+
+    def __init__(self, order: AblationOrder, say: Say, parts: Parts) -> None:
+        self.order, self.say, self.parts = order, say, parts
+        self.frames = order.frames or order.folder / "frames"
+        self.deadline = time.monotonic() + 60.0 * order.minutes if order.minutes is not None else float("inf")
+        self.failures: dict[str, str] = {}
+
+    def do(self, cells: Sequence[Cell]) -> None:
+        """All cells, each with what is measured on it."""
+        limit(self.order.threads)
+        sweeps = {c.folder for g in self.order.groups for c in in_order(self.order.config, [g], self.order.seeds, self.order.folder) if g.rows[0].iterations is not None}
+        for i, cell in enumerate(cells):
+            try:
+                done = self._cell(cell, f"cell {i + 1} of {len(cells)}, {cell}", cell.folder in sweeps)
+            except FrameError:
+                raise
+            except UserError as e:
+                self.failures[str(cell)] = str(e)
+                self.say(f"{cell}: {e}")
+                continue
+            if not done:
+                left = sum(c.result() is None for c in cells)
+                self.say(f"the minutes are over, {number(left, 'cell')} of {len(cells)} are left; the same command goes on from here")
+                return
+
+    def _cell(self, cell: Cell, name: str, sweep: bool) -> bool:
+        """False where time ran out before it was done."""
+        if cell.result() is None:
+            if not self._goes_on():
+                return False
+            self.say(name)
+            minutes = (self.deadline - time.monotonic()) / 60.0 if self.order.minutes is not None else None
+            order = self.order
+            train(Order(cell.config, cell.folder, self.frames, minutes, order.threads, order.workers, order.device), lambda line: self.say(f"  {line}"), self.parts)
+            if not cell.finish():
+                return False
+        if not sweep:
+            return True
+        return measure(cell, range(1, cell.config.iterations + 1), self.frames, self.parts, self.order.device, lambda line: self.say(f"  {cell}: {line}"), self._goes_on)
+
+    def _goes_on(self) -> bool:
+        return time.monotonic() < self.deadline

@@ -1,0 +1,184 @@
+"""What an ablation compares: groups of rows, each row a variant of one training; plain data.
+
+A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of the
+ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+
+from stages.network.presets import FusionKind
+from stages.training.config import TrainingConfig
+from storage.errors import ConfigError
+
+PAPER = Path(__file__).with_name("ablation_paper.yaml")
+"""The paper's numbers, by group and row."""
+FILMED = "it is measured on filmed sequences that run through the whole pipeline with `network.weights` of a trained cell, and `posegaussian ablate` trains and validates networks only"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table."""
+
+    label: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Of a `TrainingConfig`, those that the row is about."""
+    iterations: int | None = None
+    """Steps of refinement with which a finished training is measured again; None: its own validation counts."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """One table."""
+
+    name: str
+    """As `--only` knows it."""
+    title: str
+    rows: tuple[Row, ...]
+    reference: str
+    """Label of the row that the others are compared with, seed by seed."""
+    comparable: str
+    """What may be compared with the paper and between rows, and what not."""
+    joint: bool = False
+    """Whether its settings matter in the second phase of training alone."""
+    not_run: str | None = None
+    """Why this command cannot run it; None: it can."""
+
+    def row(self, label: str) -> Row:
+        """By its label."""
+        return next(r for r in self.rows if r.label == label)
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What the paper prints for a group."""
+
+    label: str
+    """Where it stands."""
+    note: str
+    """What a reader should know about it, "" for nothing."""
+    rows: Mapping[str, Mapping[str, str]]
+    """{label of a row: {measure: as printed}}."""
+
+    @property
+    def measures(self) -> list[str]:
+        """All that it prints, in its order."""
+        return list(dict.fromkeys(m for row in self.rows.values() for m in row))
+
+
+def groups(config: TrainingConfig) -> tuple[Group, ...]:
+    """All tables, in the order in which they are shown."""
+    return (_fusion(), _pose(), _pose_weight(), _render_weights(), _iterations(config.iterations), _heads(), _stabilizer(), _cameras())
+
+
+def chosen(config: TrainingConfig, names: Sequence[str]) -> tuple[Group, ...]:
+    """The groups of `--only`, all for none. Raises ConfigError for a name that is no group."""
+    every = groups(config)
+    for name in names:
+        if name not in {g.name for g in every}:
+            raise ConfigError(f"--only {name}: no such group; these are {', '.join(g.name for g in every)}")
+    return tuple(g for g in every if not names or g.name in names)
+
+
+@lru_cache(maxsize=1)
+def paper() -> dict[str, Paper]:
+    """{group: what the paper prints}."""
+    read = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
+    return {name: Paper(found["label"], found.get("note", ""), found.get("rows", {})) for name, found in read.items()}
+
+
+def _fusion() -> Group:
+    return Group(
+        "fusion",
+        "Fusion of image and pose features",
+        tuple(Row(kind, {"fusion": kind}) for kind in get_args(FusionKind)),
+        "concatenation",
+        "Both are end-point errors in px, but of other people and other pairs of cameras, and the paper says neither on which data nor over which pixels: compare the order of the rows, not the values. "
+        "Parameters are those of the whole network here and of the paper's own model there; its 1px accuracy is not measured here.",
+    )
+
+
+def _pose() -> Group:
+    places = {"neither": (), "depth": ("depth",), "decoder": ("decoder",), "both": ("depth", "decoder")}
+    return Group(
+        "pose",
+        "Where pose enters",
+        tuple(Row(label, {"pose_in": value}) for label, value in places.items()),
+        "both",
+        "The paper's LPIPS is of rendered pictures, ours an error of depth: not comparable in value; whether pose helps at all is. "
+        "Without pose in the decoder there is no pose fusion loss either, so two rows differ from the reference in the loss, too.",
+    )
+
+
+def _pose_weight() -> Group:
+    return Group(
+        "lambda",
+        "Weight of the pose fusion loss",
+        tuple(Row(f"beta 0.5, gamma 0.5, lambda {v:g}", {"beta": 0.5, "gamma": 0.5, "pose_fusion": v}) for v in (0.0, 0.1, 0.5, 1.0, 2.0)),
+        "beta 0.5, gamma 0.5, lambda 1",
+        "The paper's PSNR, SSIM and LPIPS are of rendered pictures of THuman2.0, ours is an error of depth on simulated people: not comparable in value. "
+        "In the paper lambda 0 is no pose fusion at all; here it takes the alignment out of the loss and leaves pose in the network (for that see the table on where pose enters).",
+    )
+
+
+def _render_weights() -> Group:
+    return Group(
+        "beta_gamma",
+        "Weights of the rendered picture's MAE and SSIM, without the pose fusion loss",
+        tuple(Row(f"beta {b:g}, gamma {g:g}, lambda 0", {"beta": b, "gamma": g, "pose_fusion": 0.0}) for b, g in ((0.5, 0.5), (0.3, 0.7), (0.8, 0.2))),
+        "beta 0.5, gamma 0.5, lambda 0",
+        "The paper calls gamma a weight of depth in its text and of SSIM in its equation; here it is SSIM's. It measures pictures of THuman2.0, we measure depth of simulated people: "
+        "not comparable in value, and what is traded between MAE and SSIM shows in depth only as far as the picture's gradient reaches it.",
+        joint=True,
+    )
+
+
+def _iterations(most: int) -> Group:
+    return Group(
+        "iterations",
+        "Iterations T of the refinement, of one training",
+        tuple(Row(f"T = {t}", iterations=t) for t in range(1, most + 1)),
+        f"T = {most}",
+        "The paper does not vary T. Rows are the same weights measured with another T, so what differs between them owes nothing to chance in training.",
+    )
+
+
+def _heads() -> Group:
+    kinds = {"rotation 3, opacity 2": ("normal", "facing"), "rotation 4 (quaternion), opacity 2": ("quaternion", "facing"), "rotation 3, opacity 1": ("normal", "single")}
+    return Group(
+        "heads",
+        "Heads of the decoder",
+        tuple(Row(label, {"rotation_head": rotation, "opacity_head": opacity}) for label, (rotation, opacity) in kinds.items()),
+        "rotation 3, opacity 2",
+        "The paper has the first row alone and no comparison. Heads shape the picture: an error of depth says only whether one of them harms depth, never which one draws better.",
+        joint=True,
+    )
+
+
+def _stabilizer() -> Group:
+    return Group(
+        "tps",
+        "Temporal Pose Stabilizer",
+        tuple(Row(label) for label in ("off", "pairwise", "recurrent", "adaptive")),
+        "off",
+        "The paper compares itself with other methods and never with its own stabilizer switched off; its change of SSIM from frame to frame depends on motion and frame rate of the sequences.",
+        not_run=FILMED,
+    )
+
+
+def _cameras() -> Group:
+    return Group(
+        "cameras",
+        "6 and 8 cameras",
+        tuple(Row(label) for label in ("6 cameras", "8 cameras")),
+        "8 cameras",
+        "The paper's numbers are of THuman2.0, under the heading Training; nothing of ours stands beside them.",
+        not_run=FILMED,
+    )

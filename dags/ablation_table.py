@@ -1,0 +1,162 @@
+"""The tables of an ablation: means over seeds beside the paper's numbers, as JSON and as a page."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dags.ablation_cells import cell, seeds_found
+from dags.ablation_groups import Group, Row, groups, paper
+from dags.wording import number
+from stages.training.config import TrainingConfig
+from storage.archive import write_atomically
+
+ENOUGH = 3
+"""Seeds from which on a row may be claimed."""
+NOT_RUN = "not run"
+ERROR = "epe"
+"""The measure in which rows are compared with the reference, seed by seed."""
+UNITS = {"epe": "px", "psnr": "dB"}
+"""Of measures, by their first word."""
+
+
+def write(config: TrainingConfig, folder: Path, seeds: Sequence[int], failures: Mapping[str, str]) -> list[str]:
+    """Write `ablation.json` and `ablation.md` from all that the folder holds; returns the page's lines."""
+    every = sorted({*seeds, *seeds_found(folder)})
+    found = report(config, folder, every, failures)
+    write_atomically(folder / "ablation.json", (json.dumps(found, indent=1, allow_nan=False) + "\n").encode())
+    lines = page(found)
+    write_atomically(folder / "ablation.md", ("\n".join(lines) + "\n").encode())
+    return lines
+
+
+def report(config: TrainingConfig, folder: Path, seeds: Sequence[int], failures: Mapping[str, str]) -> dict[str, Any]:
+    """Everything the tables say, plain."""
+    return {
+        "config": config.model_dump(mode="json", exclude={"seed"}),
+        "phases": {"depth": config.depth_steps, "joint": config.joint_steps},
+        "seeds": list(seeds),
+        "groups": [_group(config, g, seeds, folder, failures) for g in groups(config)],
+    }
+
+
+def _group(config: TrainingConfig, group: Group, seeds: Sequence[int], folder: Path, failures: Mapping[str, str]) -> dict[str, Any]:
+    printed = paper()[group.name]
+    by_row = {row.label: _seeds(config, row, seeds, folder) for row in group.rows} if group.not_run is None else {row.label: {} for row in group.rows}
+    rows = [_row(config, group, row, seeds, folder, by_row, failures) for row in group.rows]
+    about = {"name": group.name, "title": group.title, "reference": group.reference, "paper": printed.label, "paper_note": printed.note, "paper_measures": printed.measures}
+    notes = [group.comparable]
+    if group.joint and config.joint_steps == 0:
+        notes.append("There was no second phase, in which alone these settings matter: the rows differ by nothing but what the network's first weights are.")
+    if group.not_run is not None:
+        notes.append(f"Not run: {group.not_run}.")
+    return {**about, "notes": notes, "not_run": group.not_run, "rows": rows}
+
+
+def _seeds(config: TrainingConfig, row: Row, seeds: Sequence[int], folder: Path) -> dict[int, dict[str, float]]:
+    """{seed: finite numbers} of what is finished."""
+    found = {seed: cell(config, row, seed, folder).numbers(row) for seed in seeds}
+    return {seed: {k: float(v) for k, v in numbers.items() if v is not None} for seed, numbers in found.items() if numbers is not None}
+
+
+def _row(config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], folder: Path, by_row: Mapping[str, dict[int, dict[str, float]]], failures: Mapping[str, str]) -> dict[str, Any]:
+    ours, reference = by_row[row.label], by_row[group.reference]
+    names = list(dict.fromkeys(name for numbers in ours.values() for name in numbers))
+    measures = {name: spread([n[name] for n in ours.values() if name in n]) for name in names}
+    pairs = [n[ERROR] - reference[seed][ERROR] for seed, n in ours.items() if seed in reference and ERROR in n and ERROR in reference[seed]]
+    cells = [] if group.not_run is not None else [_cell(config, row, seed, folder, seed in ours, failures) for seed in seeds]
+    counts = {c["parameters"] for c in cells if c["parameters"] is not None}
+    return {
+        "label": row.label,
+        "settings": {k: list(v) if isinstance(v, tuple) else v for k, v in row.settings.items()},
+        "iterations": row.iterations,
+        "seeds": len(ours),
+        "claim": len(ours) >= ENOUGH,
+        "measures": measures,
+        "against_reference": spread(pairs) if pairs and row.label != group.reference else None,
+        "parameters": counts.pop() if counts else None,
+        "cells": cells,
+        "paper": dict(paper()[group.name].rows.get(row.label, {})),
+    }
+
+
+def _cell(config: TrainingConfig, row: Row, seed: int, folder: Path, known: bool, failures: Mapping[str, str]) -> dict[str, Any]:
+    found = cell(config, row, seed, folder)
+    result = found.result()
+    state = "done" if known else "trained, not measured" if result is not None else found.state()
+    facts = {k: result[k] if result is not None else None for k in ("parameters", "minutes", "machine")}
+    return {"seed": seed, "variant": found.variant, "state": state, "failure": failures.get(str(found)), "numbers": found.numbers(row), **facts}
+
+
+def spread(values: Sequence[float]) -> dict[str, Any]:
+    """Mean, its standard error (None for a single value) and the count, of at least one value."""
+    error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else None
+    return {"mean": statistics.fmean(values), "error": error, "count": len(values)}
+
+
+def page(found: Mapping[str, Any]) -> list[str]:
+    """The report as Markdown lines."""
+    config = TrainingConfig.model_validate(found["config"])
+    phases = f"{config.depth_steps} of depth and {config.joint_steps} of everything through the renderer"
+    about = (
+        f"Preset {config.preset}, {number(config.steps, 'step')} a cell ({phases}), seeds {', '.join(map(str, found['seeds']))}. "
+        f"Measured on {number(config.validation.count, 'simulated scene')} at {config.size} px that show people and motions no training shows. "
+        "Ours: mean and standard error over the seeds; `against` is the difference of EPE to the reference of the table, seed by seed. "
+        f"Fewer than {ENOUGH} seeds are no claim, and neither is a difference within twice its standard error."
+    )
+    lines = ["# Ablation", "", about]
+    for group in found["groups"]:
+        lines += ["", f"## {group['title']}", "", *_table(group), "", *_notes(group)]
+    return lines
+
+
+def _table(group: Mapping[str, Any]) -> list[str]:
+    rows = group["rows"]
+    names = list(dict.fromkeys(name for row in rows for name in row["measures"])) or [ERROR]
+    sizes = len({row["parameters"] for row in rows if row["parameters"] is not None}) > 1
+    head = ["", *(_headed(n) for n in names), f"against {group['reference']}", *(["parameters"] if sizes else []), "seeds", *(f"paper: {m}" for m in group["paper_measures"])]
+    body = []
+    for row in rows:
+        ran = row["seeds"] > 0
+        ours = [_pm(row["measures"].get(n), "-") if ran else NOT_RUN for n in names]
+        against = NOT_RUN if not ran else "reference" if row["label"] == group["reference"] else _pm(row["against_reference"], "-", signed=True)
+        size = [f"{row['parameters'] / 1e6:.2f} M" if row["parameters"] is not None else NOT_RUN] if sizes else []
+        body.append([row["label"], *ours, against, *size, _seeds_text(row, group), *(row["paper"].get(m, "-") for m in group["paper_measures"])])
+    widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
+    drawn = ["| " + " | ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)) + " |" for line in [head, *body]]
+    return [drawn[0], "| " + " | ".join("-" * w for w in widths) + " |", *drawn[1:]]
+
+
+def _notes(group: Mapping[str, Any]) -> list[str]:
+    notes = [*group["notes"], f"The paper: {group['paper']}."]
+    if group["paper_note"]:
+        notes.append(group["paper_note"])
+    if not group["paper_measures"]:
+        notes.append("It prints no numbers for these rows.")
+    failed = {f"{c['variant']}, seed {c['seed']}": c["failure"] for row in group["rows"] for c in row["cells"] if c["failure"]}
+    return [" ".join(notes), *(f"\nFailed: {name}: {why}" for name, why in failed.items())]
+
+
+def _seeds_text(row: Mapping[str, Any], group: Mapping[str, Any]) -> str:
+    """`3`, `2, no claim`, or what there is of a row that has none."""
+    if row["seeds"]:
+        return str(row["seeds"]) if row["claim"] else f"{row['seeds']}, no claim"
+    begun = [c["state"] for c in row["cells"] if c["state"] != NOT_RUN]
+    return f"0 ({begun[0]})" if begun else "0"
+
+
+def _headed(name: str) -> str:
+    unit = UNITS.get(name.split(" ")[0].lower())
+    return f"{name}, {unit}" if unit else name
+
+
+def _pm(value: Mapping[str, Any] | None, none: str, signed: bool = False) -> str:
+    """`0.812 ± 0.011`, or the mean alone."""
+    if value is None:
+        return none
+    mean = f"{value['mean']:{'+' if signed else ''}.4g}"
+    return mean if value["error"] is None else f"{mean} ± {value['error']:.2g}"
