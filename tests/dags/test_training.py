@@ -18,7 +18,7 @@ from safetensors import safe_open
 from dags.training import Order, Parts, train
 from dags.training_folder import RunFolder
 from dags.training_frames import FrameError, read_frame
-from stages.network.weights import read_card
+from stages.network.card import read_card
 from stages.training.config import TrainingConfig
 from storage.checkpoints import read_latest, steps_kept
 from storage.errors import ConfigError, UserError
