@@ -137,8 +137,8 @@ def learned_quaternion(x: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
 
 
 def blend_directions(prior: torch.Tensor, learned: torch.Tensor, confidence: torch.Tensor) -> torch.Tensor:
-    """[B, 3, h, w] the weighted sum of two unit normals, renormalised; the prior where they cancel, 0 where both are 0."""
-    return unit((1 - confidence) * prior + confidence * learned, prior)
+    """[B, 3, h, w] the weighted sum of two unit normals, renormalised; the prior itself at a confidence of 0 and where they cancel, 0 where both are 0."""
+    return torch.where(confidence > 0, unit((1 - confidence) * prior + confidence * learned, prior), prior)
 
 
 def blend_quaternions(prior: torch.Tensor, learned: torch.Tensor, confidence: torch.Tensor) -> torch.Tensor:

@@ -19,6 +19,7 @@ from stages.network.heads import (
     learned_quaternion,
     learned_scale,
     limited,
+    moved,
     quaternion_of,
     seen_opacity,
 )
@@ -157,8 +158,22 @@ def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int,
     assert found.rotation.shape[1] == (3 if rotation == "normal" else 4)
     torch.testing.assert_close(found.confidence[p.surface], torch.full_like(found.confidence[p.surface], torch.sigmoid(torch.tensor(1.0))))
     assert not any(bool(m[..., 0].any()) for m in found)  # no surface, no Gaussian
-    sum(m.sum() for m in found).backward()
+    said = heads.numbers(features)
+    change = moved(said, torch.ones(1, 1, 4, 6), heads.reach)
+    torch.testing.assert_close(change, torch.full_like(change, 0.5))  # half of the refinement's move, and nothing of its own
+    (sum(m.sum() for m in found) + change.sum()).backward()
     assert all(torch.isfinite(v.grad).all() for v in heads.parameters())
+    assert {name for name, head in heads.heads.items() if bool(head[-1].bias.grad.any())} == set(said)
+
+
+def test_a_move_is_taken_in_part_and_a_change_of_its_own_is_bounded() -> None:
+    move = torch.tensor([-3.0, 0.0, 40.0]).reshape(1, 1, 1, 3)
+    zero = torch.zeros_like(move)
+    for x, share in ((0.0, 0.5), (1e6, 0.9975), (-1e6, 0.0025)):
+        found = moved({"move": zero + x, "disparity": zero}, move, 2.0)
+        torch.testing.assert_close(found, share * move, rtol=1e-2, atol=0)
+    own = moved({"move": zero, "disparity": zero + 1e6}, zero, 2.0)
+    torch.testing.assert_close(own, torch.full_like(own, 2.0), rtol=1e-4, atol=0)
 
 
 def test_a_confidence_of_0_is_the_prior_to_the_bit() -> None:
@@ -167,14 +182,14 @@ def test_a_confidence_of_0_is_the_prior_to_the_bit() -> None:
     found = blend(p, wild)
     for name in ("disparity", "scale", "opacity"):
         assert torch.equal(getattr(found, name), getattr(p, name))
-    torch.testing.assert_close(found.rotation, p.normal)  # renormalised
+    assert torch.equal(found.rotation, p.normal)
 
 
 def test_heads_are_float32_within_autocast() -> None:
     p, rays = prior()
     heads = Heads(8)
-    for _, last in heads._last():
-        torch.nn.init.normal_(last.weight, generator=torch.Generator().manual_seed(6))
+    for head in heads.heads.values():
+        torch.nn.init.normal_(head[-1].weight, generator=torch.Generator().manual_seed(6))
     features = torch.randn(1, 8, 4, 6, generator=torch.Generator().manual_seed(7)).bfloat16()
     with torch.autocast("cpu", torch.bfloat16):
         inside = heads(features, p, rays)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from stages.metrics.ssim import ssim_map as measured
-from stages.network.losses import PoseFusion, effective_rank, heatmap_probe, masked_mean, render_loss, sequence_loss, ssim_map, standardised
+from stages.network.losses import FAINT, PoseFusion, effective_rank, heatmap_probe, masked_mean, render_loss, sequence_loss, ssim_map, standardised
 
 torch.set_num_threads(1)
 
@@ -98,7 +98,20 @@ def test_the_pose_side_gets_no_gradient_from_the_alignment() -> None:
     assert pose.grad is None
     assert bool(joint.grad.any())
     terms.heatmaps.backward()
+    assert not pose.grad.any()  # the reader begins at 0, and learns first
+    assert bool(fusion.reader.weight.grad.any())
+    torch.nn.init.ones_(fusion.reader.weight)
+    fusion(joint, pose, drawn(2, 3, 16, 16, dtype=torch.float32)).heatmaps.backward()
     assert bool(pose.grad.any())
+
+
+def test_unread_heatmaps_cost_1_and_faint_ones_less() -> None:
+    """The error is a share of the heatmaps' own squares, or of `FAINT`: crops that show hardly a joint are no louder than others."""
+    fusion, f, maps = PoseFusion(6, 6, 3), drawn(1, 6, 4, 4, dtype=torch.float32), drawn(1, 3, 4, 4, seed=1, dtype=torch.float32)
+    power = float((maps**2).mean())
+    for scale in (1.0, 0.1, 1e-2, 0.0):
+        expected = scale**2 * power / max(scale**2 * power, FAINT)
+        assert float(fusion(f, f, scale * maps).heatmaps.detach()) == pytest.approx(expected, rel=1e-5)
 
 
 def test_constant_features_have_a_bounded_gradient() -> None:

@@ -1,0 +1,52 @@
+"""Nobody and nothing that is kept for measuring is ever trained on; a scene follows from its seed."""
+
+import pytest
+
+from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT, cast, refusal
+from stages.capture.motion_names import VALIDATION_MOTION
+from stages.capture.scene import Person
+from stages.training.scenes import training_scene
+
+TRAINED = range(200)
+VALIDATED = range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + 21)
+
+
+@pytest.fixture(scope="module")
+def shown() -> dict[int, tuple[str, str, str]]:
+    """Subject, outfit and motion of every scene, as they are filmed."""
+    found = {}
+    for seed in (*TRAINED, *VALIDATED):
+        scene = training_scene(seed, 2, (3, 6), 64)
+        assert isinstance(scene.subject, Person)
+        assert not any(refusal(seed, n) for n in (scene.subject.person, scene.subject.outfit, scene.motion.name))
+        found[seed] = (*cast(scene.seed, scene.subject.person, scene.subject.outfit), scene.motion.name)
+    return found
+
+
+def test_nothing_kept_for_measuring_appears(shown: dict[int, tuple[str, str, str]]) -> None:
+    for seed, (subject, outfit, _) in shown.items():
+        assert subject not in KEPT_SUBJECTS, seed
+        assert outfit not in KEPT_OUTFITS, seed
+
+
+def test_validation_shows_a_subject_and_a_motion_that_training_never_does(shown: dict[int, tuple[str, str, str]]) -> None:
+    assert not any(shown[s][0] == VALIDATION_SUBJECT or shown[s][2] == VALIDATION_MOTION for s in TRAINED)
+    assert all(shown[s][0] == VALIDATION_SUBJECT for s in VALIDATED)
+    assert all(shown[s][2] == VALIDATION_MOTION for s in VALIDATED if s % 2)
+    assert len({shown[s][0] for s in TRAINED}) >= 4
+    assert len({shown[s][2] for s in TRAINED}) >= 4
+
+
+@pytest.mark.parametrize("seed", [FIRST_KEPT_SEED, FIRST_KEPT_SEED + 7, 10**6, -1])
+def test_seeds_kept_for_measuring_are_refused(seed: int) -> None:
+    with pytest.raises(ValueError, match="kept for measuring"):
+        training_scene(seed, 2, (6,), 64)
+
+
+def test_a_scene_follows_from_its_seed_and_validation_is_exact() -> None:
+    assert training_scene(5, 2, (6, 8), 64) == training_scene(5, 2, (6, 8), 64)
+    assert training_scene(5, 2, (6, 8), 64) != training_scene(6, 2, (6, 8), 64)
+    effects = {s: {name for name, on in training_scene(s, 1, (6,), 64).effects if on is not None} for s in (*TRAINED, *VALIDATED)}
+    assert all(effects[s] == {"ambient_occlusion"} for s in VALIDATED)
+    spoilt = sum(len(effects[s]) > 1 for s in TRAINED)
+    assert 0.2 < spoilt / len(TRAINED) < 0.6
