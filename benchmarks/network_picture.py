@@ -27,7 +27,7 @@ def draw(rows: Sequence[dict[str, Any]], file: Path) -> None:
         apart = [difference(r["shown"][0], filmed) for r in (floor, network)]
         tiles = [tile(filmed[:, span], f"{seed} {floor['motion']}")]
         tiles += [tile(r["shown"][0][:, span], f"{r['depth']} {r['box psnr']:.2f} dB") for r in (floor, network)]
-        tiles += [tile(_glowing(a)[:, span], f"error of {name}") for name, a in zip(("floor", "network"), apart, strict=True)]
+        tiles += [tile(glowing(a)[:, span], f"error of {name}") for name, a in zip(("floor", "network"), apart, strict=True)]
         tiles.append(tile(nearer(*apart)[:, span], "better / worse"))
         lines.append(np.hstack(tiles))
     save(lines, file)
@@ -46,6 +46,7 @@ def nearer(floor: np.ndarray, network: np.ndarray) -> np.ndarray:
     return np.asarray((255 * shown).round(), np.uint8)
 
 
-def _glowing(apart: np.ndarray) -> np.ndarray:
+def glowing(apart: np.ndarray) -> np.ndarray:
+    """A difference [h, w] as colours [h, w, 3], black to yellow."""
     steps = (255 * np.clip(apart / WHITE, 0, 1)).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(steps, cv2.COLORMAP_INFERNO)[..., ::-1])

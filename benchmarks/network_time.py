@@ -5,7 +5,7 @@
 `shipped`: as the stage runs it, bf16 layers over channels_last weights. `plain`: the same network in float32 with
 contiguous weights, every step of the refinement up-sampled, all eager. Both in turns in the same run; medians. `outside` is
 what the stage does for the pair beside the network: rectification before it, pulling back behind it.
-Weights are those that ship, else random ones, which take as long. EPE: of the analytic person, whose start is its true
+Weights are those that ship, else random ones, which take as long. EPE: of a simulated person, whose start is the true
 depth with a smooth error of 1 %; both ways must say the same.
 """
 
@@ -27,7 +27,9 @@ import torch
 from benchmarks.report import publish
 from dags.network_weights import SHIPPED
 from dags.threads import limit
-from stages.capture.person import PersonCapture, capture_person
+from stages.capture.benchmark import benchmark_scene
+from stages.capture.staging import stage
+from stages.capture.take import Shot
 from stages.geometry.rectification import RectifiedPair, Window, rectify
 from stages.geometry.subject import look_at_point
 from stages.network.card import read_card
@@ -65,23 +67,26 @@ class Clock:
         return 1000 * float(np.median(self.seconds[name]))
 
 
-def view(person: PersonCapture, v: int, random: np.random.Generator) -> SourceView:
+def view(shot: Shot, random: np.random.Generator) -> SourceView:
     """A source view whose depth is the true one with a smooth error."""
-    truth, side = person.depth[0, v], person.mask.shape[-1]
+    truth, (height, width) = shot.depth, shot.mask.shape
     error = cv2.GaussianBlur(random.normal(size=truth.shape), (0, 0), 12)
-    joints = person.joints2d[:1, v]
-    heatmaps = draw(joints, np.full(joints.shape[:2], 6.0), (side, side), (side // 4, side // 4))[0]
-    return SourceView(person.color[0, v], person.mask[0, v], (truth * (1 + 0.01 * error / error.std())).astype(np.float32), (truth > 0).astype(np.float32), heatmaps)
+    assert shot.joints2d is not None
+    heatmaps = draw(shot.joints2d[None], np.full((1, len(shot.joints2d)), 6.0), (width, height), (height // 4, width // 4))[0]
+    depth = truth * (1 + 0.01 * error / error.std())
+    return SourceView(shot.color, shot.mask, depth.astype(np.float32), (truth > 0).astype(np.float32), heatmaps)
 
 
 def shown(size: int) -> tuple[RectifiedPair, tuple[SourceView, SourceView], tuple[Window, Window], torch.Tensor]:
-    """A pair of the analytic person, its views, windows of the whole size in the middle of both, and the true disparity [2, 1, H, W]."""
-    person = capture_person(views=8, size=size, frames=1, held_out=0)
-    pair = rectify(person.rig, 0, 1, look_at_point(person.rig))
+    """A pair of a simulated person, its views, windows of the whole size in the middle of both, and the true disparity [2, 1, H, W]."""
+    staged = stage(benchmark_scene(1, 8, size, 1))
+    rig = staged.written.subset(range(8))
+    pair = rectify(rig, 0, 1, look_at_point(rig))
+    shots = [staged.take.shoot(0, v) for v in pair.views]
     random = np.random.default_rng(0)
-    views = (view(person, 0, random), view(person, 1, random))
+    views = (view(shots[0], random), view(shots[1], random))
     window = ((pair.size[0] - size) // 2, (pair.size[1] - size) // 2, size, size)
-    truth = [start_on(pair, w, window, window, person.depth[0, w]) for w in (0, 1)]
+    truth = [start_on(pair, w, window, window, shots[w].depth) for w in (0, 1)]
     return pair, views, (window, window), torch.from_numpy(np.stack(truth)[:, None])
 
 
@@ -138,7 +143,7 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
     ratio = took["plain ms"] / took["shipped ms"]
     modules = {name: clock.milliseconds(name) for name in MODULES if name in clock.seconds}
     epe = {"EPE": end_point_error(prediction, views, truth), "EPE plain": end_point_error(slow(), views, truth)}
-    row = {"preset": preset, "weights": "trained" if trained else "random", **took, "ratio": ratio, **modules, "rest": took["shipped ms"] - sum(modules.values()), **epe}
+    row: dict[str, Any] = {"preset": preset, "weights": "trained" if trained else "random", **took, "ratio": ratio, **modules, "rest": took["shipped ms"] - sum(modules.values()), **epe}
     bound = MILLISECONDS[preset]
     apart = abs(epe["EPE"] - epe["EPE plain"])
     return row, [

@@ -45,9 +45,9 @@ def save(lines: Sequence[np.ndarray], file: Path) -> None:
     cv2.imwrite(str(file), sheet[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
-def tile(picture: np.ndarray, text: str) -> np.ndarray:
-    """A picture [h, w, 3] at `HEIGHT` px under a line of text."""
-    scaled = cv2.resize(picture, (max(round(picture.shape[1] * HEIGHT / picture.shape[0]), 110), HEIGHT), interpolation=cv2.INTER_AREA)
+def tile(picture: np.ndarray, text: str, height: int = HEIGHT) -> np.ndarray:
+    """A picture [h, w, 3] `height` px high under a line of text."""
+    scaled = cv2.resize(picture, (max(round(picture.shape[1] * height / picture.shape[0]), 110), height), interpolation=cv2.INTER_AREA)
     label = np.zeros((LABEL, scaled.shape[1], 3), np.uint8)
     cv2.putText(label, text, (3, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (255, 255, 255), 1, cv2.LINE_AA)
     return np.vstack([label, scaled])

@@ -176,7 +176,7 @@ class Heads(nn.Module):
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
         outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
-        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(), nn.Conv2d(hidden, n * upscale**2, 1)) for name, n in outputs.items()})
+        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, n * upscale**2, 1)) for name, n in outputs.items()})
         for name, head in self.heads.items():
             weight, bias = list(head.parameters())[-2:]
             nn.init.zeros_(weight)
@@ -186,7 +186,13 @@ class Heads(nn.Module):
         """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale]; `learned` gives it its meaning."""
         with torch.autocast(features.device.type, enabled=False):
             full = features.float() if features.dtype in (torch.float16, torch.bfloat16) else features
-            return {name: nn.functional.pixel_shuffle(head(full), self.upscale) for name, head in self.heads.items()}
+            hidden = self._hidden(full).chunk(len(self.heads), dim=1)
+            return {name: nn.functional.pixel_shuffle(head[2](h), self.upscale) for (name, head), h in zip(self.heads.items(), hidden, strict=True)}
+
+    def _hidden(self, features: torch.Tensor) -> torch.Tensor:
+        """[B, heads x hidden, h, w] of all heads: one convolution is quicker than six of the same features."""
+        weight, bias = (torch.cat([p[i] for p in (list(head[0].parameters()) for head in self.heads.values())]) for i in (0, 1))
+        return torch.relu_(nn.functional.conv2d(features, weight, bias, padding=1))
 
     def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
         """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from the camera.
