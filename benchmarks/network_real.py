@@ -42,8 +42,8 @@ from storage.archive import Archive
 from storage.rig import Rig
 
 NAME = "balance"
-STEPS = (1, 2)
-"""Of four along the arc: a quarter and half of it."""
+STEPS = {"quarter": 1, "half": 2}
+"""Of four along the arc."""
 UNSURE = 0.1
 """Confidence below which the analytic depth should stand."""
 HEIGHT = 480
@@ -72,8 +72,8 @@ def between(rig: Rig) -> dict[str, Any]:
     """Cameras on the arc from cam01 to cam02, as a path file holds them."""
     arc = make_path("arc cam01 cam02", rig, Views(rig.names, tuple(range(len(rig))), ()), np.arange(5))
     cameras = [
-        {"name": f"{s / 4:.0%}", "width": int(arc.size[0][0]), "height": int(arc.size[0][1]), "K": arc.intrinsics[s, 0].tolist(), "R": arc.world_to_camera[s, 0, :3, :3].tolist(), "t": arc.world_to_camera[s, 0, :3, 3].tolist()}
-        for s in STEPS
+        {"name": name, "width": int(arc.size[0][0]), "height": int(arc.size[0][1]), "K": arc.intrinsics[s, 0].tolist(), "R": arc.world_to_camera[s, 0, :3, :3].tolist(), "t": arc.world_to_camera[s, 0, :3, 3].tolist()}
+        for name, s in STEPS.items()
     ]
     return {"pixel_center": "half", "cameras": cameras}
 
@@ -108,7 +108,7 @@ def draw(floor: dict[str, np.ndarray], network: dict[str, np.ndarray], file: Pat
     tiles = []
     for name, picture in floor.items():
         span = around(picture)
-        tiles += [tile(picture[:, span], f"{name} of the arc, analytic", HEIGHT), tile(network[name][:, span], "with the network", HEIGHT)]
+        tiles += [tile(picture[:, span], f"{name} of the way, analytic", HEIGHT), tile(network[name][:, span], "with the network", HEIGHT)]
         tiles.append(tile(glowing(difference(network[name], picture))[:, span], "difference", HEIGHT))
     cv2.imwrite(str(file), np.hstack(tiles)[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
