@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-network | bench-network-time | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-gpu crash extreme stability clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-network bench-network-time bench-gpu crash extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -44,6 +44,14 @@ bench-refinement: $(STAMP)
 # Joints in space, with every kind of smoothing: ten minutes on two cores; BlazePose's where its models are here.
 bench-pose: $(STAMP)
 	$(BIN)/python -m benchmarks.pose
+
+# The trained network over the analytic floor, on simulated people.
+bench-network: $(STAMP)
+	$(BIN)/python -m benchmarks.network
+
+# What the network costs for two views, by module, and plain float32 beside it.
+bench-network-time: $(STAMP)
+	$(BIN)/python -m benchmarks.network_time
 
 # Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
 extreme: $(STAMP)

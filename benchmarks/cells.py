@@ -32,7 +32,8 @@ from storage.archive import Archive
 NAME = "person"
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""
-TIMED = ("depth", "gaussians", "rendering")
+ALL = Selection()
+TIMED = ("depth", "network", "gaussians", "rendering")
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def measure_cell(cell: Cell, methods: tuple[str, ...], folder: Path, settings: t
     for method in methods:
         results, seconds = run_cell(folder, (held_out, f"depth.method={method}", *settings))
         per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
-        rows.append({"seed": cell.seed, "motion": motion, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **pictures(results, cell), **_depths(results, cell), **_agreement(results, cell), **per_frame})
+        rows.append({"seed": cell.seed, "motion": motion, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **pictures(results, cell), **depths(results, cell), **_agreement(results, cell), **per_frame})
     shutil.rmtree(folder)
     return rows
 
@@ -67,8 +68,8 @@ def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
     return scene.motion.name, f"views.held_out={json.dumps(list(staged.written.names[staged.sources :]))}"
 
 
-def run_cell(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter[str]]:
-    """What does not depend on the method stays fresh. Seconds are CPU seconds by stage."""
+def run_cell(folder: Path, overrides: tuple[str, ...], selection: Selection = ALL) -> tuple[Results, Counter[str]]:
+    """What does not depend on the settings stays fresh. Seconds are CPU seconds by stage."""
     url, seconds = str(folder / "archive"), Counter[str]()
     session = Session(load_configuration(None, list(overrides), folder=folder), url, Console(quiet=True))
     settings = session.configuration.for_sequence(NAME)
@@ -80,8 +81,8 @@ def run_cell(folder: Path, overrides: tuple[str, ...]) -> tuple[Results, Counter
         elif isinstance(event, TaskFailed):
             raise RuntimeError(f"{event.error}\n{event.details}")
 
-    plan = session.plan(NAME, Selection())
-    Run([plan], Selection(), SerialBackend(), [note]).go()
+    plan = session.plan(NAME, selection)
+    Run([plan], selection, SerialBackend(), [note]).go()
     return Results(plan.context), seconds
 
 
@@ -106,7 +107,7 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
     return {**{k: float(np.mean(v)) for k, v in found.items()}, **dict(zip(PLACES, (error / error.sum()).tolist(), strict=True)), "shown": shown[0]}
 
 
-def _depths(results: Results, cell: Cell) -> dict[str, float]:
+def depths(results: Results, cell: Cell) -> dict[str, float]:
     """Over the true surface of all source views and frames; pixels without depth count 16 px and nothing in mm."""
     context = results.context
     errors, millimetres, covered = [], [], []

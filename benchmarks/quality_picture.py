@@ -22,11 +22,21 @@ def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
     for seed in dict.fromkeys(r["seed"] for r in chosen):
         scene = [r for r in chosen if r["seed"] == seed]
         filmed = scene[0]["shown"][1]
-        columns = np.nonzero(filmed.any(axis=(0, 2)))[0]
-        span = slice(max(int(columns[0]) - 12, 0), int(columns[-1]) + 13)
-        tiles = [_tile(filmed[:, span], f"{seed} {scene[0]['motion']}")]
-        tiles += [_tile(r["shown"][0][:, span], f"{r['depth']} {r['box psnr']:.1f} dB") for r in scene]
+        span = around(filmed)
+        tiles = [tile(filmed[:, span], f"{seed} {scene[0]['motion']}")]
+        tiles += [tile(r["shown"][0][:, span], f"{r['depth']} {r['box psnr']:.1f} dB") for r in scene]
         lines.append(np.hstack(tiles))
+    save(lines, file)
+
+
+def around(filmed: np.ndarray) -> slice:
+    """Columns of the person in a picture [h, w, 3] on black, and a few beside."""
+    columns = np.nonzero(filmed.any(axis=(0, 2)))[0]
+    return slice(max(int(columns[0]) - 12, 0), int(columns[-1]) + 13)
+
+
+def save(lines: Sequence[np.ndarray], file: Path) -> None:
+    """Write a PNG of lines of equal height, in two columns."""
     half = -(-len(lines) // 2)
     width = max((line.shape[1] for line in lines), default=1)
     padded = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0))) for line in lines]
@@ -35,8 +45,9 @@ def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
     cv2.imwrite(str(file), sheet[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
-def _tile(picture: np.ndarray, text: str) -> np.ndarray:
-    scaled = cv2.resize(picture, (max(round(picture.shape[1] * HEIGHT / picture.shape[0]), 110), HEIGHT), interpolation=cv2.INTER_AREA)
+def tile(picture: np.ndarray, text: str, height: int = HEIGHT) -> np.ndarray:
+    """A picture [h, w, 3] `height` px high under a line of text."""
+    scaled = cv2.resize(picture, (max(round(picture.shape[1] * height / picture.shape[0]), 110), height), interpolation=cv2.INTER_AREA)
     label = np.zeros((LABEL, scaled.shape[1], 3), np.uint8)
     cv2.putText(label, text, (3, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (255, 255, 255), 1, cv2.LINE_AA)
     return np.vstack([label, scaled])

@@ -50,14 +50,14 @@ class UpBlock(nn.Module):
     def __init__(self, coarse: int, skip: int, out: int, normalisation: Normalisation) -> None:
         """Channels of the coarse features, of the skip and of the result."""
         super().__init__()
-        self.enter = nn.Sequential(nn.Conv2d(coarse + skip, out, 3, padding=1), _normalised(normalisation, out), nn.ReLU())
+        self.enter = nn.Sequential(nn.Conv2d(coarse + skip, out, 3, padding=1), _normalised(normalisation, out), nn.ReLU(inplace=True))
         self.refine = nn.Sequential(nn.Conv2d(out, out, 3, padding=1), _normalised(normalisation, out))
 
     def forward(self, coarse: torch.Tensor, skip: torch.Tensor) -> torch.Tensor:
         """[B, out, h, w] with the skip's h and w, which need not be twice the coarse ones."""
         x = functional.interpolate(coarse, size=skip.shape[-2:], mode="bilinear", align_corners=False)
         x = self.enter(torch.cat([x, skip], dim=1))
-        return functional.relu(x + self.refine(x))
+        return torch.relu_(x + self.refine(x))
 
 
 class Decoder(nn.Module):

@@ -71,7 +71,7 @@ class Encoder(nn.Module):
         w1, w2, w3, w4 = widths
         sides = [w1, w1, w2, w2, w3, w3, w4]
         self.inputs = inputs
-        self.stem = nn.Sequential(*_reducing(inputs, w1, stem_stride == 2, downsampling), _normalisation(normalisation, w1), nn.ReLU())
+        self.stem = nn.Sequential(*_reducing(inputs, w1, stem_stride == 2, downsampling), _normalisation(normalisation, w1), nn.ReLU(inplace=True))
         self.units = nn.ModuleList(Unit(a, b, i in down, normalisation, residual, downsampling) for i, (a, b) in enumerate(itertools.pairwise(sides)))
         self.ends = frozenset([*(i - 1 for i in down), 5])
         self.channels = tuple(sides[i + 1] for i in sorted(self.ends))
@@ -112,7 +112,7 @@ class Unit(nn.Module):
         self.pool = nn.AvgPool2d(2) if halves and downsampling == "pool" else nn.Identity()
         stride = 2 if halves and downsampling == "stride" else 1
         self.body = nn.Sequential(
-            nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False), _normalisation(normalisation, outputs), nn.ReLU(),
+            nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False), _normalisation(normalisation, outputs), nn.ReLU(inplace=True),
             nn.Conv2d(outputs, outputs, 3, padding=1, bias=False), _normalisation(normalisation, outputs),
             SqueezeExcitation(outputs),
         )  # fmt: skip
@@ -125,7 +125,7 @@ class Unit(nn.Module):
         """[B, inputs, h, w] -> [B, outputs, h, w], h and w halved where the unit does so."""
         x = self.pool(x)
         y = self.body(x)
-        return torch.relu(y if self.shortcut is None else y + self.shortcut(x))
+        return torch.relu_(y if self.shortcut is None else y + self.shortcut(x))
 
 
 class SqueezeExcitation(nn.Module):

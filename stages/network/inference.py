@@ -73,7 +73,7 @@ def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceV
         rectified = rectified_pair(pair, shown, around, joints=network.joints)
         prediction = predict(network, rectified, iterations, precision, timer)
         for which, view in enumerate(pair.views):
-            found.setdefault(view, []).append(_pulled(pair, which, around[which], rectified, prediction, shown[which].depth))
+            found.setdefault(view, []).append(learned_of(pair, which, around[which], rectified, prediction, shown[which].depth))
     return {view: _merged(parts) for view, parts in found.items()}
 
 
@@ -92,7 +92,7 @@ def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
     return np.where(known & (change != 0), 1 / moved, depth).astype(np.float32)
 
 
-def _pulled(pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray) -> Learned:
+def learned_of(pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray) -> Learned:
     """One direction of a pair on its view's own pixels [h, w], those with a depth."""
     rectified, ratio = _pixels(pair, which, depth.shape)
     x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0))

@@ -79,8 +79,10 @@ class PoseGaussianNetwork(nn.Module):
         H and W are multiples of the preset's stride. Raises ValueError for sizes that are not, and for `iterations` < 1.
         """
         clock = timer or (lambda name: nullcontext())
-        known, seen = views.known, evidence(views)
+        known = views.known
         start = torch.where(known, views.start, 0)
+        with clock("evidence"):
+            seen = evidence(views)
         with clock("image encoder"):
             levels = self.image(views.color)
         with clock("fusion"):

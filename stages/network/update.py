@@ -34,14 +34,14 @@ class MotionEncoder(nn.Module):
     def __init__(self, correlation_channels: int, width: int) -> None:
         super().__init__()
         half = max(width // 2, 1)
-        self.correlation = nn.Sequential(pointwise(correlation_channels, width), nn.ReLU(), nn.Conv2d(width, half, 3, padding=1), nn.ReLU())
-        self.moved = nn.Sequential(nn.Conv2d(1, half, 7, padding=3), nn.ReLU(), nn.Conv2d(half, half, 3, padding=1), nn.ReLU())
+        self.correlation = nn.Sequential(pointwise(correlation_channels, width), nn.ReLU(inplace=True), nn.Conv2d(width, half, 3, padding=1), nn.ReLU(inplace=True))
+        self.moved = nn.Sequential(nn.Conv2d(1, half, 7, padding=3), nn.ReLU(inplace=True), nn.Conv2d(half, half, 3, padding=1), nn.ReLU(inplace=True))
         self.both = nn.Conv2d(2 * half, width - 1, 3, padding=1)
 
     def forward(self, correlation: torch.Tensor, moved: torch.Tensor) -> torch.Tensor:
         """What is seen and how far it has moved, in one map; the move is its last channel."""
         seen = torch.cat([self.correlation(correlation), self.moved(moved)], dim=1)
-        found = F.relu(self.both(seen))
+        found = torch.relu_(self.both(seen))
         return torch.cat([found, moved.to(found.dtype)], dim=1)
 
 
@@ -74,8 +74,8 @@ class Update(nn.Module):
         self.factor = factor
         self.motion = MotionEncoder(correlation_channels, hidden)
         self.recurrence = ConvGRU(hidden, hidden)
-        self.delta = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(), nn.Conv2d(hidden, 1, 3, padding=1))
-        self.mask = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(), pointwise(hidden, 9 * factor**2))
+        self.delta = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 1, 3, padding=1))
+        self.mask = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(inplace=True), pointwise(hidden, 9 * factor**2))
         for head in (self.delta, self.mask):
             for last in list(head.parameters())[-2:]:
                 nn.init.zeros_(last)
@@ -116,6 +116,8 @@ def upsample(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     factor = weights.shape[2]
     with torch.autocast(values.device.type, enabled=False):
         padded = F.pad(values.to(weights.dtype), (1, 1, 1, 1), mode="replicate")
-        around = torch.stack([padded[:, 0, y : y + height, x : x + width] for y in range(3) for x in range(3)], dim=1)
-        fine = (weights * around[:, :, None, None]).sum(1)
+        fine = weights.new_zeros(batch, factor, factor, height, width)
+        for i in range(9):  # not one product of everything: it would be nine times as large as the result
+            y, x = divmod(i, 3)
+            fine = torch.addcmul(fine, weights[:, i], padded[:, :, None, y : y + height, x : x + width])
     return fine.permute(0, 3, 1, 4, 2).reshape(batch, 1, factor * height, factor * width)

@@ -1,0 +1,142 @@
+"""The network on a real capture: the same novel views with and without it, how sure it is, and how far it moves the depth.
+
+    python -m benchmarks.network_real [--weights fast] [--frame 10] [--archive FOLDER]
+
+`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/quality.md, one frame at 960 px; BlazePose must have been
+fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There is no
+truth: what is measured is how much the network says, and that the analytic depth stands where it is not sure.
+Confidence and change of depth are means over each source view's surface.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rich.console import Console
+
+from benchmarks.network_picture import difference, glowing
+from benchmarks.quality_picture import around, tile
+from benchmarks.real_pose import CROPS, without_keypoints
+from benchmarks.report import publish
+from dags.config import load_configuration
+from dags.events import Event, TaskFailed
+from dags.importing import find_capture, register
+from dags.network_weights import card_of, shipped
+from dags.plan import Selection
+from dags.results import Results
+from dags.run import Run
+from dags.serial import SerialBackend
+from dags.session import Session
+from dags.threads import limit
+from stages.geometry.paths import make_path
+from stages.io import Views
+from stages.network.params import NetworkParams
+from storage.archive import Archive
+from storage.rig import Rig
+
+NAME = "balance"
+STEPS = {"quarter": 1, "half": 2}
+"""Of four along the arc."""
+UNSURE = 0.1
+"""Confidence below which the analytic depth should stand."""
+HEIGHT = 480
+"""Of a picture, px."""
+
+
+def run(balance: Path, archive: Path, settings: list[str], views: Path) -> Results:
+    """The capture's results under some settings; what they do not touch stays fresh."""
+    session = Session(load_configuration(None, ["frames.size=960", *CROPS, *settings], folder=archive.parent), str(archive), Console(quiet=True))
+    own = session.configuration.for_sequence(NAME)
+    capture = find_capture("pose2sim", without_keypoints(balance, archive.parent / "plain"), [], own)
+    register(Archive.open(str(archive), create=True), NAME, capture, own)
+    if not views.exists():
+        views.write_text(json.dumps(between(session.context(NAME, ()).rig)))
+
+    def note(event: Event) -> None:
+        if isinstance(event, TaskFailed):
+            raise RuntimeError(f"{event.error}\n{event.details}")
+
+    plan = session.plan(NAME, Selection(), (str(views),))
+    Run([plan], Selection(), SerialBackend(), [note]).go()
+    return Results(plan.context)
+
+
+def between(rig: Rig) -> dict[str, Any]:
+    """Cameras on the arc from cam01 to cam02, as a path file holds them."""
+    arc = make_path("arc cam01 cam02", rig, Views(rig.names, tuple(range(len(rig))), ()), np.arange(5))
+    cameras = [
+        {"name": name, "width": int(arc.size[0][0]), "height": int(arc.size[0][1]), "K": arc.intrinsics[s, 0].tolist(), "R": arc.world_to_camera[s, 0, :3, :3].tolist(), "t": arc.world_to_camera[s, 0, :3, 3].tolist()}
+        for name, s in STEPS.items()
+    ]
+    return {"pixel_center": "half", "cameras": cameras}
+
+
+def rendered(results: Results) -> dict[str, np.ndarray]:
+    """Pictures [h, w, 3] of the first frame by camera."""
+    (path,) = results.context.paths.values()
+    color = results.read(f"rendering/{path.name}/color", range(1))[0]
+    return {name: color[c] for c, name in enumerate(path.names)}
+
+
+def said(results: Results) -> list[dict[str, Any]]:
+    """One row a source view, and one for all."""
+    rows, parts = [], []
+    for view in results.context.views.sources:
+        depth, moved, share = (results.read(a, range(1), view)[0].astype(np.float64) for a in ("depth/depth", "network/depth", "network/confidence"))
+        on = depth > 0
+        parts.append(np.stack([share[on], 1000 * np.abs(moved - depth)[on]]))
+        rows.append(_row(results.context.rig.names[view], parts[-1]))
+    return [*rows, _row("all", np.concatenate(parts, axis=1))]
+
+
+def _row(name: str, values: np.ndarray) -> dict[str, Any]:
+    share, apart = values
+    unsure = share < UNSURE
+    where = float(apart[unsure].max()) if unsure.any() else 0.0
+    return {"view": name, "confidence": float(share.mean()), f"below {UNSURE:g}": float(unsure.mean()), "change mm": float(apart.mean()), "change mm, 95 %": float(np.quantile(apart, 0.95)), "most where unsure, mm": where}
+
+
+def draw(floor: dict[str, np.ndarray], network: dict[str, np.ndarray], file: Path) -> None:
+    """Write a PNG: a camera after the other: without, with the network, and what differs."""
+    tiles = []
+    for name, picture in floor.items():
+        span = around(picture)
+        tiles += [tile(picture[:, span], f"{name} of the way, analytic", HEIGHT), tile(network[name][:, span], "with the network", HEIGHT)]
+        tiles.append(tile(glowing(difference(network[name], picture))[:, span], "difference", HEIGHT))
+    cv2.imwrite(str(file), np.hstack(tiles)[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--weights", default="fast", help="a name that ships, or a file")
+    parser.add_argument("--frame", type=int, default=10)
+    parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
+    parser.add_argument("--picture", type=Path, default=Path("docs/network_balance.png"))
+    parser.add_argument("--floor-only", action="store_true", help="make what does not need weights, into the archive, and end")
+    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
+    a = parser.parse_args()
+    limit(1)
+    weights = a.weights if a.weights in shipped() else str(Path(a.weights).resolve())
+    balance = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")).resolve() / "captures" / "balance"
+    with tempfile.TemporaryDirectory() as scratch:
+        archive = (a.archive or Path(scratch) / "archive").resolve()
+        archive.parent.mkdir(parents=True, exist_ok=True)
+        views, settings = archive.parent / "arc.json", [f"frames.range={a.frame}:{a.frame + 1}", *a.set]
+        floor = rendered(run(balance, archive, settings, views))
+        if a.floor_only:
+            return
+        results = run(balance, archive, [*settings, f"network.weights={weights}"], views)
+        card = card_of(NetworkParams(weights=weights))
+        publish(None if a.set else "network_real", said(results), {"weights": card.name, "data": card.data, "frame": a.frame, "size": 960})
+        draw(floor, rendered(results), a.picture)
+
+
+if __name__ == "__main__":
+    main()
