@@ -3,7 +3,7 @@
     python -m benchmarks.network_time [--presets fast base] [--threads 2] [--repeats 9] [--weights FILE.safetensors]
 
 `shipped`: as the stage runs it, bf16 layers over channels_last weights. `plain`: the same network in float32 with
-contiguous weights, every step of the refinement up-sampled, all eager. Both in turns in the same run; medians. `outside` is
+contiguous weights, eager. Both in turns in the same run; medians. `outside` is
 what the stage does for the pair beside the network: rectification before it, pulling back behind it.
 Weights are those that ship, else random ones, which take as long. EPE: of a simulated person, whose start is the true
 depth with a smooth error of 1 %; both ways must say the same.
@@ -131,7 +131,7 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
 
     def slow() -> Prediction:
         with torch.inference_mode():
-            return plain(views, a.iterations)
+            return plain(views, a.iterations, only_last=True)
 
     def outside() -> None:
         found = rectified_pair(pair, sources, windows, joints=network.joints)
