@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.geometry.projection import pixel_centres, project, unproject
+from stages.geometry.projection import pixel_centres, project
 from stages.geometry.rectification import Window
 from stages.network.views import APART, MARGIN, SourceView, Views, evidence, others, rectified_pair, relief, sampled, start_on, windows
 from tests.stages.geometry.scenes import sphere_depth
