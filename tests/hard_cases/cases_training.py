@@ -1,14 +1,20 @@
-"""Records D5, L5, L6 and L8: losses and heads of the network."""
+"""Records D5, L5, L6 and L8-L10: losses, heads, features and steps of the network."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import torch
 
+from stages.network.encoders import image_encoder
 from stages.network.heads import Heads, Prior, blend_quaternions, growth, limited
 from stages.network.losses import sequence_loss
+from stages.network.presets import PRESETS, Normalisation
+from stages.training.trainer import Trainer
 from tests.hard_cases.catalogue import Case, apart, worst
+from tests.stages.training.made import ball, tiny
 
 FAR = (-1e3, -50.0, -0.5, 0.0, 0.5, 50.0, 1e3)
 
@@ -78,10 +84,41 @@ def kept_disparity() -> float:
     return apart(found.disparity, DISPARITIES)
 
 
+def told_by_neighbours(normalisation: Normalisation, training: bool) -> float:
+    """By how much the features of a picture change with the other one of its batch, of the largest."""
+    g = torch.Generator().manual_seed(0)
+    picture, light, dark = torch.rand(1, 3, 32, 32, generator=g), torch.rand(1, 3, 32, 32, generator=g), 0.1 * torch.rand(1, 3, 32, 32, generator=g)
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        torch.manual_seed(0)
+        encoder = image_encoder(replace(PRESETS["fast"], normalisation=normalisation)).train(training)
+        one, other = (encoder(torch.cat([picture, beside]))[-1][0] for beside in (light, dark))
+    return apart(one / one.abs().max(), other / one.abs().max())
+
+
+def naive_bad_batch() -> float:
+    """Share of the weights that are not finite after one step."""
+    line = torch.nn.Linear(8, 1)
+    optimiser = torch.optim.AdamW(line.parameters())
+    (line(torch.ones(1, 8)) * math.nan).sum().backward()
+    optimiser.step()
+    return float((~torch.isfinite(line.weight)).double().mean())
+
+
+def bad_batch() -> tuple[float, Trainer]:
+    """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number; the trainer after it."""
+    trainer = Trainer(tiny())
+    before = [p.detach().clone() for p in (*trainer.learnt, *trainer.averaged.parameters())]
+    frame = ball()
+    trainer.advance({0: {**frame, "confidence": np.full_like(frame["confidence"], np.nan)}})
+    return worst(apart(a, b) for a, b in zip(before, (*trainer.learnt, *trainer.averaged.parameters()), strict=True)), trainer
+
+
 CASES = (
     Case("D5", "one iteration of the matching network", "its weight's exponent is divided by T - 1 = 0", "px", naive_sequence, sequence_error, 0.0, "mu^(T - t): no division"),
     Case("L5", "heads far from their range", "a softplus with a cap has no slope on either side", "of numbers without a slope", naive_dead_heads, dead_heads, 0.0, "slopes fall like 1/x^2, to 1e-7 of a footprint at 1000"),
     Case("L6", "quaternions of two hemispheres, blended", "q and -q are one rotation, and their mean is none", "degrees", naive_blend, blend_error, 0.2, "the two rotations are 0.1 degrees apart"),
     Case("L6b", "a confidence that saturates", "the sigmoid's slope is 0 in float32", "of logits without a slope", lambda: dead_confidence(False), lambda: dead_confidence(True), 0.0, "logits stay within -6..6, with slopes that fall like 1/x^2"),
     Case("L8", "disparities within mixed precision", "bfloat16 has steps of 2 px from 256 on", "px", lambda: worst([apart(DISPARITIES.bfloat16().float(), DISPARITIES)]), kept_disparity, 0.0, "heads and disparities are float32, whatever surrounds them"),
+    Case("L9", "batch normalisation of two pictures", "the features of one tell of the other, and differ from those it has alone", "of the largest", lambda: told_by_neighbours("batch", True), lambda: told_by_neighbours("group", True), 0.0, "groups of channels of each picture by itself; the variant with batches is frozen when it is used"),
+    Case("L10", "one batch that is not a number", "every weight is none after it, and stays so", "of the weights", naive_bad_batch, lambda: bad_batch()[0], 0.0, "the step is skipped and counted: not a bit of weights, average or optimiser changes"),
 )

@@ -39,14 +39,6 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Later:
-    """A case of code that is not there yet."""
-
-    name: str
-    title: str
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What one run of a case gave."""
 
@@ -101,10 +93,3 @@ def catalogue() -> tuple[Case, ...]:
 def named(name: str) -> Case:
     """A case by its name."""
     return next(c for c in catalogue() if c.name == name)
-
-
-LATER = (
-    Later("L9", "batch normalisation frozen in the matching network"),
-    Later("L10", "one batch that is not a number"),
-)
-"""These come with the network."""

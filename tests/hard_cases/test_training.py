@@ -1,11 +1,11 @@
-"""The catalogue of training, D5 and L1-L8 where the code is there; tests/stages/network states the definitions."""
+"""The catalogue of training, D5 and L1-L10; tests/stages/network states the definitions."""
 
 import pytest
 import torch
 
 from stages.network.heads import growth, limited
 from stages.network.losses import render_loss, sequence_loss, ssim_map
-from tests.hard_cases.cases_training import FAR, blend_error, dead_confidence, kept_disparity, naive_blend
+from tests.hard_cases.cases_training import FAR, bad_batch, blend_error, dead_confidence, kept_disparity, naive_blend, told_by_neighbours
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])
@@ -41,3 +41,12 @@ def test_l7_pixels_without_a_truth_cost_nothing_in_training() -> None:
 
 def test_l8_autocast_moves_no_disparity() -> None:
     assert kept_disparity() == 0
+
+
+def test_l9_the_variant_with_batch_normalisation_is_frozen_when_it_is_used() -> None:
+    assert told_by_neighbours("batch", False) == 0 < told_by_neighbours("batch", True)
+
+
+def test_l10_a_bad_step_is_counted_and_the_next_one_is_the_next() -> None:
+    changed, trainer = bad_batch()
+    assert (changed, trainer.skipped, trainer.step) == (0, 1, 1)

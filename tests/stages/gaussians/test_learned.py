@@ -1,0 +1,71 @@
+"""The heads over the prior of one picture: numbers of 0 and a confidence of 0 are the prior itself."""
+
+import numpy as np
+import pytest
+
+from stages.gaussians.learned import CHANNELS, over_prior
+from stages.gaussians.params import GaussiansParams
+from stages.gaussians.prior import rays
+from stages.gaussians.run import prior
+from stages.network.inference import HEADS, NUMBERS
+
+K = np.array([[60.0, 0, 21.0], [0, 55.0, 14.0], [0, 0, 1]])
+SHAPE = (30, 40)
+Picture = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def picture() -> Picture:
+    """Prior of a wavy surface with a hole."""
+    rows, columns = np.mgrid[:30, :40]
+    depth = (2 + 0.05 * np.sin(rows / 4) + 0.004 * columns).astype(np.float32)
+    depth[5:12, 20:30] = 0
+    confidence = np.random.default_rng(0).uniform(0.1, 1, SHAPE).astype(np.float16)
+    return prior(depth, confidence, np.full(SHAPE, 255, np.uint8), K, GaussiansParams())
+
+
+def numbers(size: float) -> np.ndarray:
+    return np.clip(size * np.random.default_rng(1).normal(size=(NUMBERS, *SHAPE)), -6e4, 6e4).astype(np.float16)
+
+
+@pytest.mark.parametrize("size", [0.0, 3.0, 6e4])
+def test_a_confidence_of_0_is_the_prior_to_the_bit(size: float) -> None:
+    p = picture()
+    *found, share = over_prior(p, numbers(size), np.zeros(SHAPE, np.float16), K)
+    for ours, theirs in zip(found, p, strict=True):
+        assert np.asarray(ours, np.float32).tobytes() == np.asarray(theirs, np.float32).tobytes()
+    assert not share.any()
+
+
+@pytest.mark.parametrize("confidence", [0.3, 1.0])
+def test_numbers_of_0_are_the_prior(confidence: float) -> None:
+    """But for rounding, and where a normal is seen at a flatter angle than a learned one may be: here none is."""
+    p = picture()
+    scale, normal, opacity, share = over_prior(p, numbers(0.0), np.full(SHAPE, confidence, np.float16), K)
+    assert ((p[1] * rays(K, *SHAPE)).sum(axis=0)[p[2][0] > 0] < -0.5).all()
+    for ours, theirs in zip((scale, normal, opacity), p, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=2e-6, atol=2e-7)
+    assert share.shape == (1, *SHAPE)
+    np.testing.assert_array_equal(share[0] > 0, p[2][0] > 0)
+
+
+def test_each_head_changes_its_own_map_and_none_makes_a_surface() -> None:
+    p = picture()
+    assert tuple(CHANNELS) == HEADS
+    everywhere = np.ones(SHAPE, np.float16)
+    for i, channels in enumerate(CHANNELS.values()):
+        said = numbers(0.0)
+        said[channels] = 1.5
+        found = over_prior(p, said, everywhere, K)
+        for j, (ours, theirs) in enumerate(zip(found, p, strict=False)):
+            assert np.allclose(ours, theirs, rtol=2e-6, atol=2e-7) == (i != j)
+            assert not ours[:, p[2][0] == 0].any()
+            assert np.isfinite(ours).all()
+
+
+def test_a_share_of_the_learned_value_is_a_share_of_the_change() -> None:
+    p, said = picture(), numbers(1.0)
+    full, half = (over_prior(p, said, np.full(SHAPE, c, np.float16), K) for c in (1.0, 0.5))
+    for k in (0, 2):
+        np.testing.assert_allclose(half[k] - p[k], (full[k] - p[k]) / 2, atol=1e-6)
+    length = np.sqrt((half[1] ** 2).sum(axis=0))
+    np.testing.assert_allclose(length[p[2][0] > 0], 1, rtol=1e-5)

@@ -1,0 +1,108 @@
+"""What a step is given follows from its number, agrees with the truth, and looks at one point of the body."""
+
+from dataclasses import fields
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from stages.geometry.projection import project
+from stages.network.views import Views
+from stages.training import examples
+from stages.training.contract import Frame
+from stages.training.examples import Example, crop, drawn, frames_of_step, whole
+from stages.training.frames import make_frame
+from tests.stages.training.made import ball, tiny
+
+torch.set_num_threads(1)
+CONFIG = tiny(batch=2, iterations=6, window=2, steps_per_frame=3)
+
+
+@pytest.fixture(scope="module")
+def frame() -> Frame:
+    return ball()
+
+
+def tensors(example: Example) -> list[torch.Tensor]:
+    views = [getattr(example.views, f.name) for f in fields(Views)[:-1]]
+    return [*views, example.truth, example.picture, example.seen, example.cover, torch.as_tensor(example.windows), torch.as_tensor(np.asarray(example.target.intrinsics))]
+
+
+def same(a: Example, b: Example) -> bool:
+    return all(torch.equal(x.nan_to_num(nan=-1e6), y.nan_to_num(nan=-1e6)) for x, y in zip(tensors(a), tensors(b), strict=True))
+
+
+def test_a_step_draws_the_same_whenever_it_is_asked(frame: Frame) -> None:
+    at_hand = dict.fromkeys(frames_of_step(CONFIG, 7), frame)
+    (first, t), (again, u), (later, _) = drawn(CONFIG, 7, at_hand), drawn(CONFIG, 7, {**at_hand, 99: frame}), drawn(CONFIG, 8, dict.fromkeys(frames_of_step(CONFIG, 8), frame))
+    assert t == u
+    assert all(same(a, b) for a, b in zip(first, again, strict=True))
+    assert not same(first[0], first[1])
+    assert not same(first[0], later[0])
+
+
+def test_iterations_are_drawn_from_1_to_the_most(frame: Frame) -> None:
+    few = tiny(iterations=3)
+    found = {drawn(few, step, {0: frame})[1] for step in range(25)}
+    assert found == {1, 2, 3}
+
+
+def test_the_window_of_frames_moves_on_and_never_back() -> None:
+    ranges = [frames_of_step(CONFIG, s) for s in range(30)]
+    assert ranges[0] == range(2)
+    assert ranges[3] == range(1, 3)
+    assert all(len(r) == CONFIG.window for r in ranges)
+    assert all(a.start <= b.start and a.stop <= b.stop for a, b in pairwise(ranges))
+
+
+def test_a_start_made_from_the_truth_is_the_truth() -> None:
+    exact = ball(exact=True)
+    for example in (crop(exact, 32, np.random.default_rng(3)), whole(exact, 0, 8), whole(exact, 1, 8)):
+        both = torch.isfinite(example.truth) & example.views.known
+        assert both.float().mean() > 0.2
+        assert torch.equal(example.truth[both], example.views.start[both])
+        assert torch.equal(torch.isfinite(example.truth), example.views.known)
+
+
+def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(frame: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = []
+    target = examples._target
+    monkeypatch.setattr(examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side))
+    for seed in range(8):
+        found = crop(frame, 32, np.random.default_rng(seed))
+        camera = found.target
+        assert (camera.width, camera.height) == (16, 16)
+        place = project(points[-1][None], np.asarray(camera.intrinsics), camera.world_to_camera)[0][0]
+        # Whole px, and within the picture. 64 px and a ball of 0.4 of it: a window of 16 px around the ball always fits.
+        assert np.abs(place - 8).max() <= 0.5 + 1e-6
+        for which in (0, 1):
+            x0, y0, width, height = found.windows[which]
+            seen = project(points[-1][None], found.pair.intrinsics[which], found.pair.world_to_camera(which))[0][0] - [x0, y0]
+            assert np.abs(seen - [width / 2, height / 2]).max() <= 32 / 8 + 0.5 + 1e-6
+        assert found.windows[0][1:] == found.windows[1][1:]
+
+
+def test_the_target_picture_is_what_its_camera_sees(frame: Frame) -> None:
+    example = whole(frame, 0, 8)
+    height, width = frame["mask"].shape[1:]
+    assert (example.target.width, example.target.height) == (width, height)
+    np.testing.assert_allclose(example.seen[0].numpy(), np.moveaxis(frame["color"][2], -1, 0) / 255, atol=1e-6)
+    np.testing.assert_allclose(example.cover[0, 0].numpy(), frame["mask"][2] / 255, atol=1e-6)
+
+
+def test_a_simulated_frame_holds_what_the_head_of_the_file_says_and_comes_out_the_same() -> None:
+    config = tiny(cameras=(3,), size=48)
+    frame = make_frame(config, 0)
+    assert {k: v.shape for k, v in frame.items()} == {
+        "color": (6, 48, 48, 3), "mask": (6, 48, 48), "truth": (6, 48, 48), "depth": (3, 48, 48), "confidence": (3, 48, 48), "joints": (3, 17, 3),
+        "intrinsics": (6, 3, 3), "world_to_camera": (6, 4, 4), "pairs": (3, 3), "about": (4,),
+    }  # fmt: skip
+    assert all(np.isfinite(v).all() for v in frame.values())
+    assert frame["pairs"][:, 2].min() >= 3
+    inside = frame["mask"][:3] > 127
+    np.testing.assert_array_equal(frame["depth"] > 0, inside)
+    assert ((frame["truth"][:3] > 0) == inside).mean() > 0.97  # soft rims
+    example = crop(frame, 32, np.random.default_rng(0))
+    assert torch.isfinite(example.views.color).all()
+    assert torch.isfinite(example.truth).any()

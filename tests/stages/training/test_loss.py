@@ -1,0 +1,110 @@
+"""The parts of a step's loss: nothing to learn from costs nothing, and Gaussians of no confidence are the prior's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from stages.network.losses import PoseFusion
+from stages.network.network import PoseGaussianNetwork
+from stages.training.examples import Example, crop, whole
+from stages.training.loss import _depth, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
+from tests.stages.network.made import network
+from tests.stages.training.made import ball, tiny
+
+torch.set_num_threads(1)
+CONFIG = tiny()
+
+
+@pytest.fixture(scope="module")
+def example() -> Example:
+    return crop(ball(), 32, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def learner() -> PoseGaussianNetwork:
+    return network().requires_grad_(True)
+
+
+def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteration(learner: PoseGaussianNetwork, example: Example) -> None:
+    views, truth, valid = together([example])
+    found = depth_terms(learner(views, 1), views, truth, torch.zeros_like(valid), CONFIG)
+    assert float(found.detach()) == 0
+    learner.zero_grad()
+    found.backward()
+    assert not any(bool(p.grad.any()) for p in learner.parameters() if p.grad is not None)
+    known = depth_terms(learner(views, 1), views, truth, valid, CONFIG)
+    assert float(known.detach()) > 0
+    known.backward()
+    gradients = {name: p.grad for name, p in learner.named_parameters() if p.grad is not None}
+    assert all(torch.isfinite(g).all() for g in gradients.values())
+    assert bool(gradients["image.stem.0.weight"].any())
+
+
+def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
+    """mu-weighted steps, then trust, the learned and the blended disparity, each by its own weight."""
+    views, truth, valid = together([example])
+    with torch.no_grad():
+        said = learner(views, 1)
+    off = truth + 2
+    exact = replace(said, disparities=[off], trust=torch.ones_like(off), change=torch.where(valid, off - views.start, 0), disparity=torch.where(valid, off, torch.nan))
+    assert float(depth_terms(exact, views, truth, valid, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2), rel=1e-4)
+
+
+def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example) -> None:
+    views, truth, valid = together([example, example])
+    assert truth.shape == valid.shape == views.start.shape == (4, 1, 32, 32)
+    assert torch.isfinite(truth).all()
+    assert torch.equal(valid[:2], valid[2:])
+    assert torch.equal(valid[:2], torch.isfinite(example.truth) & example.views.known)
+
+
+def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork, example: Example, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.network.heads.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("stages.network.network.trust", lambda x: torch.zeros_like(x))
+    with torch.no_grad():
+        said = learner(example.views, 1)
+        for which in (0, 1):
+            found = gaussian_maps(learner, said, example, which, which)
+            start = example.views.start[which : which + 1]
+            depth = torch.where(torch.isfinite(start), _depth(example, which, start.nan_to_num()), 0)
+            prior, _ = _prior(example, which, depth[0, 0].numpy())
+            assert torch.equal(found.depth, depth[0, 0])
+            assert torch.equal(found.scale, prior.scale[0])
+            assert torch.equal(found.normal, prior.normal[0])
+            assert torch.equal(found.opacity, prior.opacity[0])
+            assert bool((found.opacity > 0).any())
+
+
+def test_true_depth_draws_the_held_out_picture_better_than_the_start(learner: PoseGaussianNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.network.heads.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("stages.network.network.trust", lambda x: torch.zeros_like(x))
+    errors = []
+    for exact in (True, False):
+        example = whole(ball(exact=exact), 0, 8)
+        with torch.no_grad():
+            said = learner(example.views, 1)
+            picture = draw(example, [gaussian_maps(learner, said, example, w, w) for w in (0, 1)], 1)
+        assert picture.shape == example.seen.shape
+        errors.append(float(((picture - example.seen).abs() * example.cover).mean()))
+    assert errors[0] < 0.7 * errors[1]
+
+
+def test_the_picture_moves_every_head_that_draws(learner: PoseGaussianNetwork, example: Example) -> None:
+    learner.zero_grad()
+    render = render_terms(learner, learner(example.views, 1), [example], CONFIG)
+    render.backward()
+    for name, head in learner.heads.heads.items():
+        assert torch.isfinite(head[-1].bias.grad).all(), name
+        assert bool(head[-1].bias.grad.any()), name
+
+
+def test_the_pose_term_is_0_without_a_pose_and_finite_without_joints(learner: PoseGaussianNetwork, example: Example) -> None:
+    fusion = PoseFusion(learner.preset.widths[-1], learner.preset.widths[-1])
+    blind = replace(example.views, heatmaps=torch.zeros_like(example.views.heatmaps))
+    with torch.no_grad():
+        said = learner(blind, 1)
+        assert torch.isfinite(pose_terms(fusion, said, blind, CONFIG))
+        assert float(pose_terms(None, said, blind, CONFIG)) == 0
+        assert float(pose_terms(fusion, replace(said, pose=None), blind, CONFIG)) == 0

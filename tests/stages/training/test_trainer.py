@@ -1,0 +1,117 @@
+"""A tiny training on the CPU: it learns, goes on bit-exactly, and a step that is no number leaves no trace."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from stages.training.config import TrainingConfig
+from stages.training.contract import Frame
+from stages.training.examples import drawn, frames_of_step
+from stages.training.loss import depth_terms, together
+from stages.training.trainer import Trainer
+from tests.stages.training.made import ball, tiny
+
+torch.set_num_threads(1)
+LEARNT = 0.75
+"""Share of its first loss that a fixed batch may at most cost after `STEPS` steps."""
+STEPS = 30
+
+
+@pytest.fixture(scope="module")
+def frames() -> dict[int, Frame]:
+    return {0: ball()}
+
+
+def cost(trainer: Trainer, config: TrainingConfig, frames: Mapping[int, Frame]) -> float:
+    """Of depth, over four pairs that no step draws, as the averaged weights have it."""
+    found = []
+    for step in range(10_000, 10_004):
+        views, truth, valid = together(drawn(config, step, dict.fromkeys(frames_of_step(config, step), frames[0]))[0])
+        with torch.no_grad():
+            found.append(float(depth_terms(trainer.averaged(views, 2), views, truth, valid, config)))
+    return float(np.mean(found))
+
+
+def numbers(trainer: Trainer) -> list[np.ndarray]:
+    """Every number that a training holds."""
+    found: list[np.ndarray] = []
+
+    def collect(value: Any) -> None:
+        if isinstance(value, torch.Tensor):
+            found.append(value.detach().clone().numpy())
+        elif isinstance(value, Mapping):
+            for v in value.values():
+                collect(v)
+        elif isinstance(value, list | tuple):
+            for v in value:
+                collect(v)
+
+    collect(trainer.state())
+    return found
+
+
+def same(a: list[np.ndarray], b: list[np.ndarray]) -> bool:
+    return len(a) == len(b) and all(x.tobytes() == y.tobytes() for x, y in zip(a, b, strict=True))
+
+
+def test_training_lowers_the_loss(frames: dict[int, Frame]) -> None:
+    config = tiny()
+    trainer = Trainer(config)
+    before = cost(trainer, config, frames)
+    log = [trainer.advance(frames) for _ in range(STEPS)]
+    assert cost(trainer, config, frames) < LEARNT * before
+    assert trainer.step == STEPS
+    assert all(np.isfinite(list(row.values())).all() for row in log)
+    assert {"loss", "epe", "epe start", "skipped", "rate"} <= set(log[0])
+    assert log[-1]["skipped"] == 0
+    found = trainer.validate(frames)
+    assert found["epe"] < found["epe start"]
+    assert trainer.weights().keys() == trainer.network.state_dict().keys()
+
+
+def test_it_goes_on_bit_exactly_from_a_state_through_both_phases(frames: dict[int, Frame]) -> None:
+    config = tiny(depth_steps=2, joint_steps=2)
+    whole = Trainer(config)
+    for step in range(4):
+        if step == 1:
+            kept = copy.deepcopy(whole.state())
+        whole.advance(frames)
+    torch.manual_seed(123)  # whatever the process did before does not matter
+    resumed = Trainer(config)
+    resumed.restore(kept)
+    assert resumed.step == 1
+    resumed.validate(frames)  # looking changes nothing
+    log = [resumed.advance(frames) for _ in range(3)]
+    assert [row["render"] > 0 for row in log] == [False, True, True]
+    assert same(numbers(resumed), numbers(whole))
+
+
+def test_first_weights_follow_from_the_seed() -> None:
+    config = tiny()
+    first, again, other = Trainer(config), Trainer(config), Trainer(tiny(seed=1))
+    assert same(numbers(first), numbers(again))
+    assert not same(numbers(first), numbers(other))
+
+
+def test_a_frame_that_is_no_number_skips_its_step_and_changes_no_weight(frames: dict[int, Frame]) -> None:
+    """L10."""
+    spoilt = {0: {**frames[0], "confidence": np.full_like(frames[0]["confidence"], np.nan)}}
+    trainer = Trainer(tiny())
+    trainer.advance(frames)
+    before = numbers(trainer)
+    row = trainer.advance(spoilt)
+    assert not np.isfinite(row["loss"])
+    assert (row["skipped"], trainer.skipped, trainer.step) == (1, 1, 2)
+    assert same(numbers(trainer), before)
+    after = trainer.advance(frames)
+    assert np.isfinite(after["loss"])
+    assert np.isfinite(after["gradient"])
+    assert after["skipped"] == 1
+    assert not same(numbers(trainer), before)
+    assert all(np.isfinite(n).all() for n in numbers(trainer))
