@@ -1,0 +1,128 @@
+"""The laws of a stage that its weights make: without any it is as good as absent, with them Gaussians follow it, and other weights make it stale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dags.contribution import sentences
+from dags.plan import State
+from dags.results import Results
+from stages.network.card import Card
+from stages.network.network import PoseGaussianNetwork
+from stages.network.presets import PRESETS
+from stages.network.weights import save_weights
+from storage.errors import ConfigError
+from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
+
+FRAMES = "frames.range=0:2"
+
+
+def weights(file: Path, seed: int = 0, confidence: float | None = None) -> Path:
+    """Random weights that do say something; with `confidence`, its number everywhere."""
+    torch.manual_seed(seed)
+    network = PoseGaussianNetwork(PRESETS["fast"])
+    with torch.no_grad():
+        for p in network.last_layers():
+            p.add_(0.05 * torch.randn_like(p))
+        if confidence is not None:
+            weight, bias = list(network.heads.heads["confidence"].parameters())[-2:]
+            weight.zero_()
+            bias.fill_(confidence)
+    save_weights(file, network.state_dict(), Card("random", "fast", PRESETS["fast"].as_json(), 3, "none", "none", 0.0, "none", (("a",),)))
+    return file
+
+
+def run(folder: Path, root: Path, *settings: str, partition: int = 2) -> Pipeline:
+    p = Pipeline(root, folder, [FRAMES, *settings], partition)
+    p.register()
+    p.run()
+    return p
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return weights(tmp_path_factory.mktemp("weights") / "random.safetensors")
+
+
+@pytest.fixture(scope="module")
+def plain(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    return run(person_folder, tmp_path_factory.mktemp("plain") / "archive")
+
+
+@pytest.fixture(scope="module")
+def learned(person_folder: Path, file: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    return run(person_folder, tmp_path_factory.mktemp("learned") / "archive", f"network.weights={file}", "network.iterations=2")
+
+
+def test_without_weights_nothing_of_it_is_planned_read_or_written(plain: Pipeline) -> None:
+    plan = plain.plan()
+    assert "network.weights is none" in plan.unneeded["network"]
+    assert "network" not in plan.context.facts
+    assert not (plain.root / NAME / "network").exists()
+    assert not any(key[0] == "network" for key in receipts(plain))
+    assert sentences([plan]) == []
+
+
+def test_with_weights_only_what_follows_is_another_and_nothing_is_lost(plain: Pipeline, learned: Pipeline) -> None:
+    after = ("network", "gaussians", "rendering", "metrics")
+    assert_same_content(content(plain, but=after), content(learned, but=after))
+    results = Results(learned.context())
+    for view in learned.context().views.sources:
+        floor, depth, share = (results.read(n, range(2), view) for n in ("depth/depth", "network/depth", "network/share"))
+        assert np.array_equal(floor > 0, depth > 0), "where there was a surface there is one"
+        assert (depth[floor > 0] != floor[floor > 0]).any()
+        confidence = results.read("network/confidence", range(2), view).astype(np.float64)
+        # float16 confidences of a mean that is float32
+        np.testing.assert_allclose(share[:, 0], [c[f > 0].mean() if (f > 0).any() else 0 for c, f in zip(confidence, floor, strict=True)], atol=1e-3)
+        assert np.array_equal(results.read("gaussians/confidence", range(2), view)[:, 0] > 0, (results.read("gaussians/opacity", range(2), view)[:, 0] > 0) & (confidence > 0))
+    (said,) = sentences([learned.plan()])
+    assert "of depth and Gaussians are the network's" in said
+
+
+def test_how_a_sequence_is_cut_changes_no_byte(learned: Pipeline, person_folder: Path, file: Path, tmp_path: Path) -> None:
+    other = run(person_folder, tmp_path / "archive", f"network.weights={file}", "network.iterations=2", partition=1)
+    assert_same_content(content(other), content(learned))
+
+
+def test_turning_it_on_and_off_again_reruns_nothing_before_it(plain: Pipeline, learned: Pipeline, file: Path, tmp_path: Path) -> None:
+    copy = plain.copy(tmp_path / "copy")
+    on = copy.with_settings(f"network.weights={file}", "network.iterations=2")
+    assert set(on.ran()) == {"network", "gaussians", "rendering", "metrics"}
+    assert_same_content(content(on), content(learned))
+    assert set(copy.ran()) == {"gaussians", "rendering", "metrics"}
+    assert_same_content(content(copy, but=("network",)), content(plain))
+
+
+def test_other_weights_in_the_same_file_make_it_stale(learned: Pipeline, tmp_path: Path) -> None:
+    copy = learned.copy(tmp_path / "copy")
+    own = weights(tmp_path / "own.safetensors")
+    named = Pipeline(copy.root, copy.folder, [FRAMES, f"network.weights={own}", "network.iterations=2"])
+    named.run()
+    assert named.plan().all_fresh
+    weights(own, seed=1)
+    assert named.plan().counts("network")[State.STALE]
+
+
+def test_a_confidence_near_zero_leaves_the_floor(plain: Pipeline, tmp_path: Path) -> None:
+    """The confidence head's number is bounded: at -60000 a share of 0.0025 is left, and the view is reported."""
+    file = weights(tmp_path / "unsure.safetensors", confidence=-6e4)
+    copy = plain.copy(tmp_path / "copy").with_settings(f"network.weights={file}", "network.iterations=1")
+    warned = [w for e in copy.run() if hasattr(e, "receipt") for w in e.receipt.warnings if e.task.stage == "network"]
+    assert any("mean confidence" in w for w in warned)
+    results = Results(copy.context())
+    view = copy.context().views.sources[0]
+    floor, depth = (results.read(n, range(2), view) for n in ("depth/depth", "network/depth"))
+    inside = floor > 0
+    # inverse depth changes by at most a quarter, of which 0.0025 counts
+    assert np.abs(1 / depth[inside] - 1 / floor[inside]).max() <= 0.0026 * 0.5 / floor[inside].min()
+
+
+def test_more_iterations_than_were_trained_are_told_and_missing_weights_refused(plain: Pipeline, file: Path) -> None:
+    more = plain.with_settings(f"network.weights={file}", "network.iterations=4")
+    assert any("was trained with 1 to 3" in n for n in more.plan().notes)
+    with pytest.raises(ConfigError, match=r"nowhere\.safetensors.*neither weights that ship"):
+        plain.with_settings("network.weights=nowhere.safetensors").plan()
