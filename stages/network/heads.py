@@ -14,6 +14,7 @@ import torch
 from torch import nn
 
 from stages.gaussians.frame import tangents
+from stages.network.update import pointwise
 
 RotationKind = Literal["normal", "quaternion"]
 LIMIT = 6.0
@@ -176,7 +177,7 @@ class Heads(nn.Module):
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
         outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
-        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(), nn.Conv2d(hidden, n * upscale**2, 1)) for name, n in outputs.items()})
+        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(), pointwise(hidden, n * upscale**2)) for name, n in outputs.items()})
         for name, head in self.heads.items():
             weight, bias = list(head.parameters())[-2:]
             nn.init.zeros_(weight)
