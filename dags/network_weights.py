@@ -70,7 +70,10 @@ def _made(file: Path, stamp: int) -> Any:
     from stages.network.presets import Preset
     from stages.network.weights import load_weights
 
-    network = PoseGaussianNetwork(Preset.from_json(read_card(file).network))
+    preset = Preset.from_json(read_card(file).network)
+    if (preset.rotation_head, preset.opacity_head) != ("normal", "facing"):
+        raise ConfigError(f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive holds normals and two opacities: use weights of the heads normal and facing")
+    network = PoseGaussianNetwork(preset)
     load_weights(file, network)
     for p in network.eval().requires_grad_(False).parameters():
         if p.ndim == 4:  # what convolutions are quickest with

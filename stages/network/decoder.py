@@ -9,6 +9,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from stages.network.update import pointwise
+
 Normalisation = Literal["group", "batch"]
 
 
@@ -32,7 +34,7 @@ class JointSkip(nn.Module):
         """Channels of the three inputs (pose 0: the decoder does not see it) and of the result."""
         super().__init__()
         self.pose = pose
-        self.join = nn.Conv2d(image + depth + pose, out, 1)
+        self.join = pointwise(image + depth + pose, out)
 
     def forward(self, image: torch.Tensor, depth: torch.Tensor, pose: torch.Tensor | None) -> torch.Tensor:
         """[B, out, h, w] of three maps of equal size.

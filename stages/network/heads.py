@@ -14,6 +14,7 @@ import torch
 from torch import nn
 
 from stages.gaussians.frame import tangents
+from stages.network.update import pointwise
 
 RotationKind = Literal["normal", "quaternion"]
 LIMIT = 6.0
@@ -128,6 +129,14 @@ def quaternion_of(normal: torch.Tensor) -> torch.Tensor:
     return torch.where(there, q, 0)
 
 
+def normal_of(rotation: torch.Tensor) -> torch.Tensor:
+    """[B, 3, h, w] the Gaussian's third axis, camera axes: a normal as it is, or the last column of a quaternion's rotation (w, x, y, z)."""
+    if rotation.shape[1] == 3:
+        return rotation
+    w, x, y, z = rotation.unbind(dim=1)
+    return torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], dim=1)
+
+
 def learned_quaternion(x: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
     """[B, 4, h, w] unit: the prior's rotation times the one of (growth(x0), x1, x2, x3), which is under half a turn and never 0."""
     a, b, c, d = quaternion_of(normal).unbind(dim=1)
@@ -176,7 +185,7 @@ class Heads(nn.Module):
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
         outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
-        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, n * upscale**2, 1)) for name, n in outputs.items()})
+        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(inplace=True), pointwise(hidden, n * upscale**2)) for name, n in outputs.items()})
         for name, head in self.heads.items():
             weight, bias = list(head.parameters())[-2:]
             nn.init.zeros_(weight)

@@ -11,7 +11,7 @@ import torch
 from stages.gaussians.params import GaussiansParams
 from stages.gaussians.prior import rays
 from stages.gaussians.run import prior
-from stages.network.heads import Maps, Prior, blend, learned
+from stages.network.heads import Maps, Prior, blend, learned, normal_of
 from stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
 from stages.network.network import PoseGaussianNetwork, Prediction
 from stages.network.views import Views
@@ -89,7 +89,7 @@ def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example:
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
     blended: Maps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
-    return LiftMaps(example.picture[which], depth[0, 0], blended.scale[0], blended.rotation[0], blended.opacity[0])
+    return LiftMaps(example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0])
 
 
 def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tensor:
