@@ -28,7 +28,7 @@ def learner() -> PoseGaussianNetwork:
 
 
 def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteration(learner: PoseGaussianNetwork, example: Example) -> None:
-    views, truth, valid = together([example])
+    views, truth, valid = together([example], torch.device("cpu"))
     found = depth_terms(learner(views, 1), views, truth, torch.zeros_like(valid), CONFIG)
     assert float(found.detach()) == 0
     learner.zero_grad()
@@ -44,7 +44,7 @@ def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteratio
 
 def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
     """mu-weighted steps, then trust, the learned and the blended disparity, each by its own weight."""
-    views, truth, valid = together([example])
+    views, truth, valid = together([example], torch.device("cpu"))
     with torch.no_grad():
         said = learner(views, 1)
     off = truth + 2
@@ -53,7 +53,7 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
 
 
 def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example) -> None:
-    views, truth, valid = together([example, example])
+    views, truth, valid = together([example, example], torch.device("cpu"))
     assert truth.shape == valid.shape == views.start.shape == (4, 1, 32, 32)
     assert torch.isfinite(truth).all()
     assert torch.equal(valid[:2], valid[2:])
