@@ -1,0 +1,32 @@
+"""Laws of the weights that ship: they fit the network their card describes, are as small as promised, and change depth by little where all is right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dags.network_weights import card_of, network_of, notes, shipped
+from stages.network.params import NetworkParams
+from stages.network.presets import PRESETS, Preset
+from stages.network.weights import sha256
+
+BYTES = {"fast": 4_000_000, "base": 10_000_000}
+
+
+def test_every_name_that_is_offered_as_a_level_ships() -> None:
+    levels = NetworkParams.model_fields["weights"].json_schema_extra["quality_levels"]  # type: ignore[index,call-overload]
+    assert set(levels) - {"none"} <= shipped().keys()
+
+
+@pytest.mark.parametrize("file", shipped().values(), ids=lambda f: f.stem)
+def test_weights_fit_their_card_and_their_size(file: Path) -> None:
+    params = NetworkParams(weights=file.stem)
+    card, network = card_of(params), network_of(params)
+    assert card.preset == file.stem
+    assert Preset.from_json(card.network) == network.preset == PRESETS[file.stem]
+    assert file.stat().st_size <= BYTES[file.stem]
+    assert params.iterations <= card.iterations, "the default asks for no more than was trained"
+    assert notes(params) == []
+    assert file.with_suffix(".md").read_text() == card.markdown(sha256(file))
+    assert "/" not in card.seeds, "no path of a machine"
