@@ -22,7 +22,7 @@ class Scenes(Params):
     """A range of seeds; who and what a seed may show is said in `stages/capture/casting.py`."""
 
     first: int = setting(0, "The first seed.", ge=0)
-    count: int = setting(240, "Scenes, one a seed.", unit="scenes", ge=1, le=8000)
+    count: int = setting(480, "Scenes, one a seed.", unit="scenes", ge=1, le=8000)
 
     @property
     def end(self) -> int:
@@ -48,24 +48,24 @@ class TrainingConfig(Params):
 
     scenes: Scenes = setting(Scenes(), "Seeds of the scenes that are trained on, below 8000.")
     validation: Scenes = setting(Scenes(first=FIRST_VALIDATION_SEED, count=4), "Seeds of the scenes that are validated on, 8000 to 8999, one frame each.")
-    frames_per_scene: int = setting(2, "Moments filmed of each training scene.", unit="frames", ge=1, le=64)
+    frames_per_scene: int = setting(1, "Moments filmed of each training scene.", unit="frames", ge=1, le=64)
     cameras: tuple[int, ...] = setting((6, 8, 12), "Numbers of cameras on the ring that scenes are filmed with.", unit="cameras", min_length=1)
     size: int = setting(512, "Side of the filmed pictures.", unit="px", ge=32, le=2048)
     methods: tuple[Method, ...] = setting(("sweep", "sgbm"), "Kinds of analytic depth that the network refines.", min_length=1)
-    crop: int = setting(256, "Side of the pictures that are cut out for a step; a multiple of the network's stride.", unit="px", ge=32, le=2048)
-    batch: int = setting(2, "Pairs of views in a step.", unit="pairs", ge=1, le=256)
+    crop: int = setting(128, "Side of the pictures that are cut out for a step; a multiple of the network's stride. Many small ones teach more than few large ones.", unit="px", ge=32, le=2048)
+    batch: int = setting(8, "Pairs of views in a step.", unit="pairs", ge=1, le=256)
     window: int = setting(24, "Frames at hand at a time, of which steps draw.", unit="frames", ge=1, le=1024)
-    steps_per_frame: int = setting(8, "Steps after which the oldest frame of the window makes room for a new one.", unit="steps", ge=1, le=10_000)
+    steps_per_frame: int = setting(5, "Steps after which the oldest frame of the window makes room for a new one.", unit="steps", ge=1, le=10_000)
 
-    depth_steps: int = setting(4000, "Steps of the first phase, which trains depth alone.", unit="steps", ge=0, le=10_000_000)
-    joint_steps: int = setting(2000, "Steps of the second phase, which trains everything through the renderer.", unit="steps", ge=0, le=10_000_000)
-    iterations: int = setting(6, "Most iterations of the refinement of depth; a step draws from 1 to this.", unit="iterations", ge=1, le=32)
+    depth_steps: int = setting(1500, "Steps of the first phase, which trains depth alone.", unit="steps", ge=0, le=10_000_000)
+    joint_steps: int = setting(2500, "Steps of the second phase, which trains everything through the renderer.", unit="steps", ge=0, le=10_000_000)
+    iterations: int = setting(4, "Most iterations of the refinement of depth; a step draws from 1 to this.", unit="iterations", ge=1, le=32)
 
-    learning_rate: float = setting(4e-4, "The largest rate of AdamW.", gt=0, le=1)
+    learning_rate: float = setting(1e-3, "The largest rate of AdamW.", gt=0, le=1)
     warm_up: int = setting(100, "Steps in which the rate rises from nothing.", unit="steps", ge=0, le=100_000)
     weight_decay: float = setting(1e-5, "Of AdamW.", ge=0, le=1)
     clip: float = setting(1.0, "Bound of the gradient's norm.", gt=0)
-    ema: float = setting(0.999, "Share of the old average that a step keeps in the averaged weights, which are the ones that count.", ge=0, lt=1)
+    ema: float = setting(0.995, "Share of the old average that a step keeps in the averaged weights, which are the ones that count.", ge=0, lt=1)
 
     mu: float = setting(0.9, "Weight of an iteration's depth relative to that of the next one.", gt=0, le=1)
     beta: float = setting(0.5, "Weight of the mean absolute error of rendered pictures.", ge=0)

@@ -48,7 +48,7 @@ def test_frames_show_every_training_scene_and_no_other() -> None:
     config = TrainingConfig(scenes={"first": 10, "count": 3}, frames_per_scene=2)  # type: ignore[arg-type]
     assert [config.scene_seed(i) for i in range(8)] == [10, 10, 11, 11, 12, 12, 10, 10]
     assert [config.validation_seed(i) for i in range(config.validation.count)] == [8000, 8001, 8002, 8003]
-    assert [config.phase(s) for s in (0, 3999, 4000, 5999)] == ["depth", "depth", "joint", "joint"]
+    assert [config.phase(s) for s in (0, 1499, 1500, 3999)] == ["depth", "depth", "joint", "joint"]
 
 
 @pytest.mark.parametrize(
