@@ -6,8 +6,6 @@ import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from safetensors import SafetensorError, safe_open
-
 from storage.errors import UserError
 
 
@@ -51,6 +49,8 @@ class Card:
 
 def read_card(path: Path) -> Card:
     """The card within a file of weights. Raises WeightsError where there is no such file or card."""
+    from safetensors import SafetensorError, safe_open  # a plan without a network needs none
+
     must_exist(path)
     try:
         with safe_open(path, framework="numpy") as f:

@@ -187,7 +187,7 @@ def test_a_frame_that_cannot_be_made_ends_all_and_the_tables_are_written(tmp_pat
 
 
 def test_a_folder_of_another_configuration_is_refused_by_name(posed: Path) -> None:
-    with pytest.raises(ConfigError, match=r"another configuration \(batch: 2 -> 3\)"):
+    with pytest.raises(ConfigError, match=r"another configuration \(batch: 8 -> 3\)"):
         run(posed, config=CONFIG.model_copy(update={"batch": 3}), only=("pose",))
     with pytest.raises(ConfigError, match=r"depth_steps: 4 -> 8"):
         run(posed, config=with_steps(CONFIG, 12), only=("pose",))

@@ -181,7 +181,7 @@ def test_a_log_that_ends_in_half_a_line_is_whole_again(undisturbed: Path, tmp_pa
 
 def test_another_configuration_is_refused_by_name_and_lengths_are_not(tmp_path: Path) -> None:
     run(tmp_path, CONFIG.model_copy(update={"depth_steps": 10, "joint_steps": 0}))
-    with pytest.raises(ConfigError, match=r"at step 10 with another configuration \(batch: 2 -> 3\); choose another --output"):
+    with pytest.raises(ConfigError, match=r"at step 10 with another configuration \(batch: 8 -> 3\); choose another --output"):
         run(tmp_path, CONFIG.model_copy(update={"batch": 3}))
     said = run(tmp_path, CONFIG.model_copy(update={"depth_steps": 12, "joint_steps": 0}))
     assert said[0] == "depth_steps: 10 -> 12, from here on"
