@@ -24,8 +24,8 @@ from storage.checkpoints import read_latest, steps_kept
 from storage.errors import ConfigError, UserError
 
 PARTS = Parts("tests.dags.fake_frames", "tests.dags.fake_frames:frames_of_step", "tests.dags.fake_trainer:Trainer")
-SHORT = ("depth_steps=40", "joint_steps=20", "validate_every=20", "checkpoint_every=10", "window=4", "steps_per_frame=4")
-CONFIG = TrainingConfig(depth_steps=40, joint_steps=20, validate_every=20, checkpoint_every=10, window=4, steps_per_frame=4)
+SHORT = ("frames_per_scene=2", "depth_steps=40", "joint_steps=20", "validate_every=20", "checkpoint_every=10", "window=4", "steps_per_frame=4")
+CONFIG = TrainingConfig(frames_per_scene=2, depth_steps=40, joint_steps=20, validate_every=20, checkpoint_every=10, window=4, steps_per_frame=4)
 ROOT = Path(__file__).resolve().parents[2]
 CODE = f"""
 import sys
