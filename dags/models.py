@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from dags.network_weights import shipped
 from stages.detection.description import read_description
 from stages.detection.models import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
 from storage.errors import SourceError
@@ -59,6 +60,7 @@ def listing() -> list[str]:
     lines += [f"  {m.name:28} {_megabytes(m.size)}  {state}" for m, state in zip(BLAZEPOSE, states, strict=True)]
     if set(states) != {"there"}:
         lines.append(f"  bring it with `{FETCH}`, or `posegaussian models add FILE` with {MEDIAPIPE.file} where there is no network")
+    lines += [f"{name} (the network's weights, {_megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what they were trained on and measured at: {f.with_suffix('.md')}" for name, f in shipped().items()]
     lines.append("onnx: any heatmap or SimCC model of your own, by detection.model=DESCRIPTION.yaml; check one with `posegaussian models add DESCRIPTION.yaml`")
     return lines
 
