@@ -8,7 +8,7 @@ of a farthest and a nearest depth, and depth is made of it in float64.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
@@ -52,6 +52,10 @@ class Coding:
         scale = [s * p.focal * p.baseline for s, (p, _, _, _) in zip(signs, pairs, strict=True)]
         offset = [s * p.offset - (first[0] - other[0]) for s, (p, _, first, other) in zip(signs, pairs, strict=True)]
         return Coding(*(torch.tensor(v, dtype=torch.float64) for v in (scale, offset, [near] * len(pairs), [far] * len(pairs))))
+
+    def only(self, direction: int) -> Coding:
+        """That of one direction."""
+        return Coding(*(getattr(self, f.name)[direction : direction + 1] for f in fields(self)))
 
     def bounds(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Smallest and largest disparity [B], px, float64."""

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 import torch
 
-from stages.depth.params import DepthParams
 from stages.geometry.pairs import choose_pairs
 from stages.geometry.projection import pixel_centres
 from stages.geometry.rectification import RectifiedPair, Window, rectify
@@ -55,7 +53,7 @@ class Looks:
     @classmethod
     def of(cls, rig: Rig, views: tuple[int, ...], count: int) -> Looks:
         """Each view with its `count` nearest usable neighbours, every pair once."""
-        partners = choose_pairs(rig, views, count, DepthParams().max_angle)
+        partners = choose_pairs(rig, views, count)
         centre = look_at_point(rig.subset(views))
         scale = min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
         unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
@@ -94,7 +92,7 @@ def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
 
 def learned_of(pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray) -> Learned:
     """One direction of a pair on its view's own pixels [h, w], those with a depth."""
-    rectified, ratio = _pixels(pair, which, depth.shape)
+    rectified, ratio = pair.rectified_pixels(which, pixel_centres(depth.shape[::-1]))
     x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0))
     known = views.known[which, 0].numpy()
     move = np.where(known, torch.where(views.known, prediction.disparity - views.start, 0)[which, 0].numpy(), 0) / float(views.coding.scale[which])
@@ -104,11 +102,6 @@ def learned_of(pair: RectifiedPair, which: int, window: Window, views: Views, pr
     told = (share > SEEN) & (depth > 0) & (ratio > 0)
     pulled = [np.where(told, cv2.remap(np.where(known, m, 0).astype(np.float32), x, y, cv2.INTER_LINEAR) / np.where(told, share, 1), 0).astype(np.float32) for m in maps]
     return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], np.stack(pulled[2:]))
-
-
-@lru_cache(maxsize=64)
-def _pixels(pair: RectifiedPair, which: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    return pair.rectified_pixels(which, pixel_centres(shape[::-1]))
 
 
 def _merged(parts: list[Learned]) -> Learned:

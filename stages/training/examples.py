@@ -21,12 +21,12 @@ from storage.rig import Rig
 
 HARD = 0.4
 """Share of the crops that lie around a pixel whose start is more than a px off."""
-ESTIMATED = 0.1
+WITHOUT_JOINTS = 0.1
 """Share of the crops without any joints, as captures without an estimator have it."""
 JOINT_NOISE = 3.0
 """Px, largest standard deviation of what joints are moved by."""
 SIGMA = 6.0
-"""Px of a joint's heatmap, about the pose stage's 5 cm at the size of a person in these pictures."""
+"""Px of a joint's heatmap. The pose stage's 4 cm are about 10 px at the size of a person in these pictures, so the network is shown broader ones there."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
 Frame = Mapping[str, np.ndarray]
@@ -75,9 +75,9 @@ def crop(frame: Frame, side: int, random: np.random.Generator) -> Example:
     pair = rectify(_rig(frame), a, b, _centre(frame))
     row, column = _point(frame, a, pair, random)
     point = _world(frame, a, row, column)
-    places = [project(point[None], pair.intrinsics[w], pair.world_to_camera(w))[0][0] for w in (0, 1)]
+    centres = [project(point[None], pair.intrinsics[w], pair.world_to_camera(w))[0][0] for w in (0, 1)]
     off = random.uniform(-side / 8, side / 8, 2)
-    corners = [np.round(p + off - side / 2).astype(int) for p in places]
+    corners = [np.round(p + off - side / 2).astype(int) for p in centres]
     found = tuple((int(c[0]), int(corners[0][1]), side, side) for c in corners)
     gain = 1 + random.uniform(-TINT, TINT, 3)
     return _example(frame, (a, b, between), pair, (found[0], found[1]), point, side // 2, random, gain)
@@ -144,7 +144,7 @@ def _world(frame: Frame, view: int, row: int, column: int) -> np.ndarray:
 def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], random: np.random.Generator | None) -> torch.Tensor:
     """[2, 17, H / 4, W / 4] drawn on the windows, with joints moved as an estimator would; now and then none."""
     width, height = found[0][2:]
-    none = random is not None and random.random() < ESTIMATED
+    none = random is not None and random.random() < WITHOUT_JOINTS
     noise = 0.0 if random is None else float(random.uniform(0, JOINT_NOISE))
     drawn_maps = []
     for which, view in enumerate(pair.views):

@@ -84,7 +84,7 @@ def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example:
     """What the Gaussians of one direction are lifted from: the blend over the analytic prior on the rectified grid."""
     disparity = prediction.disparity[direction : direction + 1]
     there = torch.isfinite(disparity)
-    depth = torch.where(there, _depth(example, which, torch.where(there, disparity, 0)), 0)
+    depth = torch.where(there, example.views.coding.only(which).depth(torch.where(there, disparity, 0)), 0)
     analytic, ray = _prior(example, which, depth.detach()[0, 0].cpu().numpy())
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
@@ -107,14 +107,6 @@ def _intrinsics(example: Example, which: int) -> np.ndarray:
     k = example.pair.intrinsics[which].copy()
     k[:2, 2] -= example.windows[which][:2]
     return k
-
-
-def _depth(example: Example, which: int, disparity: torch.Tensor) -> torch.Tensor:
-    """Rectified depth, metres, of a direction's disparity [1, 1, H, W], differentiable."""
-    coding = example.views.coding
-    scale, offset = float(coding.scale[which]), float(coding.offset[which])
-    inverse = ((disparity.double() - offset) / scale).clamp(1 / float(coding.far[which]), 1 / float(coding.near[which]))
-    return (1 / inverse).float()
 
 
 def _prior(example: Example, which: int, depth: np.ndarray) -> tuple[Prior, torch.Tensor]:

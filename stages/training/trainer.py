@@ -23,7 +23,7 @@ from stages.training.loss import Terms, depth_terms, pose_terms, render_terms, t
 SETTLED = 1000
 """Steps after which the learning rate falls with the root of the steps."""
 QUICK = 8.0
-"""Times the learning rate that the layers have which begin at zero: they have far to go (in 60 steps on one batch the error falls twice as much)."""
+"""Times the learning rate that the layers have which begin at zero: they have far to go."""
 MISSED = 16.0
 """Px that a pixel without a depth counts in the error."""
 

@@ -9,7 +9,7 @@ import torch
 from stages.network.losses import PoseFusion
 from stages.network.network import PoseGaussianNetwork
 from stages.training.examples import Example, crop, whole
-from stages.training.loss import _depth, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
+from stages.training.loss import _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
 from tests.stages.network.made import network
 from tests.stages.training.made import ball, tiny
 
@@ -68,7 +68,7 @@ def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork,
         for which in (0, 1):
             found = gaussian_maps(learner, said, example, which, which)
             start = example.views.start[which : which + 1]
-            depth = torch.where(torch.isfinite(start), _depth(example, which, start.nan_to_num()), 0)
+            depth = torch.where(torch.isfinite(start), example.views.coding.only(which).depth(start.nan_to_num()), 0)
             prior, _ = _prior(example, which, depth[0, 0].numpy())
             assert torch.equal(found.depth, depth[0, 0])
             assert torch.equal(found.scale, prior.scale[0])
