@@ -66,7 +66,7 @@ class Decoder(nn.Module):
     """A U-Net decoder. Levels are counted from the finest: level 0 has the stem's resolution, the last one the fused features'."""
 
     def __init__(self, fused: int, image: Sequence[int], depth: Sequence[int], pose: Sequence[int] | None, widths: Sequence[int], normalisation: Normalisation = "group") -> None:
-        """Channels of the fused features; per level, of the three encoders (pose None: not in the decoder) and of the decoder.
+        """Channels of the fused features; per level, of the three encoders (pose 0: not on this level, None: on none) and of the decoder.
 
         Raises ValueError where the numbers of levels differ.
         """
@@ -78,8 +78,8 @@ class Decoder(nn.Module):
         coarser = [*widths[1:], fused]
         self.blocks = nn.ModuleList(UpBlock(c, w, w, normalisation) for c, w in zip(coarser, widths, strict=True))
 
-    def forward(self, fused: torch.Tensor, image: Sequence[torch.Tensor], depth: Sequence[torch.Tensor], pose: Sequence[torch.Tensor] | None = None) -> Decoded:
-        """Decode fused features [B, C, h', w'] with the encoders' features of every level, finest first.
+    def forward(self, fused: torch.Tensor, image: Sequence[torch.Tensor], depth: Sequence[torch.Tensor], pose: Sequence[torch.Tensor | None] | None = None) -> Decoded:
+        """Decode fused features [B, C, h', w'] with the encoders' features of every level, finest first; pose None where a level has none.
 
         Raises ValueError where the number of maps is not the number of levels.
         """

@@ -20,7 +20,7 @@ SQUEEZE = 4
 """A squeeze-and-excitation passes through this share of its channels."""
 HEATMAP_CELL = 4
 """Pixels a cell of the archive's heatmaps."""
-DOWN = {2: (1, 3), 3: (1, 3, 5), 4: (1, 3, 4, 5)}
+DOWN = {1: (3,), 2: (1, 3), 3: (1, 3, 5), 4: (1, 3, 4, 5)}
 """Number of down-samplings after the stem -> the units, counted from 0, that do them: where the width grows, as far as there are such."""
 
 
@@ -30,8 +30,14 @@ def image_encoder(preset: Preset) -> Encoder:
 
 
 def pose_encoder(preset: Preset, joints: int = 17) -> Encoder:
-    """Of heatmaps [B, joints, H, W] on the picture's grid, see `heatmaps_on`."""
-    return Encoder.of(joints, preset)
+    """Of heatmaps [B, joints, h, w] of one cell per `preset.pose_cell` px, see `heatmaps_on`.
+
+    At the cells they are stored with there is nothing to see between: levels finer than that are left out.
+    """
+    if preset.pose_cell == 1:
+        return Encoder.of(joints, preset)
+    skipped = preset.pose_cell.bit_length() - 1
+    return Encoder(joints, preset.widths, 1, preset.stages - skipped, preset.normalisation, preset.residual, preset.downsampling)
 
 
 def depth_encoder(preset: Preset, channels: int = 1) -> Encoder:
@@ -63,7 +69,7 @@ class Encoder(nn.Module):
     channels: tuple[int, ...]
     """Of each level returned, finest first."""
     strides: tuple[int, ...]
-    """Pixels a cell, of the same levels."""
+    """Cells of the input a cell, of the same levels."""
 
     def __init__(
         self, inputs: int, widths: tuple[int, int, int, int], stem_stride: int, stages: int, normalisation: Normalisation, residual: bool, downsampling: Downsampling

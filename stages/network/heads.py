@@ -1,4 +1,4 @@
-"""The heads: what the network would change of the analytic prior, pixel by pixel. Always float32 (float64 stays).
+"""The heads: what the network would change of the analytic prior, pixel by pixel. What they say is float32 (float64 stays).
 
 Every head predicts a residual: outputs of 0 give the prior itself, and the last convolutions begin at 0. Numbers are kept
 in range by `limited`, whose slope falls like 1/x^2 and never to 0, so that no pixel is ever lost to training.
@@ -14,6 +14,7 @@ import torch
 from torch import nn
 
 from stages.gaussians.frame import tangents
+from stages.network.correlation import exact
 from stages.network.update import pointwise
 
 RotationKind = Literal["normal", "quaternion"]
@@ -185,17 +186,22 @@ class Heads(nn.Module):
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
         outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
-        self.heads = nn.ModuleDict({name: nn.Sequential(nn.Conv2d(channels, hidden, 3, padding=1), nn.ReLU(inplace=True), pointwise(hidden, n * upscale**2)) for name, n in outputs.items()})
-        for name, head in self.heads.items():
-            weight, bias = list(head.parameters())[-2:]
+        # The 3x3 convolutions of all heads as one: six times the channels cost less than six passes over the picture.
+        self.first = nn.Conv2d(channels, len(outputs) * hidden, 3, padding=1)
+        self.last = nn.ModuleDict({name: pointwise(hidden, n * upscale**2) for name, n in outputs.items()})
+        for name, last in self.last.items():
+            weight, bias = last.parameters()
             nn.init.zeros_(weight)
             nn.init.constant_(bias, CONFIDENCE_BIAS if name == "confidence" else 0.0)
 
     def numbers(self, features: torch.Tensor) -> dict[str, torch.Tensor]:
-        """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale]; `learned` gives it its meaning."""
+        """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale]; `learned` gives it its meaning.
+
+        The layers that say it are float32 even under autocast.
+        """
+        hidden = torch.relu_(self.first(features)).chunk(len(self.last), dim=1)
         with torch.autocast(features.device.type, enabled=False):
-            full = features.float() if features.dtype in (torch.float16, torch.bfloat16) else features
-            return {name: nn.functional.pixel_shuffle(head(full), self.upscale) for name, head in self.heads.items()}
+            return {name: nn.functional.pixel_shuffle(last(h.to(exact(h.dtype))), self.upscale) for (name, last), h in zip(self.last.items(), hidden, strict=True)}
 
     def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
         """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from the camera.

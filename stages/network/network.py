@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 from stages.network.decoder import Decoder
 from stages.network.encoders import depth_encoder, heatmaps_on, image_encoder, pose_encoder
@@ -70,8 +69,10 @@ class PoseGaussianNetwork(nn.Module):
         self.pose = pose_encoder(preset, joints) if "decoder" in preset.pose_in else None
         self.depth = depth_encoder(preset, OF_DEPTH)
         channels = self.image.channels
-        self.decoder = Decoder(last + preset.hidden, channels, channels, channels if self.pose is not None else None, channels, preset.normalisation)
-        self.heads = Heads(channels[0], preset.rotation_head, 2 if preset.opacity_head == "facing" else 1, preset.stem_stride)
+        poses = () if self.pose is None else self.pose.channels
+        self.finer = len(channels) - len(poses)
+        self.decoder = Decoder(last + preset.hidden, channels, channels, (*[0] * self.finer, *poses), channels, preset.normalisation)
+        self.heads = Heads(channels[0], preset.rotation_head, 2 if preset.opacity_head == "facing" else 1, preset.stem_stride, hidden=channels[0])
 
     def forward(self, views: Views, iterations: int, only_last: bool = False, timer: Timer | None = None) -> Prediction:
         """Refine the start of every direction in `iterations` steps and decode.
@@ -88,19 +89,19 @@ class PoseGaussianNetwork(nn.Module):
         with clock("fusion"):
             fused = self.fusion(levels[-1], heatmaps_on(views.heatmaps, self.preset.stride))
         with clock("refinement"):
-            told = functional.pixel_unshuffle(torch.cat([relief(start, known), seen], dim=1), self.preset.stride)
+            told = unshuffled(torch.cat([relief(start, known), seen], dim=1), self.preset.stride)
             refined = self.refinement(fused, others(fused), views.start, views.coding, iterations, only_last=only_last, beside=torch.relu(self.beside(told)))
         pose = None
         if self.pose is not None:
             with clock("pose encoder"):
-                pose = self.pose(heatmaps_on(views.heatmaps, 1))
+                pose = self.pose(heatmaps_on(views.heatmaps, self.preset.pose_cell))
         last = refined.disparities[-1]
         move = torch.where(known, last - start, 0)
         with clock("depth encoder"):
             shown = torch.cat([relief(last, known), (move / RELIEF).clamp(-2, 2), refined.confidence, seen], dim=1)
             depth = self.depth(shown.detach())
         with clock("decoder"):
-            decoded = self.decoder(torch.cat([fused, refined.state], dim=1), levels, depth, pose)
+            decoded = self.decoder(torch.cat([fused, refined.state], dim=1), levels, depth, [*[None] * self.finer, *(pose or ())])
         with clock("heads"):
             numbers = self.heads.numbers(decoded.features)
             share = trust(numbers["confidence"])
@@ -111,5 +112,12 @@ class PoseGaussianNetwork(nn.Module):
     def last_layers(self) -> list[nn.Parameter]:
         """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of the start."""
         update = self.refinement.update
-        ends: list[nn.Module] = [*self.heads.heads.values(), update.delta, update.mask, self.refinement.confidence]
+        ends: list[nn.Module] = [*self.heads.last.values(), update.delta, update.mask, self.refinement.confidence]
         return [p for end in ends for p in list(end.parameters())[-2:]]
+
+
+def unshuffled(maps: torch.Tensor, cell: int) -> torch.Tensor:
+    """Maps [B, C, H, W] -> [B, C cell^2, H / cell, W / cell], the channels of `pixel_unshuffle`, channels last as the convolution behind it wants them."""
+    batch, channels, height, width = maps.shape
+    cells = maps.reshape(batch, channels, height // cell, cell, width // cell, cell).permute(0, 2, 4, 1, 3, 5)
+    return cells.reshape(batch, height // cell, width // cell, channels * cell**2).permute(0, 3, 1, 2)

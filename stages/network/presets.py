@@ -53,12 +53,16 @@ class Preset:
     """3 channels, the unit normal, or 4, a quaternion."""
     opacity_head: OpacityHead = "facing"
     """2 channels, seen face-on and at grazing angle, or 1."""
+    pose_cell: int = 4
+    """Pixels a cell of the heatmaps that the pose encoder sees: 4 as they are stored, or 1 as in the paper; levels finer than that have no pose."""
 
     def __post_init__(self) -> None:
         if self.stem_stride not in (1, 2):
             raise ValueError(f"preset {self.name}: stem_stride is {self.stem_stride}; 1 or 2")
         if self.stages not in (3, 4):
             raise ValueError(f"preset {self.name}: stages is {self.stages}; 3 or 4")
+        if self.pose_cell not in (1, 4):
+            raise ValueError(f"preset {self.name}: pose_cell is {self.pose_cell}; 1 or 4")
         if len(self.widths) != 4 or any(w < GROUP or w % GROUP for w in self.widths):
             raise ValueError(f"preset {self.name}: widths are {self.widths}; four positive multiples of {GROUP}")
         if self.hidden < 1 or self.correlation_levels < 1 or self.correlation_radius < 0:
@@ -103,12 +107,12 @@ class Cost:
 
 
 PRESETS: dict[str, Preset] = {
-    "paper": Preset("paper", stem_stride=1),
+    "paper": Preset("paper", stem_stride=1, pose_cell=1),
     "base": Preset("base"),
     "fast": Preset("fast", widths=(16, 32, 48, 64), hidden=64),
 }
 COSTS: dict[str, Cost] = {
-    "paper": Cost(5.34e6, {256: 132, 384: 296, 512: 527}),
-    "base": Cost(5.06e6, {256: 58, 384: 131, 512: 232}),
-    "fast": Cost(1.59e6, {256: 21, 384: 47, 512: 84}),
+    "paper": Cost(5.11e6, {256: 124, 384: 279, 512: 496}),
+    "base": Cost(4.82e6, {256: 49, 384: 110, 512: 196}),
+    "fast": Cost(1.47e6, {256: 16, 384: 37, 512: 65}),
 }

@@ -89,12 +89,12 @@ class DepthRefinement(nn.Module):
             seen = self._seen(correlation, first, disparity, coding, others)
             state, delta = self.update(state, context, seen, disparity - begin)
             disparity = coding.limit(disparity + delta.to(disparity.dtype), self.factor)
-            if step == iterations - 1 or not only_last:
-                weights = self.update.weights(state)
-                found.append(self._fine(disparity, weights, coding, start))
+            if step < iterations - 1 and not only_last:
+                found.append(self._fine(disparity, self.update.weights(state), coding, start))
         with torch.autocast(state.device.type, enabled=False):
             trust = torch.sigmoid(self.confidence(state.to(exact(state.dtype))))
-        return Refined(found, _cut(upsample(trust, weights), start).clamp(0, 1), state)
+        fine = _cut(upsample(torch.cat([self.factor * disparity, trust], dim=1), self.update.weights(state)), start)
+        return Refined([*found, coding.limit(fine[:, :1])], fine[:, 1:].clamp(0, 1), state)
 
     def _seen(self, correlation: Correlation, first: torch.Tensor, disparity: torch.Tensor, coding: Coding, others: Sequence[tuple[torch.Tensor, torch.Tensor]]) -> torch.Tensor:
         """Correlation [B, K, h, w] about a disparity, cells, with that of the further views at the same disparities behind it."""

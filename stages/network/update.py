@@ -6,6 +6,8 @@ float32 even under autocast; the convolutions of the recurrence are in whatever 
 
 from __future__ import annotations
 
+import math
+
 import torch
 import torch.nn.functional as F
 from torch import nn
@@ -25,6 +27,21 @@ def pointwise(inputs: int, outputs: int) -> nn.Conv2d:
     return nn.Conv2d(inputs, outputs, 1, dilation=2)
 
 
+def stacked(*maps: torch.Tensor) -> torch.Tensor:
+    """Maps [B, Ci, h, w] as one [B, C1 + C2 + ..., h, w] of the first one's dtype, channels last.
+
+    torch.cat gives up that order where one of the maps has a single channel, and the convolution behind it would copy everything.
+    """
+    return torch.cat([m.to(maps[0].dtype).permute(0, 2, 3, 1) for m in maps], dim=3).permute(0, 3, 1, 2)
+
+
+def ending(head: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+    """What a head says: its last layer at least in float32, those before it in whatever autocast chooses."""
+    hidden = head[:-1](x)
+    with torch.autocast(x.device.type, enabled=False):
+        return head[-1](hidden.to(exact(hidden.dtype)))
+
+
 class MotionEncoder(nn.Module):
     """Correlation [B, K, h, w] and how far the disparity has moved from its start [B, 1, h, w], cells -> [B, width, h, w].
 
@@ -40,9 +57,8 @@ class MotionEncoder(nn.Module):
 
     def forward(self, correlation: torch.Tensor, moved: torch.Tensor) -> torch.Tensor:
         """What is seen and how far it has moved, in one map; the move is its last channel."""
-        seen = torch.cat([self.correlation(correlation), self.moved(moved)], dim=1)
-        found = torch.relu_(self.both(seen))
-        return torch.cat([found, moved.to(found.dtype)], dim=1)
+        seen = stacked(self.correlation(correlation), self.moved(moved))
+        return stacked(torch.relu_(self.both(seen)), moved)
 
 
 class ConvGRU(nn.Module):
@@ -57,9 +73,9 @@ class ConvGRU(nn.Module):
         """State [B, hidden, h, w], inputs [B, inputs, h, w] and the context's part of update, reset and candidate [B, 3 hidden, h, w] -> state."""
         hidden = state.shape[1]
         both, new = context[:, : 2 * hidden], context[:, 2 * hidden :]
-        update, reset = torch.sigmoid(self.gates(torch.cat([state, inputs], dim=1)) + both).chunk(2, dim=1)
-        candidate = torch.tanh(self.candidate(torch.cat([reset * state, inputs], dim=1)) + new)
-        return (1 - update) * state + update * candidate
+        update, reset = torch.sigmoid_(self.gates(stacked(state, inputs)).add_(both)).chunk(2, dim=1)
+        candidate = torch.tanh_(self.candidate(stacked(reset * state, inputs)).add_(new))
+        return torch.lerp(state, candidate, update)
 
 
 class Update(nn.Module):
@@ -72,8 +88,9 @@ class Update(nn.Module):
     def __init__(self, correlation_channels: int, hidden: int, factor: int) -> None:
         super().__init__()
         self.factor = factor
-        self.motion = MotionEncoder(correlation_channels, hidden)
-        self.recurrence = ConvGRU(hidden, hidden)
+        motion = hidden // 2
+        self.motion = MotionEncoder(correlation_channels, motion)
+        self.recurrence = ConvGRU(hidden, motion)
         self.delta = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(hidden, 1, 3, padding=1))
         self.mask = nn.Sequential(nn.Conv2d(hidden, hidden, 3, padding=1), nn.ReLU(inplace=True), pointwise(hidden, 9 * factor**2))
         for head in (self.delta, self.mask):
@@ -83,41 +100,36 @@ class Update(nn.Module):
     def forward(self, state: torch.Tensor, context: torch.Tensor, correlation: torch.Tensor, moved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The next state, and the change of the disparity [B, 1, h, w], cells, at least float32."""
         state = self.recurrence(state, self.motion(correlation, moved), context)
-        with torch.autocast(state.device.type, enabled=False):
-            return state, self.delta(state.to(exact(state.dtype)))
+        return state, ending(self.delta, state)
 
     def weights(self, state: torch.Tensor) -> torch.Tensor:
-        """Weights [B, 9, factor, factor, h, w] of the up-sampling that belongs to a state."""
-        with torch.autocast(state.device.type, enabled=False):
-            return convex_weights(MASK_GAIN * self.mask(state.to(exact(state.dtype))), self.factor)
+        """Weights [B, h, w, 9, factor^2] of the up-sampling that belongs to a state."""
+        return convex_weights(ending(self.mask, state), self.factor, MASK_GAIN)
 
 
-def convex_weights(logits: torch.Tensor, factor: int) -> torch.Tensor:
-    """Logits [B, 9 factor^2, h, w] -> weights [B, 9, factor, factor, h, w] of a cell's 3 x 3 neighbours at each of its pixels.
+def convex_weights(logits: torch.Tensor, factor: int, gain: float = 1.0) -> torch.Tensor:
+    """Logits [B, 9 factor^2, h, w], times `gain`, -> weights [B, h, w, 9, factor^2] of a cell's 3 x 3 neighbours at each of its pixels, row by row.
 
     They are at least 0 and sum to 1. Logits of 0 give the quadratic B-spline's weights (1/2 - s)^2 / 2, 3/4 - s^2 and
     (1/2 + s)^2 / 2 at a pixel s cells from the centre, whose mean position is the pixel: a plane stays a plane before anything is learned.
     """
-    batch, _, height, width = logits.shape
     dtype = exact(logits.dtype)
     s = (torch.arange(factor, dtype=dtype, device=logits.device) - (factor - 1) / 2) / factor
     line = torch.stack([(0.5 - s) ** 2 / 2, 0.75 - s**2, (0.5 + s) ** 2 / 2])
-    start = (line[:, None, :, None] * line[None, :, None, :]).reshape(9, factor, factor).log()
-    return torch.softmax(logits.to(dtype).reshape(batch, 9, factor, factor, height, width) + start[..., None, None], dim=1)
+    start = (line[:, None, :, None] * line[None, :, None, :]).reshape(9, factor**2).log()
+    return torch.softmax(torch.add(start, logits.to(dtype).permute(0, 2, 3, 1).unflatten(3, (9, factor**2)), alpha=gain), dim=3)
 
 
 def upsample(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    """Values [B, 1, h, w] of cells -> [B, 1, factor h, factor w], convex combinations of 3 x 3 cells, at least float32.
+    """Values [B, C, h, w] of cells -> [B, C, factor h, factor w], convex combinations of 3 x 3 cells, at least float32.
 
     Beyond the rim the rim's own value stands, so that nothing is pulled to 0. Disparities in cells are multiplied by the
     factor by the caller.
     """
-    batch, _, height, width = values.shape
-    factor = weights.shape[2]
+    batch, channels, height, width = values.shape
+    factor = math.isqrt(weights.shape[-1])
     with torch.autocast(values.device.type, enabled=False):
         padded = F.pad(values.to(weights.dtype), (1, 1, 1, 1), mode="replicate")
-        fine = weights.new_zeros(batch, factor, factor, height, width)
-        for i in range(9):  # not one product of everything: it would be nine times as large as the result
-            y, x = divmod(i, 3)
-            fine = torch.addcmul(fine, weights[:, i], padded[:, :, None, y : y + height, x : x + width])
-    return fine.permute(0, 3, 1, 4, 2).reshape(batch, 1, factor * height, factor * width)
+        around = torch.stack([padded[:, :, y : y + height, x : x + width] for y in range(3) for x in range(3)], dim=-1).permute(0, 2, 3, 1, 4)
+        fine = (around @ weights).reshape(batch, height, width, channels, factor, factor)
+    return fine.permute(0, 3, 1, 4, 2, 5).reshape(batch, channels, factor * height, factor * width)

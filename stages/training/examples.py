@@ -25,10 +25,23 @@ WITHOUT_JOINTS = 0.1
 """Share of the crops without any joints, as captures without an estimator have it."""
 JOINT_NOISE = 3.0
 """Px, largest standard deviation of what joints are moved by."""
-SIGMA = 6.0
-"""Px of a joint's heatmap. The pose stage's 4 cm are about 10 px at the size of a person in these pictures, so the network is shown broader ones there."""
+SIGMAS = (5.0, 10.0)
+"""Px, narrowest and broadest heatmap of a joint. The pose stage's 4 cm are about 10 px at the size of a person in these pictures."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
+SPOILT = 0.3
+"""Share of the crops that each of these is done to, as real cameras do it:"""
+UNLIKE = 0.06
+"""largest change of a colour channel's gain, another one in each view;"""
+GRAIN, BLUR = 0.03, 1.2
+"""largest standard deviation of noise, of brightness 0..1, and of a blur of both views, px;"""
+SLIP = 0.75
+"""largest shift of the second view across its rows, px, as a calibration that is off has it."""
+STRANGE = 0.15
+"""Share of the crops whose second view is shifted by so much that nothing in it fits: the start must stand there, with no confidence."""
+FARTHEST = 0.4
+"""Of the crop's side, the largest of these shifts; the least is `STRANGE_LEAST` px."""
+STRANGE_LEAST = 8
 Frame = Mapping[str, np.ndarray]
 
 
@@ -51,6 +64,8 @@ class Example:
     """[1, 3, h, w] what it sees, premultiplied."""
     cover: torch.Tensor
     """[1, 1, h, w] its mask, 0..1."""
+    strange: bool
+    """Whether the two pictures do not fit each other, so that nothing can be learnt from one about the other."""
 
 
 def frames_of_step(config: TrainingConfig, step: int) -> range:
@@ -102,11 +117,40 @@ def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, fou
     camera = _target(frame, between, point, side)
     seen = _cut(frame["color"][between], frame, between, camera).astype(np.float32) / 255
     cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
+    heatmaps, color, strange = _heatmaps(frame, pair, found, random), given.color * tint[:, None, None], False
+    if random is not None:
+        color, strange = _spoilt(color, given.cover, random)
     return Example(
-        replace(given, heatmaps=_heatmaps(frame, pair, found, random), color=(given.color * tint[:, None, None]).clamp(max=1)), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
+        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1)), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
         (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1), camera,
-        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None],
+        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None], strange,
     )  # fmt: skip
+
+
+def _spoilt(color: torch.Tensor, cover: torch.Tensor, random: np.random.Generator) -> tuple[torch.Tensor, bool]:
+    """Premultiplied colours [2, 3, H, W] of both views as real cameras might give them, and whether they no longer fit each other."""
+    unlike, grainy, blurred, slipped = (random.random(4) < SPOILT).tolist()
+    if unlike:
+        color = color * torch.from_numpy(1 + random.uniform(-UNLIKE, UNLIKE, (2, 3, 1, 1)).astype(np.float32))
+    if blurred:
+        sigma = float(random.uniform(0.3, BLUR))
+        color = torch.from_numpy(np.stack([np.moveaxis(cv2.GaussianBlur(np.moveaxis(c.numpy(), 0, -1), (0, 0), sigma), -1, 0) for c in color]))
+    if slipped:
+        color = torch.stack([color[0], _shifted(color[1], float(random.uniform(-SLIP, SLIP)))])
+    strange = bool(random.random() < STRANGE)
+    if strange:
+        shift = float(random.uniform(STRANGE_LEAST, max(STRANGE_LEAST, FARTHEST * color.shape[2])))
+        color = torch.stack([color[0], _shifted(color[1], shift if random.random() < 0.5 else -shift)])
+    if grainy:
+        color = color + cover * torch.from_numpy(random.normal(0, random.uniform(0, GRAIN), color.shape).astype(np.float32))
+    return color, strange
+
+
+def _shifted(color: torch.Tensor, rows: float) -> torch.Tensor:
+    """A picture [3, H, W] moved down by so many rows; black comes in."""
+    height, width = color.shape[1:]
+    moved = cv2.warpAffine(np.ascontiguousarray(np.moveaxis(color.numpy(), 0, -1)), np.array([[1.0, 0, 0], [0, 1, rows]]), (width, height), flags=cv2.INTER_LINEAR)
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(moved, -1, 0)))
 
 
 def _rig(frame: Frame) -> Rig:
@@ -146,6 +190,7 @@ def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], r
     width, height = found[0][2:]
     none = random is not None and random.random() < WITHOUT_JOINTS
     noise = 0.0 if random is None else float(random.uniform(0, JOINT_NOISE))
+    sigma = SIGMAS[1] if random is None else float(random.uniform(*SIGMAS))
     drawn_maps = []
     for which, view in enumerate(pair.views):
         joints = frame["joints"][view].copy()
@@ -153,7 +198,7 @@ def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], r
             joints[:, :2] += random.normal(0, noise, (len(joints), 2))
         joints[:, :2] = pair.rectified_pixels(which, joints[:, :2])[0] - np.array(found[which][:2])
         joints[:, 2] *= not none
-        drawn_maps.append(draw(joints[None], np.full((1, len(joints)), SIGMA), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0])
+        drawn_maps.append(draw(joints[None], np.full((1, len(joints)), sigma), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0])
     return torch.from_numpy(np.stack(drawn_maps).astype(np.float32))
 
 

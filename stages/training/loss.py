@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch.nn import functional
 
 from stages.gaussians.params import GaussiansParams
 from stages.gaussians.prior import rays
@@ -25,6 +26,9 @@ from stages.training.examples import Example
 TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
 """Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned disparity, which a low
 confidence must not starve; and of what comes out."""
+DOUBT = 0.5
+"""Weight of the cross entropy of the confidence with whether the two views fit each other. Of both kinds of pairs: asked for doubt alone, the
+network doubts everything where it changes little, and learns less elsewhere."""
 RENDER = 20.0
 """Weight of the picture: px of disparity count in units, shares of brightness in hundredths."""
 OUTSIDE = 0.25
@@ -47,18 +51,37 @@ class Terms(NamedTuple):
         return self.depth + self.pose + self.render
 
 
-def together(examples: Sequence[Example], device: torch.device) -> tuple[Views, torch.Tensor, torch.Tensor]:
-    """On a device: views, true disparity [B, 1, H, W] and where both it and the start are known."""
+class Batch(NamedTuple):
+    """Examples as one, on a device."""
+
+    views: Views
+    truth: torch.Tensor
+    """[B, 1, H, W] true disparity, px, 0 where there is none."""
+    valid: torch.Tensor
+    """[B, 1, H, W] bool, where both the truth and the start are known."""
+    strange: torch.Tensor
+    """[B, 1, 1, 1] bool, of the directions whose two views do not fit each other."""
+
+
+def together(examples: Sequence[Example], device: torch.device) -> Batch:
+    """Examples of one size as a batch."""
     views, truth = Views.batch([e.views for e in examples]).to(device), torch.cat([e.truth for e in examples]).to(device)
-    return views, torch.where(torch.isfinite(truth), truth, 0), torch.isfinite(truth) & views.known
+    strange = torch.tensor([e.strange for e in examples for _ in (0, 1)], device=device)
+    return Batch(views, torch.where(torch.isfinite(truth), truth, 0), torch.isfinite(truth) & views.known, strange[:, None, None, None])
 
 
-def depth_terms(prediction: Prediction, views: Views, truth: torch.Tensor, valid: torch.Tensor, config: TrainingConfig) -> torch.Tensor:
-    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what comes out."""
+def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) -> torch.Tensor:
+    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what comes out.
+
+    Where the views do not fit, nothing is asked of what is learnt, but that no confidence goes with it; where they do, some should.
+    """
+    views, truth, valid = batch.views, batch.truth, batch.valid
+    fits = valid & ~batch.strange
     start, last = torch.where(valid, views.start, 0), prediction.disparities[-1].detach()
     blended = start + prediction.trust * (last - start)
-    parts = ((TRUST, blended), (LEARNED, start + prediction.change), (BLENDED, torch.where(valid, prediction.disparity, 0)))
-    return sequence_loss(prediction.disparities, truth, valid, config.mu) + torch.stack([w * masked_mean((d - truth).abs(), valid) for w, d in parts]).sum()
+    parts = ((TRUST, blended, valid), (LEARNED, start + prediction.change, fits), (BLENDED, torch.where(valid, prediction.disparity, 0), valid))
+    doubt = DOUBT * masked_mean(functional.binary_cross_entropy(prediction.confidence, fits.to(prediction.confidence.dtype), reduction="none"), valid)
+    return sequence_loss(prediction.disparities, truth, fits, config.mu) + doubt + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
 
 
 def pose_terms(fusion: PoseFusion | None, prediction: Prediction, views: Views, config: TrainingConfig) -> torch.Tensor:

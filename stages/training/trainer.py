@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from stages.network.losses import PoseFusion
+from stages.network.losses import PoseFusion, masked_mean
 from stages.network.network import PoseGaussianNetwork
 from stages.network.weights import load_weights
 from stages.training.config import TrainingConfig
@@ -70,17 +70,18 @@ class Trainer:
         return {"loss": float(terms.total.detach()), **{k: float(v.detach()) for k, v in terms._asdict().items()}, **numbers, "gradient": norm, "rate": rate, "skipped": float(self.skipped), **seconds}
 
     def _terms(self, examples: list[Example], iterations: int) -> tuple[Terms, dict[str, float]]:
-        views, truth, valid = together(examples, self.device)
+        batch = together(examples, self.device)
+        views, truth, valid, strange = batch
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
             prediction = self.network(views, iterations)
-        depth = depth_terms(prediction, views, truth, valid, self.config)
+        depth = depth_terms(prediction, batch, self.config)
         pose = pose_terms(self.fusion, prediction, views, self.config)
         joint = self.config.phase(self.step) == "joint"
         render = render_terms(self.network, prediction, examples, self.config, torch.get_num_threads()) if joint else depth.new_zeros(())
         with torch.no_grad():
-            count = valid.sum().clamp(min=1)
-            before, after = (float(torch.where(valid, (d - truth).abs(), 0).sum() / count) for d in (views.start, prediction.disparity))
-            numbers = {"epe": after, "epe start": before, "confidence": float(torch.where(valid, prediction.confidence, 0).sum() / count), "iterations": float(iterations)}
+            before, after = (float(masked_mean((torch.where(valid, d, 0) - truth).abs(), valid)) for d in (views.start, prediction.disparity))
+            sure, doubtful = (float(masked_mean(prediction.confidence, where)) for where in (valid & ~strange, valid & strange))
+            numbers = {"epe": after, "epe start": before, "confidence": sure, "confidence strange": doubtful, "iterations": float(iterations)}
         return Terms(depth, pose, render), numbers
 
     def _rate(self) -> float:
@@ -103,7 +104,7 @@ class Trainer:
         found: dict[str, list[float]] = {}
         for index in sorted(frames):
             for row in (0, 1):
-                views, truth, valid = together([whole(frames[index], row, self.config.network().stride)], self.device)
+                views, truth, valid, _ = together([whole(frames[index], row, self.config.network().stride)], self.device)
                 surface = torch.isfinite(views.start) | valid
                 with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
                     by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}

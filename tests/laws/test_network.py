@@ -29,7 +29,7 @@ def weights(file: Path, seed: int = 0, confidence: float | None = None) -> Path:
         for p in network.last_layers():
             p.add_(0.05 * torch.randn_like(p))
         if confidence is not None:
-            weight, bias = list(network.heads.heads["confidence"].parameters())[-2:]
+            weight, bias = list(network.heads.last["confidence"].parameters())
             weight.zero_()
             bias.fill_(confidence)
     save_weights(file, network.state_dict(), Card("random", "fast", PRESETS["fast"].as_json(), 3, "none", "none", 0.0, "none", (("a",),)))

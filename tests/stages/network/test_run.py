@@ -101,9 +101,9 @@ def test_heatmaps_count_where_they_are_declared_and_the_smoothed_ones_first(net:
 
 def test_a_network_that_says_nothing_is_reported(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray]) -> None:
     silent = copy.deepcopy(net)
-    for head in silent.heads.heads.values():
-        torch.nn.init.zeros_(head[-1].weight)
-        torch.nn.init.constant_(head[-1].bias, -1e6)
+    for last in silent.heads.last.values():
+        torch.nn.init.zeros_(last.weight)
+        torch.nn.init.constant_(last.bias, -1e6)
     inputs = MemoryInputs(STAGE, PARAMS, arrays, rig, VIEWS, range(1), FRAMES, sources={"network": silent}, effects=frozenset())
     notes = [n for block in resolve(STAGE.run)(inputs, PARAMS) for n in block.notes]
     assert len(notes) == 3

@@ -142,7 +142,7 @@ def test_up_sampling_places_each_weight_at_its_pixel() -> None:
     cells, weights = torch.randn(1, 1, 3, 2, generator=g), convex_weights(torch.randn(1, 9 * 4, 3, 2, generator=g), 2)
     padded, fine = F.pad(cells, (1, 1, 1, 1), mode="replicate")[0, 0], upsample(cells, weights)
     for y, x, i, j in np.ndindex(3, 2, 2, 2):
-        expected = sum(weights[0, 3 * a + b, i, j, y, x] * padded[y + a, x + b] for a in range(3) for b in range(3))
+        expected = sum(weights[0, y, x, 3 * a + b, 2 * i + j] * padded[y + a, x + b] for a in range(3) for b in range(3))
         assert float(fine[0, 0, 2 * y + i, 2 * x + j]) == pytest.approx(float(expected), abs=1e-6)
 
 

@@ -1,6 +1,6 @@
 """What a step is given follows from its number, agrees with the truth, and looks at one point of the body."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -46,6 +46,32 @@ def test_iterations_are_drawn_from_1_to_the_most(frame: Frame) -> None:
     few = tiny(iterations=3)
     found = {drawn(few, step, {0: frame})[1] for step in range(25)}
     assert found == {1, 2, 3}
+
+
+def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step's start, truth, windows and target are those it has without; nothing is lit where nobody stands, but by what is shifted there."""
+    spoilt = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
+    with monkeypatch.context() as m:
+        m.setattr(examples, "_spoilt", lambda color, cover, random: (color, False))
+        plain = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
+    assert {e.strange for e in spoilt} == {True, False}
+    assert not any(e.strange for e in plain)
+    for a, b in zip(spoilt, plain, strict=True):
+        assert same(replace(a, views=replace(a.views, color=b.views.color)), b)
+        assert bool(torch.isfinite(a.views.color).all())
+        assert 0 <= float(a.views.color.min()) <= float(a.views.color.max()) <= 1
+    still = [float((a.views.color[0] - b.views.color[0]).abs().mean()) for a, b in zip(spoilt, plain, strict=True)]
+    moved = [float((a.views.color[1] - b.views.color[1]).abs().mean()) for a, b in zip(spoilt, plain, strict=True) if a.strange]
+    assert min(moved) > max(still)  # what no calibration could do to one view alone
+
+
+@pytest.mark.parametrize("rows", [3.0, -5.0])
+def test_a_shift_by_whole_rows_loses_only_what_leaves_the_picture(rows: float) -> None:
+    picture = torch.rand(3, 16, 12, generator=torch.Generator().manual_seed(0))
+    back = examples._shifted(examples._shifted(picture, rows), -rows)
+    kept = slice(0, 16 - int(rows)) if rows > 0 else slice(int(-rows), 16)
+    torch.testing.assert_close(back[:, kept], picture[:, kept], rtol=0, atol=1e-6)  # OpenCV's weights are exact there
+    assert not bool(back.sum(dim=(0, 2))[[r for r in range(16) if r not in range(*kept.indices(16))]].any())
 
 
 def test_the_window_of_frames_moves_on_and_never_back() -> None:

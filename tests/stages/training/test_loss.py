@@ -9,7 +9,7 @@ import torch
 from stages.network.losses import PoseFusion
 from stages.network.network import PoseGaussianNetwork
 from stages.training.examples import Example, crop, whole
-from stages.training.loss import _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
+from stages.training.loss import DOUBT, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
 from tests.stages.network.made import network
 from tests.stages.training.made import ball, tiny
 
@@ -19,7 +19,7 @@ CONFIG = tiny()
 
 @pytest.fixture(scope="module")
 def example() -> Example:
-    return crop(ball(), 32, np.random.default_rng(1))
+    return replace(crop(ball(), 32, np.random.default_rng(1)), strange=False)
 
 
 @pytest.fixture(scope="module")
@@ -28,13 +28,13 @@ def learner() -> PoseGaussianNetwork:
 
 
 def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteration(learner: PoseGaussianNetwork, example: Example) -> None:
-    views, truth, valid = together([example], torch.device("cpu"))
-    found = depth_terms(learner(views, 1), views, truth, torch.zeros_like(valid), CONFIG)
+    batch = together([example], torch.device("cpu"))
+    found = depth_terms(learner(batch.views, 1), batch._replace(valid=torch.zeros_like(batch.valid)), CONFIG)
     assert float(found.detach()) == 0
     learner.zero_grad()
     found.backward()
     assert not any(bool(p.grad.any()) for p in learner.parameters() if p.grad is not None)
-    known = depth_terms(learner(views, 1), views, truth, valid, CONFIG)
+    known = depth_terms(learner(batch.views, 1), batch, CONFIG)
     assert float(known.detach()) > 0
     known.backward()
     gradients = {name: p.grad for name, p in learner.named_parameters() if p.grad is not None}
@@ -44,16 +44,34 @@ def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteratio
 
 def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
     """mu-weighted steps, then trust, the learned and the blended disparity, each by its own weight."""
-    views, truth, valid = together([example], torch.device("cpu"))
+    batch = together([example], torch.device("cpu"))
+    views, truth, valid, _ = batch
     with torch.no_grad():
         said = learner(views, 1)
     off = truth + 2
+    doubt = -DOUBT * float(said.confidence[valid].log().mean())
     exact = replace(said, disparities=[off], trust=torch.ones_like(off), change=torch.where(valid, off - views.start, 0), disparity=torch.where(valid, off, torch.nan))
-    assert float(depth_terms(exact, views, truth, valid, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2), rel=1e-4)
+    assert float(depth_terms(exact, batch, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2) + doubt, rel=1e-4)
+
+
+def test_views_that_do_not_fit_teach_no_depth_but_no_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
+    """The same pair beside itself, shown as strange: the learned change has no gradient from it, and less confidence is better."""
+    batch = together([replace(example, strange=True)], torch.device("cpu"))
+    assert bool(batch.strange.all())
+    learner.zero_grad()
+    depth_terms(learner(batch.views, 1), batch, CONFIG).backward()
+    confidence = learner.heads.last["confidence"].bias.grad
+    assert confidence is not None
+    assert float(confidence.sum()) > 0
+    learner.zero_grad()
+    said = learner(batch.views, 1)
+    depth_terms(replace(said, disparity=said.disparity.detach()), batch, CONFIG).backward()
+    change = learner.heads.last["disparity"].bias.grad
+    assert change is None or not bool(change.any())
 
 
 def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example) -> None:
-    views, truth, valid = together([example, example], torch.device("cpu"))
+    views, truth, valid, _ = together([example, example], torch.device("cpu"))
     assert truth.shape == valid.shape == views.start.shape == (4, 1, 32, 32)
     assert torch.isfinite(truth).all()
     assert torch.equal(valid[:2], valid[2:])
@@ -95,9 +113,9 @@ def test_the_picture_moves_every_head_that_draws(learner: PoseGaussianNetwork, e
     learner.zero_grad()
     render = render_terms(learner, learner(example.views, 1), [example], CONFIG)
     render.backward()
-    for name, head in learner.heads.heads.items():
-        assert torch.isfinite(head[-1].bias.grad).all(), name
-        assert bool(head[-1].bias.grad.any()), name
+    for name, last in learner.heads.last.items():
+        assert torch.isfinite(last.bias.grad).all(), name
+        assert bool(last.bias.grad.any()), name
 
 
 def test_the_pose_term_is_0_without_a_pose_and_finite_without_joints(learner: PoseGaussianNetwork, example: Example) -> None:

@@ -32,9 +32,9 @@ def cost(trainer: Trainer, config: TrainingConfig, frames: Mapping[int, Frame]) 
     """Of depth, over four pairs that no step draws, as the averaged weights have it."""
     found = []
     for step in range(10_000, 10_004):
-        views, truth, valid = together(drawn(config, step, dict.fromkeys(frames_of_step(config, step), frames[0]))[0], torch.device("cpu"))
+        batch = together(drawn(config, step, dict.fromkeys(frames_of_step(config, step), frames[0]))[0], torch.device("cpu"))
         with torch.no_grad():
-            found.append(float(depth_terms(trainer.averaged(views, 2), views, truth, valid, config)))
+            found.append(float(depth_terms(trainer.averaged(batch.views, 2), batch, config)))
     return float(np.mean(found))
 
 
