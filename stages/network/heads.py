@@ -15,6 +15,7 @@ from torch import nn
 
 from stages.gaussians.frame import tangents
 from stages.network.correlation import exact
+from stages.network.layout import shuffled
 from stages.network.update import pointwise
 
 RotationKind = Literal["normal", "quaternion"]
@@ -201,7 +202,7 @@ class Heads(nn.Module):
         """
         hidden = torch.relu_(self.first(features)).chunk(len(self.last), dim=1)
         with torch.autocast(features.device.type, enabled=False):
-            return {name: nn.functional.pixel_shuffle(last(h.to(exact(h.dtype))), self.upscale) for (name, last), h in zip(self.last.items(), hidden, strict=True)}
+            return {name: shuffled(last(h.to(exact(h.dtype))), self.upscale) for (name, last), h in zip(self.last.items(), hidden, strict=True)}
 
     def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
         """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from the camera.

@@ -19,6 +19,7 @@ from stages.network.decoder import Decoder
 from stages.network.encoders import depth_encoder, heatmaps_on, image_encoder, pose_encoder
 from stages.network.fusion import depth_fusion
 from stages.network.heads import Heads, moved, trust
+from stages.network.layout import unshuffled
 from stages.network.presets import Preset
 from stages.network.refine import DepthRefinement
 from stages.network.views import EVIDENCE, RELIEF, Views, evidence, others, relief
@@ -114,10 +115,3 @@ class PoseGaussianNetwork(nn.Module):
         update = self.refinement.update
         ends: list[nn.Module] = [*self.heads.last.values(), update.delta, update.mask, self.refinement.confidence]
         return [p for end in ends for p in list(end.parameters())[-2:]]
-
-
-def unshuffled(maps: torch.Tensor, cell: int) -> torch.Tensor:
-    """Maps [B, C, H, W] -> [B, C cell^2, H / cell, W / cell], the channels of `pixel_unshuffle`, channels last as the convolution behind it wants them."""
-    batch, channels, height, width = maps.shape
-    cells = maps.reshape(batch, channels, height // cell, cell, width // cell, cell).permute(0, 2, 4, 1, 3, 5)
-    return cells.reshape(batch, height // cell, width // cell, channels * cell**2).permute(0, 3, 1, 2)

@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from stages.network.correlation import exact
+from stages.network.layout import stacked
 
 MASK_GAIN = 0.25
 """Of the weights' logits, as in RAFT: the head learns as fast as the others."""
@@ -25,14 +26,6 @@ def pointwise(inputs: int, outputs: int) -> nn.Conv2d:
     Dilation does nothing to a single tap but choose the code.
     """
     return nn.Conv2d(inputs, outputs, 1, dilation=2)
-
-
-def stacked(*maps: torch.Tensor) -> torch.Tensor:
-    """Maps [B, Ci, h, w] as one [B, C1 + C2 + ..., h, w] of the first one's dtype, channels last.
-
-    torch.cat gives up that order where one of the maps has a single channel, and the convolution behind it would copy everything.
-    """
-    return torch.cat([m.to(maps[0].dtype).permute(0, 2, 3, 1) for m in maps], dim=3).permute(0, 3, 1, 2)
 
 
 def ending(head: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
