@@ -70,6 +70,8 @@ class Encoder(nn.Module):
     """Of each level returned, finest first."""
     strides: tuple[int, ...]
     """Cells of the input a cell, of the same levels."""
+    lag: float
+    """Cells of the input by which features of the last level lie to the upper left of their cells' centres, in both directions."""
 
     def __init__(
         self, inputs: int, widths: tuple[int, int, int, int], stem_stride: int, stages: int, normalisation: Normalisation, residual: bool, downsampling: Downsampling
@@ -84,6 +86,8 @@ class Encoder(nn.Module):
         self.ends = frozenset([*(i - 1 for i in down), 5])
         self.channels = tuple(sides[i + 1] for i in sorted(self.ends))
         self.strides = tuple(stem_stride * 2**i for i in range(len(self.channels)))
+        # A strided convolution centres its cells on the first of two; a mean of 2 x 2 lies in the middle.
+        self.lag = (self.strides[-1] - 1) / 2 if downsampling == "stride" else 0.0
 
     @classmethod
     def of(cls, inputs: int, preset: Preset) -> Encoder:
@@ -93,8 +97,8 @@ class Encoder(nn.Module):
     def forward(self, x: torch.Tensor) -> list[torch.Tensor]:
         """[B, inputs, H, W] -> [B, channels[i], H / strides[i], W / strides[i]] for each level, finest first.
 
-        A strided convolution centres its cells on the first of two pixels, so features lie half a fine cell to the upper left;
-        equally so in all views and encoders. Raises ValueError where H or W is not a positive multiple of the last stride.
+        Strided convolutions leave features to the upper left of their cells' centres (`lag`), equally so in all views and
+        encoders. Raises ValueError where H or W is not a positive multiple of the last stride.
         """
         if x.ndim != 4 or x.shape[1] != self.inputs:
             raise ValueError(f"an encoder of {self.inputs} channels was given {tuple(x.shape)}; [B, {self.inputs}, H, W]")

@@ -6,16 +6,17 @@ Only changes are pulled back, not values: where the network says nothing, a view
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import torch
 
-from stages.geometry.pairs import choose_pairs
+from stages.geometry.pairs import choose_pairs, pair_report
 from stages.geometry.projection import pixel_centres
 from stages.geometry.rectification import RectifiedPair, Window, rectify
 from stages.geometry.subject import look_at_point
+from stages.network.further import candidates, third_of
 from stages.network.network import PoseGaussianNetwork, Prediction, Timer
 from stages.network.views import SourceView, Views, rectified_pair, windows
 from storage.rig import Rig, points_to_integer_centres
@@ -48,27 +49,35 @@ class Learned:
 class Looks:
     """Which pairs of some views are looked at; follows from the cameras alone."""
 
+    rig: Rig
+    """The cameras."""
     pairs: tuple[RectifiedPair, ...]
+    thirds: tuple[tuple[int, ...], ...]
+    """Of each pair, the views that could be its third, the best one first."""
 
     @classmethod
     def of(cls, rig: Rig, views: tuple[int, ...], count: int) -> Looks:
         """Each view with its `count` nearest usable neighbours, every pair once."""
-        partners = choose_pairs(rig, views, count)
+        reports = pair_report(rig, views)
+        partners = choose_pairs(rig, views, count, reports=reports)
         centre = look_at_point(rig.subset(views))
         scale = min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
         unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
-        return cls(tuple(rectify(rig, a, b, centre, scale) for a, b in unordered))
+        pairs = tuple(rectify(rig, a, b, centre, scale) for a, b in unordered)
+        return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs))
 
 
 def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceView], iterations: int, precision: str, timer: Timer | None = None) -> dict[int, Learned]:
     """What is learnt about every view that has a pair."""
     found: dict[int, list[Learned]] = {}
-    for pair in looks.pairs:
+    for pair, thirds in zip(looks.pairs, looks.thirds, strict=True):
         shown = (views[pair.views[0]], views[pair.views[1]])
         around = windows(pair, (shown[0].depth > 0, shown[1].depth > 0), network.preset.stride)
         if around is None:
             continue
         rectified = rectified_pair(pair, shown, around, joints=network.joints)
+        if network.preset.further_views:
+            rectified = replace(rectified, third=third_of(looks.rig, pair, around, {v: views[v] for v in thirds}, network.preset.stride, network.joints))
         prediction = predict(network, rectified, iterations, precision, timer)
         for which, view in enumerate(pair.views):
             found.setdefault(view, []).append(learned_of(pair, which, around[which], rectified, prediction, shown[which].depth))

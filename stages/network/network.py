@@ -1,6 +1,7 @@
 """The whole network: encoders, fusion, recurrent refinement of the disparity, decoder and heads.
 
     pictures, heatmaps -> features -> correlation -> D(1) ... D(T)  (stages/network/refine.py)
+    a third view's picture and heatmaps -> features, looked up by warping in each step, where the preset has `further_views`
     D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
 
 Everything it says is relative to the analytic start: heads of 0 and a confidence of 0 give the start itself.
@@ -22,7 +23,8 @@ from stages.network.heads import Heads, moved, trust
 from stages.network.layout import unshuffled
 from stages.network.presets import Preset
 from stages.network.refine import DepthRefinement
-from stages.network.views import EVIDENCE, RELIEF, Views, evidence, others, relief
+from stages.network.views import EVIDENCE, RELIEF, Third, Views, evidence, others, relief
+from stages.network.warping import in_cells
 
 OF_DEPTH = EVIDENCE + 3
 """Channels the depth encoder sees: the relief, the move from the start, the refinement's own trust, and the evidence."""
@@ -66,7 +68,7 @@ class PoseGaussianNetwork(nn.Module):
         self.fusion = depth_fusion(preset, joints)
         # The start's finest detail, a cell of the features at a time: nothing of it is lost before the context sees it.
         self.beside = nn.Conv2d((EVIDENCE + 1) * preset.stride**2, preset.widths[1], 3, padding=1)
-        self.refinement = DepthRefinement(last, preset.hidden, preset.correlation_levels, preset.correlation_radius, preset.stride, beside=preset.widths[1])
+        self.refinement = DepthRefinement(last, preset.hidden, preset.correlation_levels, preset.correlation_radius, preset.stride, preset.further_views, beside=preset.widths[1])
         self.pose = pose_encoder(preset, joints) if "decoder" in preset.pose_in else None
         self.depth = depth_encoder(preset, OF_DEPTH)
         channels = self.image.channels
@@ -78,7 +80,8 @@ class PoseGaussianNetwork(nn.Module):
     def forward(self, views: Views, iterations: int, only_last: bool = False, timer: Timer | None = None) -> Prediction:
         """Refine the start of every direction in `iterations` steps and decode.
 
-        H and W are multiples of the preset's stride. Raises ValueError for sizes that are not, and for `iterations` < 1.
+        H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are not, for
+        `iterations` < 1, and for a third view that the preset does not have.
         """
         clock = timer or (lambda name: nullcontext())
         known = views.known
@@ -89,9 +92,13 @@ class PoseGaussianNetwork(nn.Module):
             levels = self.image(views.color)
         with clock("fusion"):
             fused = self.fusion(levels[-1], heatmaps_on(views.heatmaps, self.preset.stride))
+        further: list[tuple[torch.Tensor, torch.Tensor]] = []
+        if views.third is not None:
+            with clock("third view"):
+                further = [self._further(views.third)]
         with clock("refinement"):
             told = unshuffled(torch.cat([relief(start, known), seen], dim=1), self.preset.stride)
-            refined = self.refinement(fused, others(fused), views.start, views.coding, iterations, only_last=only_last, beside=torch.relu(self.beside(told)))
+            refined = self.refinement(fused, others(fused), views.start, views.coding, iterations, further, only_last=only_last, beside=torch.relu(self.beside(told)))
         pose = None
         if self.pose is not None:
             with clock("pose encoder"):
@@ -109,6 +116,11 @@ class PoseGaussianNetwork(nn.Module):
             change = moved(numbers, move, self.heads.reach)
             disparity = torch.where(known, start + share * change, torch.nan)
         return Prediction(refined.disparities, refined.confidence, numbers, change, disparity, decoded.joint, None if pose is None else pose[-1])
+
+    def _further(self, third: Third) -> tuple[torch.Tensor, torch.Tensor]:
+        """Features [2 P, C, h, w] of the third view of every direction's pair, and the projection of cells to its cells [2 P, 3, 4]."""
+        features = self.fusion(self.image(third.color)[-1], heatmaps_on(third.heatmaps, self.preset.stride))
+        return features.repeat_interleave(2, dim=0), in_cells(third.projection, self.preset.stride, self.image.lag)
 
     def last_layers(self) -> list[nn.Parameter]:
         """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of the start."""

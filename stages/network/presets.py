@@ -55,6 +55,8 @@ class Preset:
     """2 channels, seen face-on and at grazing angle, or 1."""
     pose_cell: int = 4
     """Pixels a cell of the heatmaps that the pose encoder sees: 4 as they are stored, or 1 as in the paper; levels finer than that have no pose."""
+    further_views: bool = False
+    """Whether a third view is looked up by warping, beside the rows of the pair."""
 
     def __post_init__(self) -> None:
         if self.stem_stride not in (1, 2):
@@ -116,3 +118,9 @@ COSTS: dict[str, Cost] = {
     "base": Cost(4.82e6, {256: 49, 384: 110, 512: 196}),
     "fast": Cost(1.47e6, {256: 16, 384: 37, 512: 65}),
 }
+FURTHER_COSTS: dict[str, Cost] = {
+    "paper": Cost(864, {256: 10.3, 384: 23.2, 512: 41.2}),
+    "base": Cost(864, {256: 3.3, 384: 7.4, 512: 13.1}),
+    "fast": Cost(576, {256: 0.85, 384: 1.9, 512: 3.4}),
+}
+"""What `further_views` adds, a third view as large as the pair's; looking its features up, which is no product of matrices, not counted."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import cv2
@@ -25,6 +25,8 @@ MARGIN = 8
 """Px around the subject that the network sees, too."""
 EVIDENCE = 5
 """Channels of `evidence`."""
+MAPS = ("color", "heatmaps", "start", "confidence", "cover")
+"""What `Views` holds a map of for every direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,22 @@ class SourceView:
 
 
 @dataclass(frozen=True, eq=False)
+class Third:
+    """A further view of each of P pairs, on a window of its own pixels, as `stages.network.further` cuts it."""
+
+    color: torch.Tensor
+    """[P, 3, H, W] sRGB 0..1, premultiplied; the size is its own."""
+    heatmaps: torch.Tensor
+    """[P, J, H / 4, W / 4]."""
+    projection: torch.Tensor
+    """[2 P, 3, 4] float64 from the window's pixels of every direction's first view to these, see `warping.projection`; zeros: there is no third view."""
+
+    def none(self, pairs: int) -> Third:
+        """That of so many pairs without a third view, in the same size."""
+        return Third(*(x.new_zeros(n * pairs, *x.shape[1:]) for x, n in ((self.color, 1), (self.heatmaps, 1), (self.projection, 2))))
+
+
+@dataclass(frozen=True, eq=False)
 class Views:
     """A batch of directions of rectified pairs: 2 i and 2 i + 1 are the two views of pair i, each the other's other view."""
 
@@ -59,18 +77,26 @@ class Views:
     """[B, 1, H, W] mask 0..1."""
     coding: Coding
     """Of every direction."""
+    third: Third | None = None
+    """Of every pair; None where no pair has one."""
 
     @staticmethod
     def batch(pairs: Sequence[Views]) -> Views:
-        """Several pairs of one size as one batch."""
-        color, heatmaps, start, confidence, cover = (torch.cat([getattr(p, f.name) for p in pairs]) for f in fields(Views)[:-1])
+        """Several pairs of one size, third views of one size too, as one batch."""
+        color, heatmaps, start, confidence, cover = (torch.cat([getattr(p, name) for p in pairs]) for name in MAPS)
         codings = (torch.cat([getattr(p.coding, f.name) for p in pairs]) for f in fields(Coding))
-        return Views(color, heatmaps, start, confidence, cover, Coding(*codings))
+        like = next((p.third for p in pairs if p.third is not None), None)
+        third = None
+        if like is not None:
+            thirds = [like.none(len(p.start) // 2) if p.third is None else p.third for p in pairs]
+            third = Third(*(torch.cat([getattr(t, f.name) for t in thirds]) for f in fields(Third)))
+        return Views(color, heatmaps, start, confidence, cover, Coding(*codings), third)
 
     def to(self, device: torch.device) -> Views:
-        """The same on a device; the coding stays where it is, its numbers are few."""
-        color, heatmaps, start, confidence, cover = (getattr(self, f.name).to(device) for f in fields(Views)[:-1])
-        return Views(color, heatmaps, start, confidence, cover, self.coding)
+        """The same on a device; coding and projections stay where they are, their numbers are few."""
+        color, heatmaps, start, confidence, cover = (getattr(self, name).to(device) for name in MAPS)
+        third = None if self.third is None else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
+        return Views(color, heatmaps, start, confidence, cover, self.coding, third)
 
     @property
     def known(self) -> torch.Tensor:
@@ -98,11 +124,26 @@ def rectified_pair(pair: RectifiedPair, views: tuple[SourceView, SourceView], wi
 def _on_window(pair: RectifiedPair, which: int, window: Window, other: Window, view: SourceView, joints: int) -> tuple[np.ndarray, ...]:
     """Color, heatmaps, start, confidence and cover of one view, channels first, float32."""
     x, y, _ = places(pair, which, window)
-    cover = cv2.remap(view.mask, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255
-    color = cv2.remap(view.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255 * cover[..., None]
+    color, cover = colors_at(view, x, y)
     disparity = start_on(pair, which, window, other, view.depth)
     confidence = cv2.remap(view.confidence.astype(np.float32), x, y, cv2.INTER_NEAREST)
-    return np.moveaxis(color, -1, 0), _heatmaps(pair, which, window, view.heatmaps, joints), disparity[None], np.where(np.isnan(disparity), 0, confidence)[None], cover[None]
+    source, _ = pair.source_pixels(which, pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL + np.array(window[:2]))
+    return color, heatmaps_at(view, source, joints), disparity[None], np.where(np.isnan(disparity), 0, confidence)[None], cover[None]
+
+
+def colors_at(view: SourceView, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Premultiplied colour [3, H, W] and cover [H, W] of a view at places x, y [H, W] as `cv2.remap` takes them; black beside its picture."""
+    cover = cv2.remap(view.mask, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255
+    color = cv2.remap(view.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255 * cover[..., None]
+    return np.moveaxis(color, -1, 0), cover
+
+
+def heatmaps_at(view: SourceView, pixels: np.ndarray, joints: int) -> np.ndarray:
+    """[J, H / 4, W / 4] float32 of a view at pixels [H / 4, W / 4, 2] of its own; zeros without joints."""
+    if view.heatmaps is None:
+        return np.zeros((joints, *pixels.shape[:2]), np.float32)
+    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(pixels / HEATMAP_CELL).astype(np.float32), -1, 0))
+    return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in view.heatmaps])
 
 
 @lru_cache(maxsize=8)
@@ -122,16 +163,6 @@ def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, dep
     sign = 1 if which == 0 else -1
     disparity = sign * pair.disparity(np.where(known, found / np.where(known, ratio, 1), 1)) - (window[0] - other[0])
     return np.where(known, disparity, np.nan).astype(np.float32)
-
-
-def _heatmaps(pair: RectifiedPair, which: int, window: Window, heatmaps: np.ndarray | None, joints: int) -> np.ndarray:
-    """[J, H / 4, W / 4] float32; zeros without joints."""
-    height, width = window[3] // HEATMAP_CELL, window[2] // HEATMAP_CELL
-    if heatmaps is None:
-        return np.zeros((joints, height, width), np.float32)
-    source, _ = pair.source_pixels(which, pixel_centres((width, height)) * HEATMAP_CELL + np.array(window[:2]))
-    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(source / HEATMAP_CELL).astype(np.float32), -1, 0))
-    return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in heatmaps])
 
 
 def _depths(pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows: tuple[Window, Window]) -> tuple[float, float]:
@@ -185,8 +216,8 @@ def windows(pair: RectifiedPair, inside: tuple[np.ndarray, np.ndarray], multiple
     if first is None or second is None:
         return None
     top = min(first[1], second[1])
-    height = _whole(max(first[3], second[3]) - top, multiple)
-    width = _whole(max(first[2] - first[0], second[2] - second[0]), multiple)
+    height = whole_cells(max(first[3], second[3]) - top, multiple)
+    width = whole_cells(max(first[2] - first[0], second[2] - second[0]), multiple)
     return (first[0], top, width, height), (second[0], top, width, height)
 
 
@@ -201,5 +232,6 @@ def _box(pair: RectifiedPair, which: int, inside: np.ndarray) -> tuple[int, int,
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
-def _whole(length: int, multiple: int) -> int:
+def whole_cells(length: int, multiple: int) -> int:
+    """The least multiple that is at least the length."""
     return -(-length // multiple) * multiple

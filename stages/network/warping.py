@@ -15,16 +15,25 @@ NEAREST = 1e-3
 """A point nearer than this to the plane of the other camera, or behind it, is not seen, metres."""
 
 
-def projection(intrinsics: np.ndarray, world_to_camera: np.ndarray, other_intrinsics: np.ndarray, other_world_to_camera: np.ndarray, stride: int) -> torch.Tensor:
+def projection(intrinsics: np.ndarray, world_to_camera: np.ndarray, other_intrinsics: np.ndarray, other_world_to_camera: np.ndarray, stride: int = 1) -> torch.Tensor:
     """[3, 4] float64: (u z, v z, z, 1) of a cell of one view -> (u' z', v' z', z') of the other's cells.
 
     Intrinsics [3, 3] in px and poses [4, 4] in metres, as in the archive; one cell is `stride` x `stride` px, and (u, v)
     are in the project's convention, where the centre of the first cell is (0.5, 0.5): it scales without an offset.
     """
-    cell = np.diag([1 / stride, 1 / stride, 1.0])
     back = np.eye(4)
-    back[:3, :3] = np.linalg.inv(cell @ intrinsics)
-    return torch.from_numpy((cell @ other_intrinsics) @ (other_world_to_camera @ np.linalg.inv(world_to_camera))[:3] @ back)
+    back[:3, :3] = np.linalg.inv(intrinsics)
+    return in_cells(torch.from_numpy(other_intrinsics @ (other_world_to_camera @ np.linalg.inv(world_to_camera))[:3] @ back), stride)
+
+
+def in_cells(pixels: torch.Tensor, stride: int, lag: float = 0.0) -> torch.Tensor:
+    """A `projection` [..., 3, 4] of pixels as one of cells of `stride` px, whose features lie `lag` px to the upper left of the cells' centres.
+
+    A projection of zeros, by which nothing is seen, stays one.
+    """
+    cell = pixels.new_tensor([[1 / stride, 0, lag / stride], [0, 1 / stride, lag / stride], [0, 0, 1]])
+    back = pixels.new_tensor([[stride, 0, -lag, 0], [0, stride, -lag, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return cell @ pixels @ back
 
 
 def warp(features: torch.Tensor, depth: torch.Tensor, to_other: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

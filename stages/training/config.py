@@ -41,6 +41,7 @@ class TrainingConfig(Params):
     normalisation: Normalisation = setting("group", "Of features: by groups of channels of each picture, or over the batch.")
     downsampling: Downsampling = setting("stride", "By strided convolutions or by averaging 2 x 2 cells.")
     residual: bool = setting(True, "Whether units add their input.")
+    further_views: bool = setting(False, "Whether a third view is looked up by warping, beside the pair's own rows.")
 
     seed: int = setting(0, "Of the first weights and of every random choice.", ge=0, lt=2**31)
     start: str | None = setting(None, "Weights to continue from, a .safetensors file, with a fresh optimiser; null: random ones.")
@@ -141,5 +142,5 @@ class TrainingConfig(Params):
         return replace(
             PRESETS[self.preset],
             fusion=self.fusion, pose_in=frozenset(self.pose_in), rotation_head=self.rotation_head, opacity_head=self.opacity_head,
-            normalisation=self.normalisation, downsampling=self.downsampling, residual=self.residual,
+            normalisation=self.normalisation, downsampling=self.downsampling, residual=self.residual, further_views=self.further_views,
         )  # fmt: skip

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import torch
 
+from stages.geometry.pairs import classify
 from stages.geometry.projection import pixel_centres, project
 from stages.geometry.rectification import RectifiedPair, Window, rectify
-from stages.geometry.subject import look_at_point
+from stages.geometry.subject import look_at_point, up_direction
 from stages.network.encoders import HEATMAP_CELL
-from stages.network.views import SourceView, Views, places, rectified_pair, start_on, windows
+from stages.network.further import candidates, finer, intrinsics_of, third_view, window_around
+from stages.network.views import SourceView, Third, Views, places, rectified_pair, start_on, windows
 from stages.pose.heatmaps import draw
 from stages.rendering.scene import Camera
 from stages.training.config import TrainingConfig
+from stages.training.spoiling import spoilt, spoilt_third
 from storage.rig import Rig
 
 HARD = 0.4
@@ -29,19 +33,8 @@ SIGMAS = (5.0, 10.0)
 """Px, narrowest and broadest heatmap of a joint. The pose stage's 4 cm are about 10 px at the size of a person in these pictures."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
-SPOILT = 0.3
-"""Share of the crops that each of these is done to, as real cameras do it:"""
-UNLIKE = 0.06
-"""largest change of a colour channel's gain, another one in each view;"""
-GRAIN, BLUR = 0.03, 1.2
-"""largest standard deviation of noise, of brightness 0..1, and of a blur of both views, px;"""
-SLIP = 0.75
-"""largest shift of the second view across its rows, px, as a calibration that is off has it."""
-STRANGE = 0.15
-"""Share of the crops whose second view is shifted by so much that nothing in it fits: the start must stand there, with no confidence."""
-FARTHEST = 0.4
-"""Of the crop's side, the largest of these shifts; the least is `STRANGE_LEAST` px."""
-STRANGE_LEAST = 8
+WITHOUT_THIRD = 0.2
+"""Share of the crops without a third view, where a network of such is trained: pairs of small rigs have none."""
 Frame = Mapping[str, np.ndarray]
 
 
@@ -68,6 +61,28 @@ class Example:
     """Whether the two pictures do not fit each other, so that nothing can be learnt from one about the other."""
 
 
+class Further(NamedTuple):
+    """The third view of an example."""
+
+    view: int
+    """Of the frame."""
+    window: Window
+    """In pixels as fine as the pair's."""
+    random: np.random.Generator | None
+    """Of what is done to it alone; None: nothing is."""
+
+
+class Marks(NamedTuple):
+    """How an example's joints are drawn."""
+
+    none: bool
+    """Whether there are none."""
+    noise: float
+    """Px, standard deviation of what they are moved by."""
+    sigma: float
+    """Px."""
+
+
 def frames_of_step(config: TrainingConfig, step: int) -> range:
     """Training frames at hand for a step, counted from 0: a window that moves on by a frame every `steps_per_frame` steps."""
     first = step // config.steps_per_frame
@@ -78,12 +93,15 @@ def drawn(config: TrainingConfig, step: int, frames: Mapping[int, Frame]) -> tup
     """The examples of a step and its number of iterations: they follow from (config.seed, step) alone."""
     random = np.random.default_rng([config.seed, step])
     at_hand = frames_of_step(config, step)
-    found = [crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random) for _ in range(config.batch)]
+    found = [crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random, config.further_views) for _ in range(config.batch)]
     return found, int(random.integers(1, config.iterations + 1))
 
 
-def crop(frame: Frame, side: int, random: np.random.Generator) -> Example:
-    """A pair of a frame, cut out around a point that the first view sees."""
+def crop(frame: Frame, side: int, random: np.random.Generator, further_views: bool = False) -> Example:
+    """A pair of a frame, cut out around a point that the first view sees, and a third view cut out around the same where it is asked for.
+
+    What concerns the third view alone is drawn from a generator of its own: all else is the same with it and without.
+    """
     a, b, between = (int(v) for v in frame["pairs"][random.integers(len(frame["pairs"]))])
     if random.random() < 0.5:
         a, b = b, a
@@ -95,21 +113,52 @@ def crop(frame: Frame, side: int, random: np.random.Generator) -> Example:
     corners = [np.round(p + off - side / 2).astype(int) for p in centres]
     found = tuple((int(c[0]), int(corners[0][1]), side, side) for c in corners)
     gain = 1 + random.uniform(-TINT, TINT, 3)
-    return _example(frame, (a, b, between), pair, (found[0], found[1]), point, side // 2, random, gain)
+    further = _further_at(frame, pair, point, side, random.spawn(1)[0]) if further_views else None
+    return _example(frame, (a, b, between), pair, (found[0], found[1]), point, side // 2, random, gain, further)
 
 
-def whole(frame: Frame, row: int, multiple: int) -> Example:
+def whole(frame: Frame, row: int, multiple: int, further_views: bool = False) -> Example:
     """A pair of a frame without a crop, as inference sees it."""
     a, b, between = (int(v) for v in frame["pairs"][row])
     pair = rectify(_rig(frame), a, b, _centre(frame))
     found = windows(pair, (frame["depth"][a] > 0, frame["depth"][b] > 0), multiple)
     assert found is not None, "a training frame without a subject"
-    return _example(frame, (a, b, between), pair, found, None, 0, None, np.ones(3))
+    further = None
+    for view in _others(frame, pair) if further_views else ():
+        window = window_around(frame["depth"][view] > 0, finer(_rig(frame), pair, view), multiple)
+        if window is not None:
+            further = Further(view, window, None)
+            break
+    return _example(frame, (a, b, between), pair, found, None, 0, None, np.ones(3), further)
 
 
-def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, found: tuple[Window, Window], point: np.ndarray | None, side: int, random: np.random.Generator | None, gain: np.ndarray) -> Example:
+def _others(frame: Frame, pair: RectifiedPair) -> tuple[int, ...]:
+    """Sources that can be the third view of a pair, the best one first."""
+    rig = _rig(frame).subset(range(len(frame["depth"])))
+    subject, up = look_at_point(rig), up_direction(rig)
+    return candidates(rig, pair, [classify(rig, v, w, subject=subject, up=up) for v in range(len(rig)) if v not in pair.views for w in pair.views])
+
+
+def _further_at(frame: Frame, pair: RectifiedPair, point: np.ndarray, side: int, random: np.random.Generator) -> Further | None:
+    """The third view of a crop around a point [3], in the same size."""
+    found = _others(frame, pair)
+    if random.random() < WITHOUT_THIRD or not found:
+        return None
+    place = project(point[None], intrinsics_of(_rig(frame), pair, found[0]), frame["world_to_camera"][found[0]])[0][0]
+    x, y = np.round(place + random.uniform(-side / 8, side / 8, 2) - side / 2).astype(int)
+    return Further(found[0], (int(x), int(y), side, side), random)
+
+
+def _source(frame: Frame, view: int) -> SourceView:
+    return SourceView(frame["color"][view], frame["mask"][view], frame["depth"][view], frame["confidence"][view], None)
+
+
+def _example(
+    frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, found: tuple[Window, Window], point: np.ndarray | None, side: int,
+    random: np.random.Generator | None, gain: np.ndarray, further: Further | None,
+) -> Example:  # fmt: skip
     a, b, between = views
-    shown = tuple(SourceView(frame["color"][v], frame["mask"][v], frame["depth"][v], frame["confidence"][v], None) for v in (a, b))
+    shown = tuple(_source(frame, v) for v in (a, b))
     given = rectified_pair(pair, (shown[0], shown[1]), found)
     tint = torch.from_numpy(gain.astype(np.float32))
     truth = [start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0)) for w, v in enumerate((a, b))]
@@ -117,40 +166,28 @@ def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, fou
     camera = _target(frame, between, point, side)
     seen = _cut(frame["color"][between], frame, between, camera).astype(np.float32) / 255
     cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
-    heatmaps, color, strange = _heatmaps(frame, pair, found, random), given.color * tint[:, None, None], False
+    marks = _marks(random)
+    heatmaps, color, strange = _heatmaps(frame, pair, found, marks, random), given.color * tint[:, None, None], 0.0
     if random is not None:
-        color, strange = _spoilt(color, given.cover, random)
+        color, strange = spoilt(color, given.cover, random)
+    third = None if further is None else _third(frame, pair, found, further, marks, tint, strange)
     return Example(
-        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1)), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
+        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1), third=third), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
         (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1), camera,
-        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None], strange,
+        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None], strange != 0,
     )  # fmt: skip
 
 
-def _spoilt(color: torch.Tensor, cover: torch.Tensor, random: np.random.Generator) -> tuple[torch.Tensor, bool]:
-    """Premultiplied colours [2, 3, H, W] of both views as real cameras might give them, and whether they no longer fit each other."""
-    unlike, grainy, blurred, slipped = (random.random(4) < SPOILT).tolist()
-    if unlike:
-        color = color * torch.from_numpy(1 + random.uniform(-UNLIKE, UNLIKE, (2, 3, 1, 1)).astype(np.float32))
-    if blurred:
-        sigma = float(random.uniform(0.3, BLUR))
-        color = torch.from_numpy(np.stack([np.moveaxis(cv2.GaussianBlur(np.moveaxis(c.numpy(), 0, -1), (0, 0), sigma), -1, 0) for c in color]))
-    if slipped:
-        color = torch.stack([color[0], _shifted(color[1], float(random.uniform(-SLIP, SLIP)))])
-    strange = bool(random.random() < STRANGE)
-    if strange:
-        shift = float(random.uniform(STRANGE_LEAST, max(STRANGE_LEAST, FARTHEST * color.shape[2])))
-        color = torch.stack([color[0], _shifted(color[1], shift if random.random() < 0.5 else -shift)])
-    if grainy:
-        color = color + cover * torch.from_numpy(random.normal(0, random.uniform(0, GRAIN), color.shape).astype(np.float32))
-    return color, strange
-
-
-def _shifted(color: torch.Tensor, rows: float) -> torch.Tensor:
-    """A picture [3, H, W] moved down by so many rows; black comes in."""
-    height, width = color.shape[1:]
-    moved = cv2.warpAffine(np.ascontiguousarray(np.moveaxis(color.numpy(), 0, -1)), np.array([[1.0, 0, 0], [0, 1, rows]]), (width, height), flags=cv2.INTER_LINEAR)
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(moved, -1, 0)))
+def _third(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], further: Further, marks: Marks, tint: torch.Tensor, strange: float) -> Third:
+    """The third view of an example, spoilt on its own; where both views do not fit each other it fits neither."""
+    rig, (view, window, random) = _rig(frame), further
+    third = third_view(rig, pair, found, view, _source(frame, view), window, frame["joints"].shape[1])
+    joints = _moved(frame["joints"][view], marks, random)
+    joints[:, :2] = finer(rig, pair, view) * joints[:, :2] - np.array(window[:2])
+    color = third.color[0] * tint[:, None, None]
+    if random is not None:
+        color = spoilt_third(color, strange, random)
+    return replace(third, color=color.clamp(0, 1)[None], heatmaps=torch.from_numpy(_drawn(joints, window, marks))[None])
 
 
 def _rig(frame: Frame) -> Rig:
@@ -185,21 +222,36 @@ def _world(frame: Frame, view: int, row: int, column: int) -> np.ndarray:
     return pose[:3, :3].T @ (z * ray - pose[:3, 3])
 
 
-def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], random: np.random.Generator | None) -> torch.Tensor:
-    """[2, 17, H / 4, W / 4] drawn on the windows, with joints moved as an estimator would; now and then none."""
-    width, height = found[0][2:]
-    none = random is not None and random.random() < WITHOUT_JOINTS
-    noise = 0.0 if random is None else float(random.uniform(0, JOINT_NOISE))
-    sigma = SIGMAS[1] if random is None else float(random.uniform(*SIGMAS))
-    drawn_maps = []
+def _marks(random: np.random.Generator | None) -> Marks:
+    if random is None:
+        return Marks(False, 0.0, SIGMAS[1])
+    none = bool(random.random() < WITHOUT_JOINTS)
+    return Marks(none, float(random.uniform(0, JOINT_NOISE)), float(random.uniform(*SIGMAS)))
+
+
+def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], marks: Marks, random: np.random.Generator | None) -> torch.Tensor:
+    """[2, 17, H / 4, W / 4] drawn on the windows."""
+    maps = []
     for which, view in enumerate(pair.views):
-        joints = frame["joints"][view].copy()
-        if random is not None:
-            joints[:, :2] += random.normal(0, noise, (len(joints), 2))
+        joints = _moved(frame["joints"][view], marks, random)
         joints[:, :2] = pair.rectified_pixels(which, joints[:, :2])[0] - np.array(found[which][:2])
-        joints[:, 2] *= not none
-        drawn_maps.append(draw(joints[None], np.full((1, len(joints)), sigma), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0])
-    return torch.from_numpy(np.stack(drawn_maps).astype(np.float32))
+        maps.append(_drawn(joints, found[which], marks))
+    return torch.from_numpy(np.stack(maps))
+
+
+def _moved(joints: np.ndarray, marks: Marks, random: np.random.Generator | None) -> np.ndarray:
+    """Joints [J, (u, v, score)] of a view, moved as an estimator would; with scores of 0 where there are none."""
+    joints = joints.copy()
+    if random is not None:
+        joints[:, :2] += random.normal(0, marks.noise, (len(joints), 2))
+    joints[:, 2] *= not marks.none
+    return joints
+
+
+def _drawn(joints: np.ndarray, window: Window, marks: Marks) -> np.ndarray:
+    """[J, H / 4, W / 4] float32 of joints in pixels of a window."""
+    width, height = window[2:]
+    return draw(joints[None], np.full((1, len(joints)), marks.sigma), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0].astype(np.float32)
 
 
 def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Camera:

@@ -104,7 +104,7 @@ class Trainer:
         found: dict[str, list[float]] = {}
         for index in sorted(frames):
             for row in (0, 1):
-                views, truth, valid, _ = together([whole(frames[index], row, self.config.network().stride)], self.device)
+                views, truth, valid, _ = together([whole(frames[index], row, self.config.network().stride, self.config.further_views)], self.device)
                 surface = torch.isfinite(views.start) | valid
                 with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
                     by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}

@@ -37,9 +37,9 @@ def test_the_default_variant_of_a_preset_is_the_preset(preset: str) -> None:
 
 
 def test_chosen_variants_reach_the_network() -> None:
-    config = TrainingConfig(fusion="gated", pose_in=("decoder",), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False)
+    config = TrainingConfig(fusion="gated", pose_in=("decoder",), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False, further_views=True)
     assert config.network() == Preset(
-        "fast", widths=(16, 32, 48, 64), hidden=64, fusion="gated", pose_in=frozenset({"decoder"}), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False
+        "fast", widths=(16, 32, 48, 64), hidden=64, fusion="gated", pose_in=frozenset({"decoder"}), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False, further_views=True
     )
     assert TrainingConfig(pose_in=()).network().pose_in == frozenset()
 

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
@@ -140,6 +141,23 @@ def test_squeeze_and_excitation_is_one_number_a_channel() -> None:
     # One multiplication and one division in float32.
     torch.testing.assert_close(ratio, ratio[:, :, :1, :1].expand_as(ratio), rtol=3e-7, atol=0)
     assert ((ratio > 0) & (ratio < 1)).all()
+
+
+@pytest.mark.parametrize(("downsampling", "stem"), [("stride", 1), ("stride", 2), ("pool", 2)])
+def test_features_lie_where_the_lag_says(downsampling: str, stem: int) -> None:
+    """The middle of the pixels that a cell answers to, over all channels of several untrained encoders; their kernels' own leaning is left, under a px."""
+    middles = []
+    for seed in range(6):
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            encoder = image_encoder(replace(TINY, downsampling=downsampling, stem_stride=stem))
+        picture = torch.rand(1, 3, 96, 96, generator=torch.Generator().manual_seed(seed)).requires_grad_()
+        cell = encoder(picture)[-1][0, :, 6, 6]
+        weight = sum(torch.autograd.grad(c, picture, retain_graph=True)[0][0].square().sum(0) for c in cell)
+        places = torch.arange(96) + 0.5
+        middles += [float((weight.sum(axis) * places).sum() / weight.sum()) for axis in (0, 1)]
+    assert np.mean(middles) == pytest.approx(6.5 * 8 - encoder.lag, abs=1.0)
+    assert encoder.lag == (3.5 if downsampling == "stride" else 0.0)
 
 
 def test_heatmaps_keep_their_mass_and_their_place() -> None:

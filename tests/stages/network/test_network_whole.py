@@ -11,7 +11,7 @@ from stages.network.disparity import Coding
 from stages.network.heads import trust
 from stages.network.network import PoseGaussianNetwork, Prediction
 from stages.network.presets import COSTS, PRESETS
-from stages.network.views import Views
+from stages.network.views import MAPS, Views
 from tests.stages.network.made import network, random_views
 
 torch.set_num_threads(1)
@@ -80,7 +80,7 @@ def test_a_pair_without_any_start_is_finite(shaken: PoseGaussianNetwork) -> None
 
 def test_neighbours_in_the_batch_change_nothing(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
     other = random_views(2, seed=1)
-    mixed = Views(*(torch.cat([getattr(views, f.name)[:2], getattr(other, f.name)[2:]]) for f in fields(Views)[:-1]), Coding(*(torch.cat([getattr(views.coding, f.name)[:2], getattr(other.coding, f.name)[2:]]) for f in fields(Coding))))
+    mixed = Views(*(torch.cat([getattr(views, name)[:2], getattr(other, name)[2:]]) for name in MAPS), Coding(*(torch.cat([getattr(views.coding, f.name)[:2], getattr(other.coding, f.name)[2:]]) for f in fields(Coding))))
     found = shaken(mixed, 3)
     assert_same_bytes(said, found, slice(0, 2))
     assert not torch.equal(said.numbers["scale"][2:], found.numbers["scale"][2:])
@@ -107,7 +107,7 @@ def test_the_first_iterations_do_not_know_how_many_follow(shaken: PoseGaussianNe
 def test_sizes_that_hold_no_whole_cells_and_no_iterations_are_refused(shaken: PoseGaussianNetwork, views: Views) -> None:
     with pytest.raises(ValueError, match="at least 1"):
         shaken(views, 0)
-    odd = Views(*(getattr(views, f.name)[..., : (15 if f.name == "heatmaps" else 60)] for f in fields(Views)[:-1]), views.coding)
+    odd = Views(*(getattr(views, name)[..., : (15 if name == "heatmaps" else 60)] for name in MAPS), views.coding)
     with pytest.raises(ValueError):
         shaken(odd, 1)
 

@@ -90,6 +90,22 @@ def test_a_frame_that_a_camera_missed_is_the_analytic_one_there(net: PoseGaussia
     assert same(found, two, slice(1, 2), slice(1, 4)), "as if it were no source"
 
 
+def test_third_views_are_sources_of_the_same_frame(rig: Rig, arrays: dict[str, np.ndarray]) -> None:
+    """Partitions change nothing; a view that the camera missed is nobody's third, and what is held out never is."""
+    further = network(further_views=True)
+    whole = maps(further, rig, arrays)
+    noise = np.random.default_rng(1)
+    spoilt = {name: np.concatenate([a[:, :3], (a[:, 3:] * noise.random(a[:, 3:].shape)).astype(a.dtype)], axis=1) for name, a in arrays.items()}
+    assert same(maps(further, rig, spoilt, length=1), whole)
+    valid = np.ones((FRAMES, 4), bool)
+    valid[1, 2] = False
+    found = maps(further, rig, arrays, valid_all=valid)
+    assert same(found, whole, slice(0, 1))
+    two = run_stage(STAGE, PARAMS, arrays, rig, Views(tuple("abcd"), (0, 1), (2, 3)), FRAMES, sources={"network": further}, **PLAIN)
+    assert same(found, two, slice(1, 2), slice(0, 2)), "as if it were no source"
+    assert not same(found, whole, slice(1, 2), slice(0, 1)), "it had a say"
+
+
 def test_heatmaps_count_where_they_are_declared_and_the_smoothed_ones_first(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> None:
     once = {name: a[:1] for name, a in arrays.items()}
     plain, smoothed = (run_stage(STAGE, PARAMS, once, rig, VIEWS, 1, sources={"network": net}, effects=frozenset(on)) for on in ({"pose_heatmaps"}, {"pose_heatmaps", "temporal_smoothing"}))

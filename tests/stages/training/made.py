@@ -11,7 +11,6 @@ from storage.rig import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth, sphere_mask
 
 RADIUS, STARTS_AT = 0.5, 0.44
-SOURCES = 2
 
 
 def tiny(**more: object) -> TrainingConfig:
@@ -23,19 +22,20 @@ def tiny(**more: object) -> TrainingConfig:
     return TrainingConfig.model_validate({**settings, **more})
 
 
-def ball(size: int = 64, exact: bool = False) -> Frame:
-    """Two sources 30 degrees apart and the camera between them. `exact`: the start is the truth."""
-    rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in (-15, 15, 0)], (size, size), 1.6 * size)
-    truth = np.stack([sphere_depth(rig, v, np.zeros(3), RADIUS) for v in range(3)]).astype(np.float32)
-    mask = np.stack([sphere_mask(rig, v, np.zeros(3), RADIUS) for v in range(3)])
-    start = truth[:SOURCES] if exact else np.stack([_larger(rig, v) for v in range(SOURCES)])
-    start = np.where(mask[:SOURCES] > 127, start, 0).astype(np.float32)
+def ball(size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0, 15.0)) -> Frame:
+    """Sources at so many degrees and the camera between the first two, which are the pairs. `exact`: the start is the truth."""
+    sources = len(angles)
+    rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in (*angles, 0)], (size, size), 1.6 * size)
+    truth = np.stack([sphere_depth(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)]).astype(np.float32)
+    mask = np.stack([sphere_mask(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)])
+    start = truth[:sources] if exact else np.stack([_larger(rig, v) for v in range(sources)])
+    start = np.where(mask[:sources] > 127, start, 0).astype(np.float32)
     confidence = np.where(start > 0, 0.8, 0).astype(np.float16)
-    middle = np.full((SOURCES, 17, 3), 1.0)
+    middle = np.full((sources, 17, 3), 1.0)
     middle[..., :2] = size / 2 + np.linspace(-8, 8, 17)[:, None]
     return {
-        "color": np.stack([_color(rig, v, truth[v]) for v in range(3)]), "mask": mask, "truth": truth, "depth": start, "confidence": confidence,
-        "joints": middle, "intrinsics": rig.intrinsics, "world_to_camera": rig.world_to_camera, "pairs": np.array([[0, 1, 2], [1, 0, 2]]),
+        "color": np.stack([_color(rig, v, truth[v]) for v in range(sources + 1)]), "mask": mask, "truth": truth, "depth": start, "confidence": confidence,
+        "joints": middle, "intrinsics": rig.intrinsics, "world_to_camera": rig.world_to_camera, "pairs": np.array([[0, 1, sources], [1, 0, sources]]),
     }  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """What a step is given follows from its number, agrees with the truth, and looks at one point of the body."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,11 +8,13 @@ import pytest
 import torch
 
 from stages.geometry.projection import project
-from stages.network.views import Views
+from stages.network.views import MAPS
+from stages.network.warping import warp
 from stages.training import examples
 from stages.training.contract import Frame
 from stages.training.examples import Example, crop, drawn, frames_of_step, whole
 from stages.training.frames import make_frame
+from stages.training.spoiling import shifted
 from tests.stages.training.made import ball, tiny
 
 torch.set_num_threads(1)
@@ -25,7 +27,7 @@ def frame() -> Frame:
 
 
 def tensors(example: Example) -> list[torch.Tensor]:
-    views = [getattr(example.views, f.name) for f in fields(Views)[:-1]]
+    views = [getattr(example.views, name) for name in MAPS]
     return [*views, example.truth, example.picture, example.seen, example.cover, torch.as_tensor(example.windows), torch.as_tensor(np.asarray(example.target.intrinsics))]
 
 
@@ -52,7 +54,7 @@ def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.
     """A step's start, truth, windows and target are those it has without; nothing is lit where nobody stands, but by what is shifted there."""
     spoilt = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
     with monkeypatch.context() as m:
-        m.setattr(examples, "_spoilt", lambda color, cover, random: (color, False))
+        m.setattr(examples, "spoilt", lambda color, cover, random: (color, 0.0))
         plain = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
     assert {e.strange for e in spoilt} == {True, False}
     assert not any(e.strange for e in plain)
@@ -68,7 +70,7 @@ def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.
 @pytest.mark.parametrize("rows", [3.0, -5.0])
 def test_a_shift_by_whole_rows_loses_only_what_leaves_the_picture(rows: float) -> None:
     picture = torch.rand(3, 16, 12, generator=torch.Generator().manual_seed(0))
-    back = examples._shifted(examples._shifted(picture, rows), -rows)
+    back = shifted(shifted(picture, rows), -rows)
     kept = slice(0, 16 - int(rows)) if rows > 0 else slice(int(-rows), 16)
     torch.testing.assert_close(back[:, kept], picture[:, kept], rtol=0, atol=1e-6)  # OpenCV's weights are exact there
     assert not bool(back.sum(dim=(0, 2))[[r for r in range(16) if r not in range(*kept.indices(16))]].any())
@@ -107,6 +109,53 @@ def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(frame: F
             seen = project(points[-1][None], found.pair.intrinsics[which], found.pair.world_to_camera(which))[0][0] - [x0, y0]
             assert np.abs(seen - [width / 2, height / 2]).max() <= 32 / 8 + 0.5 + 1e-6
         assert found.windows[0][1:] == found.windows[1][1:]
+
+
+def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Now and then there is none. What is drawn for it alone comes from a generator of its own."""
+    frame, points, joints = ball(angles=(-15.0, 15.0, 40.0)), [], []
+    target = examples._target
+    monkeypatch.setattr(examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side))
+    found = []
+    for seed in range(12):
+        g, h = np.random.default_rng(seed), np.random.default_rng(seed)
+        plain, more = crop(frame, 32, g), crop(frame, 32, h, further_views=True)
+        assert same(plain, more)
+        assert g.random() == h.random(), "later draws are the same, too"
+        again = crop(frame, 32, np.random.default_rng(seed), further_views=True)
+        assert plain.views.third is None
+        third = more.views.third
+        found.append(third is not None)
+        if third is None:
+            assert again.views.third is None
+            continue
+        assert again.views.third is not None
+        assert torch.equal(third.color, again.views.third.color)
+        assert third.color.shape == (1, 3, 32, 32)
+        assert third.heatmaps.shape == (1, 17, 8, 8)
+        assert 0 <= float(third.color.min()) < float(third.color.max()) <= 1
+        joints.append(bool(third.heatmaps.any()))
+        for which in (0, 1):
+            (u, v), z = project(points[-1][None], more.pair.intrinsics[which], more.pair.world_to_camera(which))[0][0] - more.windows[which][:2], (points[-1] - more.pair.centres[which]) @ more.pair.rotation[2]
+            x, y, w = third.projection[which].numpy() @ [u * z, v * z, z, 1]
+            assert w > 0
+            assert np.abs(np.array([x, y]) / w - 16).max() <= 32 / 8 + 0.5 + 1e-6
+    assert 6 <= sum(found) < 12
+    assert sum(joints) > len(joints) / 2  # some crops have none
+
+
+def test_the_third_view_of_a_whole_pair_shows_what_the_pair_shows() -> None:
+    """The true surface, seen in the third picture: smooth colours of points in space, a start at the true depth of the nearest pixel."""
+    example = whole(ball(exact=True, angles=(-15.0, 15.0, 40.0)), 0, 8, further_views=True)
+    third, views = example.views.third, example.views
+    assert third is not None
+    depth = torch.where(views.known, views.coding.depth(views.start.nan_to_num()), 0)
+    seen, held = warp(third.color.expand(2, -1, -1, -1), depth, third.projection)
+    sure = -torch.nn.functional.max_pool2d(-(views.known & held).float(), 9, stride=1, padding=4) > 0
+    apart = (seen[:, 0] - views.color).abs().mean(1, keepdim=True)[sure]
+    assert sure.sum() > 300
+    assert float(apart.median()) < 0.02  # of waves of 20 px and heights of 0.86
+    assert whole(ball(exact=True), 0, 8, further_views=True).views.third is None
 
 
 def test_the_target_picture_is_what_its_camera_sees(frame: Frame) -> None:

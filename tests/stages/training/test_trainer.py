@@ -75,6 +75,19 @@ def test_training_lowers_the_loss(frames: dict[int, Frame]) -> None:
     assert trainer.weights().keys() == trainer.network.state_dict().keys()
 
 
+def test_training_with_third_views_lowers_the_loss() -> None:
+    config, frames = tiny(learning_rate=2e-3, further_views=True, batch=2), {0: ball(angles=(-15.0, 15.0, 40.0))}
+    trainer = Trainer(config)
+    weight = trainer.network.refinement.update.motion.correlation[0].weight
+    before, taps = cost(trainer, config, frames), weight[:, -2 * 9 :].detach().clone()
+    log = [trainer.advance(frames) for _ in range(STEPS)]
+    assert cost(trainer, config, frames) < LEARNT * before
+    assert all(np.isfinite(list(row.values())).all() for row in log)
+    assert log[-1]["skipped"] == 0
+    assert (weight[:, -2 * 9 :] != taps).any()  # what reads the third view learns
+    assert np.isfinite(list(trainer.validate(frames).values())).all()
+
+
 def test_it_goes_on_bit_exactly_from_a_state_through_both_phases(frames: dict[int, Frame]) -> None:
     config = tiny(depth_steps=2, joint_steps=2)
     whole = Trainer(config)
