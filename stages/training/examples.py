@@ -127,6 +127,12 @@ def _example(frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, fou
     )  # fmt: skip
 
 
+def unfitting(example: Example, rows: float) -> Example:
+    """The same pair, but its second picture [3, H, W] is moved across its rows by so many px: nothing in it fits the first any more."""
+    first, second = example.views.color
+    return replace(example, views=replace(example.views, color=torch.stack([first, _shifted(second, rows)])), strange=True)
+
+
 def _spoilt(color: torch.Tensor, cover: torch.Tensor, random: np.random.Generator) -> tuple[torch.Tensor, bool]:
     """Premultiplied colours [2, 3, H, W] of both views as real cameras might give them, and whether they no longer fit each other."""
     unlike, grainy, blurred, slipped = (random.random(4) < SPOILT).tolist()
