@@ -6,6 +6,7 @@ Only changes are pulled back, not values: where the network says nothing, a view
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import cv2
@@ -61,18 +62,22 @@ class Looks:
 
 
 def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceView], iterations: int, precision: str, timer: Timer | None = None) -> dict[int, Learned]:
-    """What is learnt about every view that has a pair."""
+    """What is learnt about every view that has a pair; `timer` is told of `rectification`, the network's modules and `pulling back`."""
+    clock = timer or (lambda name: nullcontext())
     found: dict[int, list[Learned]] = {}
     for pair in looks.pairs:
         shown = (views[pair.views[0]], views[pair.views[1]])
-        around = windows(pair, (shown[0].depth > 0, shown[1].depth > 0), network.preset.stride)
-        if around is None:
-            continue
-        rectified = rectified_pair(pair, shown, around, joints=network.joints)
+        with clock("rectification"):
+            around = windows(pair, (shown[0].depth > 0, shown[1].depth > 0), network.preset.stride)
+            if around is None:
+                continue
+            rectified = rectified_pair(pair, shown, around, joints=network.joints)
         prediction = predict(network, rectified, iterations, precision, timer)
-        for which, view in enumerate(pair.views):
-            found.setdefault(view, []).append(learned_of(pair, which, around[which], rectified, prediction, shown[which].depth))
-    return {view: _merged(parts) for view, parts in found.items()}
+        with clock("pulling back"):
+            for which, view in enumerate(pair.views):
+                found.setdefault(view, []).append(learned_of(pair, which, around[which], rectified, prediction, shown[which].depth))
+    with clock("pulling back"):
+        return {view: _merged(parts) for view, parts in found.items()}
 
 
 def predict(network: PoseGaussianNetwork, views: Views, iterations: int, precision: str, timer: Timer | None = None) -> Prediction:
