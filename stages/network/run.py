@@ -10,6 +10,7 @@ import numpy as np
 from stages.io import Block, Inputs
 from stages.network.inference import NUMBERS, Looks, look, refined
 from stages.network.params import NetworkParams
+from stages.network.silhouettes import held, silhouettes_of
 from stages.network.views import SourceView
 
 SURE = 0.1
@@ -37,7 +38,10 @@ def run(inputs: Inputs, params: NetworkParams) -> Iterator[Block]:
         valid = tuple(v for v in read if inputs.valid[f, v])
         if len(valid) < 2:
             continue
-        for v, learned in look(network, looks(valid), {u: read[u].at(f) for u in valid}, params.iterations, params.precision).items():
+        shown = {u: read[u].at(f) for u in valid}
+        silhouettes = silhouettes_of(inputs.rig, {u: s.mask for u, s in shown.items()})
+        for v, said in look(network, looks(valid), shown, params.iterations, params.precision).items():
+            learned = held(inputs.rig, v, depth[v][f], said, silhouettes)
             depth[v][f] = refined(depth[v][f], learned)
             confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
     for v in range(len(inputs.rig)):
