@@ -10,6 +10,7 @@ import numpy as np
 from stages.io import Block, Inputs
 from stages.network.inference import NUMBERS, Looks, look, refined
 from stages.network.params import NetworkParams
+from stages.network.silhouettes import held, silhouettes_of
 from stages.network.views import SourceView
 from stages.timing import TimedInputs
 
@@ -41,7 +42,12 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         valid = tuple(v for v in read if inputs.valid[f, v])
         if len(valid) < 2:
             continue
-        for v, learned in look(network, looks(valid), {u: read[u].at(f) for u in valid}, params.iterations, params.precision, inputs.timed).items():
+        shown = {u: read[u].at(f) for u in valid}
+        with inputs.timed("silhouettes"):
+            silhouettes = silhouettes_of(inputs.rig, {u: s.mask for u, s in shown.items()})
+        for v, said in look(network, looks(valid), shown, params.iterations, params.precision, inputs.timed).items():
+            with inputs.timed("silhouettes"):
+                learned = held(inputs.rig, v, depth[v][f], said, silhouettes)
             with inputs.timed("pulling back"):
                 depth[v][f] = refined(depth[v][f], learned)
             confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
