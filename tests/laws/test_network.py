@@ -91,7 +91,7 @@ def test_with_weights_only_what_follows_is_another_and_nothing_is_lost(plain: Pi
     assert "of depth and Gaussians are the network's" in said
 
 
-MODULES = {"loading", "reading", "rectification", "evidence", "image encoder", "fusion", "refinement", "pose encoder", "depth encoder", "decoder", "heads", "pulling back"}
+MODULES = {"loading", "reading", "rectification", "evidence", "image encoder", "fusion", "refinement", "pose encoder", "depth encoder", "decoder", "heads", "silhouettes", "pulling back"}
 
 
 def rows(pipeline: Pipeline) -> list[dict]:
