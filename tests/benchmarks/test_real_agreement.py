@@ -54,7 +54,8 @@ def test_nothing_speaks_against_the_true_depth(shown: Shown, true: dict[int, np.
     assert found["true"]["< 1 px"] > 0.99
     # Interpolation of 25 px waves of 240 steps, and half a step of rounding.
     assert found["true"]["colour median"] < 2
-    assert found["true"]["ZNCC"] > 0.98
+    # Patches at the disc's rim and where the waves are nearly flat count, too.
+    assert found["true"]["ZNCC"] > 0.95
     assert found["true"]["outside"] < 0.01
 
 
