@@ -51,7 +51,7 @@ def outside(rig: Rig, depth: np.ndarray, silhouettes: Silhouettes, view: int = 1
 
 
 def middle(depth: np.ndarray) -> float:
-    """x of the point in the picture's middle."""
+    """X of the point in the picture's middle."""
     return AWAY - float(depth[SIZE[1] // 2, SIZE[0] // 2])
 
 
