@@ -37,20 +37,22 @@ class Footage:
     """Frames a second."""
     size: int
     """Side of the pictures, px."""
+    cameras: int = 8
+    """Source cameras, where a row does not say."""
     effects: Mapping[str, Any] = field(default_factory=dict)
     """Of the scene, laid over a clean one."""
 
-    def scene(self, seed: int, cameras: int) -> Scene:
-        """The sequence of a seed of the ablation. Raises ConfigError where there is none."""
+    def scene(self, seed: int, cameras: int | None = None) -> Scene:
+        """The sequence of a seed of the ablation, of as many cameras as a row says. Raises ConfigError where there is none."""
         most = FIRST_KEPT_SEED - FIRST_VALIDATION_SEED
         if seed >= most:
             raise ConfigError(f"--seeds {seed}: there are {most} sequences for validation, one a seed from 0 on; use smaller seeds, or leave tps and cameras out with --only")
-        return ablation_scene(FIRST_VALIDATION_SEED + seed, cameras, self.size, self.frames, self.frame_rate, self.effects)
+        return ablation_scene(FIRST_VALIDATION_SEED + seed, cameras or self.cameras, self.size, self.frames, self.frame_rate, self.effects)
 
 
 FOOTAGE = {
     # 4 px at 512 px, 10 % missing, 2 % elsewhere: the faults of docs/joints.md.
-    "tps": Footage(8, 30.0, 256, {"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
+    "tps": Footage(8, 30.0, 256, effects={"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
     "cameras": Footage(2, 2.0, 512),
 }
 """{group: what its rows run on}: as few and as small pictures as show what the group is about."""
@@ -67,8 +69,8 @@ class Row:
     """Steps of refinement with which a finished training is measured again; None: its own validation counts."""
     pipeline: tuple[str, ...] = ()
     """Settings of a run of the pipeline, `stage.key=value`, where the group has footage."""
-    cameras: int = 8
-    """Of the sequence, where the group has footage."""
+    cameras: int | None = None
+    """Of the sequence, where the group has footage and the row is about them."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from dags.ablation_groups import Group, Row
 from dags.interrupt import interruptible
 from dags.network_weights import card_of, weights_digest
 from dags.training_folder import RunFolder, locked
+from dags.wording import number
 from stages.capture.scene import Scene
 from stages.network.params import NetworkParams
 from stages.training.config import TrainingConfig
@@ -71,7 +72,8 @@ class RunCell:
     @property
     def sequence(self) -> Path:
         """Folder of the filmed sequence, while one of its rows is not done."""
-        return self.root / "sequences" / f"{self.group.name}-{self.row.cameras}-seed-{self.seed}"
+        own = f"-{self.row.cameras}" if self.row.cameras else ""
+        return self.root / "sequences" / f"{self.group.name}{own}-seed-{self.seed}"
 
     @property
     def beside(self) -> list[RunCell]:
@@ -193,7 +195,7 @@ def _filmed(scene: Scene, folder: Path, threads: int, say: Callable[[str], None]
     about, wanted = folder / "sequence.json", scene.model_dump(mode="json")
     if about.is_file() and (found := json.loads(about.read_text(encoding="utf-8")))["scene"] == wanted:
         return str(found["held_out"])
-    say(f"filming {scene.frames} frames of seed {scene.seed}, {scene.motion.name}, with {scene.rig.cameras} cameras and 2 held out")
+    say(f"filming {number(scene.frames, 'frame')} of seed {scene.seed}, {scene.motion.name}, with {scene.rig.cameras} cameras and 2 held out")
     partial = folder.with_suffix(".partial")
     for old in (partial, folder):
         shutil.rmtree(old, ignore_errors=True)
