@@ -40,7 +40,7 @@ def run_here(plan: Plan, selection: Selection, threads: int = 1, after_each: Cal
     if Run([plan], selection, SerialBackend(), [note], threads).go().interrupted:
         raise KeyboardInterrupt
     if failed:
-        error = RunFailed("; ".join(f"{f.task.label()}: {f.error}" for f in failed))
+        error = RunFailed("; ".join(f"{f.task.label()}: {f.error.strip()}" for f in failed))
         for f in failed:
             error.add_note(f.details)
         raise error

@@ -189,6 +189,25 @@ def test_a_second_ablation_of_the_same_sequence_is_refused(tmp_path: Path) -> No
         run(first, weights_of(None, CONFIG, 0, tmp_path), 1, print, lambda: True)
 
 
+def test_a_run_that_fails_is_said_and_the_next_one_begins(tmp_path: Path) -> None:
+    first = runs_in_order([group("cameras")], (0,), tmp_path)
+    for c in first:  # filmed, it seems, but there is nothing
+        c.sequence.mkdir(parents=True)
+        (c.sequence / "sequence.json").write_text(json.dumps({"scene": c.scene.model_dump(mode="json"), "held_out": "views.held_out=[]"}))
+    said: list[str] = []
+    assert ablate(order(tmp_path, "cameras"), said.append) is False
+    for c in first:
+        assert any(line.startswith(f"{c}: ") for line in said)
+        assert f"Failed: {c}: " in (tmp_path / "ablation.md").read_text()
+
+
+def test_minutes_end_the_runs_in_order(tmp_path: Path) -> None:
+    said: list[str] = []
+    assert ablate(order(tmp_path, "tps", minutes=0.0), said.append)
+    assert "the minutes are over, 4 cells of 4 are left; the same command goes on from here" in said
+    assert not list(tmp_path.glob("sequences/*"))
+
+
 def test_the_change_of_ssim_is_taken_over_each_cameras_frames() -> None:
     def rows() -> Iterator[dict[str, Any]]:
         for camera, changes in (("a", (0.1, 0.3)), ("b", (0.5, 0.5))):
