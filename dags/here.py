@@ -14,7 +14,7 @@ from storage.receipts import Receipt
 
 
 class RunFailed(UserError):
-    """A task failed; its traceback is a note of the error."""
+    """A task failed; its traceback, where it is no error of the user, is a note of this one."""
 
 
 def run_here(plan: Plan, selection: Selection, threads: int = 1, after_each: Callable[[], None] | None = None) -> dict[Task, Receipt]:
@@ -42,6 +42,7 @@ def run_here(plan: Plan, selection: Selection, threads: int = 1, after_each: Cal
     if failed:
         error = RunFailed("; ".join(f"{f.task.label()}: {f.error.strip()}" for f in failed))
         for f in failed:
-            error.add_note(f.details)
+            if f.details:
+                error.add_note(f.details)
         raise error
     return done

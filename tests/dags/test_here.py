@@ -50,7 +50,6 @@ def test_every_failed_task_is_named_and_the_others_are_done(small: Pipeline) -> 
     with pytest.raises(RunFailed, match=r"^frames view 1 p0000: source file .* changed since it was imported") as caught:
         here(small)
     assert "p0001" not in str(caught.value)
-    assert len(caught.value.__notes__) == 1
-    assert "Traceback" in caught.value.__notes__[0]
+    assert not getattr(caught.value, "__notes__", []), "the sentence says all that a user can do"
     states = [v.state for t, v in small.plan(selection=FRAMES).verdicts.items() if t.stage == "frames"]
     assert states.count(State.FRESH) == 5
