@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections import Counter, defaultdict
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from benchmarks.error_places import PLACES, squared_error_by_place
-from dags.config import load_configuration
-from dags.events import Event, TaskDone, TaskFailed
-from dags.importing import find_capture, register
-from dags.plan import Selection
+from dags.filmed import depths, film_capture, held_out_setting, run_capture
 from dags.results import Results
-from dags.run import Run
-from dags.serial import SerialBackend
-from dags.session import Session
-from dags.simulate import film, stage_scene
 from stages.capture.benchmark import benchmark_scene
 from stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
-from stages.metrics.depth_error import disparity_error, nearest_pair
 from stages.metrics.run import measure
 from stages.network.params import depth_array
-from storage.archive import Archive
 
-NAME = "person"
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""
-ALL = Selection()
 TIMED = ("depth", "network", "gaussians", "rendering")
 
 
@@ -49,13 +36,13 @@ class Cell:
 
 
 def measure_cell(cell: Cell, methods: tuple[str, ...], folder: Path, settings: tuple[str, ...] = ()) -> list[dict[str, Any]]:
-    """One row for every method; `folder` is removed afterwards. Raises RuntimeError when a task fails."""
+    """One row for every method; `folder` is removed afterwards. Raises RunFailed when a task fails."""
     motion, held_out = film_cell(cell, folder)
     rows = []
     for method in methods:
-        results, seconds = run_cell(folder, (held_out, f"depth.method={method}", *settings))
+        results, seconds = run_capture(folder, (held_out, f"depth.method={method}", *settings))
         per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
-        rows.append({"seed": cell.seed, "motion": motion, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **pictures(results, cell), **depths(results, cell), **_agreement(results, cell), **per_frame})
+        rows.append({"seed": cell.seed, "motion": motion, "cameras": cell.cameras, "variant": cell.variant, "depth": method, **pictures(results, cell), **depths(results), **_agreement(results, cell), **per_frame})
     shutil.rmtree(folder)
     return rows
 
@@ -63,27 +50,8 @@ def measure_cell(cell: Cell, methods: tuple[str, ...], folder: Path, settings: t
 def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
     """Film the scene into `folder`; the motion's name, and the setting that keeps its middle cameras aside."""
     scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
-    staged = stage_scene(scene, folder)
-    film(scene, staged, folder / "capture", 1)
-    return scene.motion.name, f"views.held_out={json.dumps(list(staged.written.names[staged.sources :]))}"
-
-
-def run_cell(folder: Path, overrides: tuple[str, ...], selection: Selection = ALL) -> tuple[Results, Counter[str]]:
-    """What does not depend on the settings stays fresh. Seconds are CPU seconds by stage."""
-    url, seconds = str(folder / "archive"), Counter[str]()
-    session = Session(load_configuration(None, list(overrides), folder=folder), url, Console(quiet=True))
-    settings = session.configuration.for_sequence(NAME)
-    register(Archive.open(url, create=True), NAME, find_capture("images", folder / "capture", [], settings), settings)
-
-    def note(event: Event) -> None:
-        if isinstance(event, TaskDone):
-            seconds[event.task.stage] += event.receipt.facts["cpu_seconds"]
-        elif isinstance(event, TaskFailed):
-            raise RuntimeError(f"{event.error}\n{event.details}")
-
-    plan = session.plan(NAME, selection)
-    Run([plan], selection, SerialBackend(), [note]).go()
-    return Results(plan.context), seconds
+    staged, _ = film_capture(scene, folder)
+    return scene.motion.name, held_out_setting(staged)
 
 
 def pictures(results: Results, cell: Cell) -> dict[str, Any]:
@@ -105,22 +73,6 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
             error += squared_error_by_place(color[i, c], alpha[i, c], truth[i], mask[i])
         shown.append(np.stack([color[-1, c], (truth[-1] * (mask[-1][..., None] / 255.0)).astype(np.uint8)]))
     return {**{k: float(np.mean(v)) for k, v in found.items()}, **dict(zip(PLACES, (error / error.sum()).tolist(), strict=True)), "shown": shown[0]}
-
-
-def depths(results: Results, cell: Cell) -> dict[str, float]:
-    """Over the true surface of all source views and frames; pixels without depth count 16 px and nothing in mm."""
-    context = results.context
-    errors, millimetres, covered = [], [], []
-    for view in context.views.sources:
-        pair = nearest_pair(context.rig, view, context.views.sources)
-        depth, truth, mask = (results.read(a, range(cell.frames), view) for a in (depth_array(context.facts), "truth/depth", "frames/mask"))
-        for d, t, m in zip(depth, truth, mask, strict=True):
-            surface = (m > 127) & (t > 0)
-            errors.append(disparity_error(d, t, pair)[surface])
-            covered.append(d[surface] > 0)
-            millimetres.append(1000 * np.abs(d - t)[surface & (d > 0)])
-    epe, mm = np.concatenate(errors), np.concatenate(millimetres)
-    return {"EPE": float(epe.mean()), "EPE median": float(np.median(epe)), "1 px": float((epe < 1).mean()), "mm": float(mm.mean()), "mm median": float(np.median(mm)), "coverage": float(np.concatenate(covered).mean())}
 
 
 def _agreement(results: Results, cell: Cell) -> dict[str, float]:

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cells import Cell, film_cell, pictures, run_cell
+from benchmarks.cells import Cell, film_cell, pictures
 from benchmarks.quality import means, seeds
 from benchmarks.report import publish, show
+from dags.filmed import run_capture
 from stages.frames.display import to_linear, to_srgb
 from storage import media
 
@@ -49,7 +50,7 @@ def rows_of(seed: int) -> list[dict[str, Any]]:
                 spoil(folder / "capture")
                 shutil.rmtree(folder / "archive")  # the survey keeps what it saw of a sequence
             for state in ("auto",) if cameras == "alike" else ("off", "auto"):
-                results, _ = run_cell(folder, (held_out, f"effects.exposure_matching={state}"))
+                results, _ = run_capture(folder, (held_out, f"effects.exposure_matching={state}"))
                 found = results.context.effects["exposure_matching"].decision
                 on = "on" if found is not None and found.on else "off"
                 print(f"seed {seed}, {cameras}, {state}: {found.reason if found is not None else ''}", flush=True)

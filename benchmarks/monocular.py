@@ -22,9 +22,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.cells import run_cell
 from benchmarks.quality import seeds
 from benchmarks.report import publish
+from dags.filmed import run_capture
 from dags.results import Results
 from dags.threads import limit
 from stages.capture.benchmark import benchmark_scene
@@ -86,7 +86,7 @@ def measured(kind: str, folder: Path, truth: np.ndarray, distance: float, seed: 
     names = [f"cam{a // STEP:02d}" for a in ANGLES]
     sources = ["cam00", f"cam{SECOND // STEP:02d}"] if kind == "second" else ["cam00"]
     known = [] if kind == "guessed" else [f"depth.subject_distance={distance}"]
-    results, _ = run_cell(folder, (f"views.sources=[{', '.join(sources)}]", f"views.held_out=[{', '.join(names)}]", *known))
+    results, _ = run_capture(folder, (f"views.sources=[{', '.join(sources)}]", f"views.held_out=[{', '.join(names)}]", *known))
     assert capture.is_dir()
     return _pictures(results)
 

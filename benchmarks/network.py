@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cells import Cell, depths, film_cell, pictures, run_cell
+from benchmarks.cells import Cell, film_cell, pictures
 from benchmarks.network_picture import draw
 from benchmarks.quality import means, seeds
 from benchmarks.report import publish, show
+from dags.filmed import depths, run_capture
 from dags.network_weights import card_of, shipped, weights_digest
 from dags.plan import Selection
 from dags.results import Results
@@ -65,12 +66,12 @@ def measured(cell: Cell, floor: str, weights: str, others: tuple[int, ...], fold
     epe: dict[int, float] = {}
     for n in others:
         # Gaussians and pictures of other numbers of iterations are not looked at.
-        results, _ = run_cell(folder, (*base, *learned, f"network.iterations={n}"), UP_TO_NETWORK)
-        epe[n] = depths(results, cell)["EPE"]
+        results, _ = run_capture(folder, (*base, *learned, f"network.iterations={n}"), UP_TO_NETWORK)
+        epe[n] = depths(results)["EPE"]
     rows = []
     for name, own in (("floor", (f"depth.method={floor}",)), ("network", learned), ("truth", ("depth.method=truth",))):
-        results, seconds = run_cell(folder, (*base, *own))
-        row = {"seed": cell.seed, "motion": motion, "depth": name, **pictures(results, cell), **depths(results, cell)}
+        results, seconds = run_capture(folder, (*base, *own))
+        row = {"seed": cell.seed, "motion": motion, "depth": name, **pictures(results, cell), **depths(results)}
         row["confidence"] = confidence(results, cell) if name == "network" else 0.0
         rows.append({**row, **{f"{s} s": seconds[s] / cell.frames for s in ("depth", "network", "gaussians", "rendering")}})
         if name == "network":

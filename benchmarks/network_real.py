@@ -4,8 +4,9 @@
 
 `balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/quality.md, one frame at 960 px; BlazePose must have been
 fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There is no
-truth: what is measured is how much the network says, and that the analytic depth stands where it is not sure.
-Confidence and change of depth are means over each source view's surface.
+truth. Measured is how much the network says, and that the analytic depth stands where it is not sure: confidence and change
+of depth are means over each source view's surface. And, for the analytic depth and for the network's, how far the views of every usable
+pair contradict each other (`benchmarks.real_agreement`); the second picture shows where the network makes that better or worse.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from benchmarks.network_picture import difference, glowing
+from benchmarks.network_picture import difference, glowing, nearer
 from benchmarks.quality_picture import around, tile
+from benchmarks.real_agreement import Shown, table
 from benchmarks.real_pose import CROPS, without_keypoints
-from benchmarks.report import publish
+from benchmarks.report import publish, show
 from dags.config import load_configuration
 from dags.events import Event, TaskFailed
 from dags.importing import find_capture, register
@@ -35,9 +37,11 @@ from dags.run import Run
 from dags.serial import SerialBackend
 from dags.session import Session
 from dags.threads import limit
+from stages.geometry.pairs import pair_report
 from stages.geometry.paths import make_path
 from stages.io import Views
-from stages.network.params import NetworkParams
+from stages.network.params import NetworkParams, depth_array
+from stages.rendering.sources import OF_GAUSSIANS
 from storage.archive import Archive
 from storage.rig import Rig
 
@@ -103,6 +107,25 @@ def _row(name: str, values: np.ndarray) -> dict[str, Any]:
     return {"view": name, "confidence": float(share.mean()), f"below {UNSURE:g}": float(unsure.mean()), "change mm": float(apart.mean()), "change mm, 95 %": float(np.quantile(apart, 0.95)), "most where unsure, mm": where}
 
 
+def maps(results: Results) -> dict[int, tuple[np.ndarray, ...]]:
+    """Of the first frame by source view: depth [h, w] m, and what else its Gaussians are lifted from."""
+    return {v: tuple(results.read(a, range(1), v)[0] for a in (depth_array(results.context.facts), *OF_GAUSSIANS)) for v in results.context.views.sources}
+
+
+def draw_pairs(shown: Shown, differences: dict[tuple[int, int], dict[str, np.ndarray]], file: Path) -> None:
+    """Write a PNG: the first view of each directed pair, dark, and over it where the network shows the other view's colour there better (green) or worse (red)."""
+    tiles = []
+    for (a, b), apart in differences.items():
+        picture = np.where(shown.mask[a][..., None] > 127, shown.color[a], 0)
+        rows, columns = (np.nonzero(shown.mask[a].max(axis=n) > 127)[0] for n in (1, 0))
+        cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        compared = np.isfinite(apart["floor"])
+        marked = nearer(*(np.where(compared, apart[kind], 0) for kind in ("floor", "network")))
+        names = f"{shown.rig.names[a]} in {shown.rig.names[b]}"
+        tiles += [tile(picture[cut], names, HEIGHT), tile(np.maximum(marked, picture // 4)[cut], "better / worse", HEIGHT)]
+    cv2.imwrite(str(file), np.hstack(tiles)[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
 def draw(floor: dict[str, np.ndarray], network: dict[str, np.ndarray], file: Path) -> None:
     """Write a PNG: a camera after the other: without, with the network, and what differs."""
     tiles = []
@@ -119,6 +142,7 @@ def main() -> None:
     parser.add_argument("--frame", type=int, default=10)
     parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
     parser.add_argument("--picture", type=Path, default=Path("docs/network_balance.png"))
+    parser.add_argument("--pairs", type=Path, default=Path("docs/network_pairs.png"), help="the second picture")
     parser.add_argument("--floor-only", action="store_true", help="make what does not need weights, into the archive, and end")
     parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
     a = parser.parse_args()
@@ -129,13 +153,22 @@ def main() -> None:
         archive = (a.archive or Path(scratch) / "archive").resolve()
         archive.parent.mkdir(parents=True, exist_ok=True)
         views, settings = archive.parent / "arc.json", [f"frames.range={a.frame}:{a.frame + 1}", *a.set]
-        floor = rendered(run(balance, archive, settings, views))
+        before = run(balance, archive, settings, views)
+        floor, analytic = rendered(before), maps(before)
         if a.floor_only:
             return
         results = run(balance, archive, [*settings, f"network.weights={weights}"], views)
         card = card_of(NetworkParams(weights=weights))
-        publish(None if a.set else "network_real", said(results), {"weights": card.name, "data": card.data, "frame": a.frame, "size": 960})
+        sources, learned = results.context.views.sources, maps(results)
+        color, mask = ({v: results.read(f"frames/{n}", range(1), v)[0] for v in sources} for n in ("color", "mask"))
+        shown = Shown(results.context.rig, color, mask)
+        pairs = [p for r in pair_report(shown.rig, sources) if r.usable for p in (r.views, r.views[::-1])]
+        kinds = {"floor": analytic, "network": learned}
+        rows, differences = table(shown, pairs, {k: {v: m[0] for v, m in found.items()} for k, found in kinds.items()}, kinds)
+        publish(None if a.set else "network_real", said(results), {"weights": card.name, "data": card.data, "frame": a.frame, "size": 960, "pairs": rows})
+        show(rows)
         draw(floor, rendered(results), a.picture)
+        draw_pairs(shown, differences, a.pairs)
 
 
 if __name__ == "__main__":

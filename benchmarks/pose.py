@@ -26,22 +26,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from benchmarks.pose_joints import CLEAN, NAMES, SPOILS, constant_of, in_space, measures, off_heatmaps, offsets, spoilt, without_offset
+from benchmarks.pose_joints import CLEAN, NAMES, SPOILS, constant_of, offsets, spoilt, without_offset
 from benchmarks.report import publish, show
-from dags.config import load_configuration
 from dags.estimator import blazepose_is_here
-from dags.events import Event, TaskDone, TaskFailed
-from dags.importing import find_capture, register
+from dags.filmed import CAPTURE, film_capture, run_capture
 from dags.plan import Selection
 from dags.results import Results
-from dags.run import Run
-from dags.serial import SerialBackend
-from dags.session import Session
-from dags.simulate import film, stage_scene
 from stages.capture.scene import Scene
-from storage.archive import Archive
+from stages.pose.steadiness import in_space, measures, off_heatmaps
 from storage.exporters.images_layout import write_capture
 from storage.joints import to_set
 from storage.rig import Rig
@@ -49,7 +42,7 @@ from storage.rig import Rig
 MOTIONS = {"walk": 0.3, "kick": 0.0, "crossed_arms": 0.7}
 """{motion: seconds into it at the first frame}."""
 METHODS = ("pairwise", "recurrent", "adaptive")
-NAME, CAMERAS, SIZE = "person", 8, 512
+CAMERAS, SIZE = 8, 512
 PUBLISHED_SEED = 9000
 MOST_MM = {"1 px": 5.0, "BlazePose": 30.0}
 """Asked: MPJPE of exact joints with 1 px of noise; the largest median of a joint of BlazePose's."""
@@ -68,38 +61,22 @@ class Capture:
     def __init__(self, motion: str, seed: int, frames: int, rate: float, folder: Path, threads: int) -> None:
         self.motion, self.seed, self.frames, self._root = motion, seed, frames, folder
         scene = scene_of(motion, seed, frames, rate)
-        staged = stage_scene(scene, folder)
-        truth = film(scene, staged, folder / "capture", threads)
+        staged, truth = film_capture(scene, folder, threads)
         self._rate, self._written = rate, staged.written
         self.joints2d = truth["joints2d"].astype(np.float64)
         self.joints3d = truth["joints3d"][..., :3].astype(np.float64)
 
     def give_joints(self, joints: np.ndarray | None) -> None:
         """Put detections [F, V, 17, 3] beside the pictures, or none."""
-        for file in (self._root / "capture" / "joints").glob("*.json"):
+        for file in (self._root / CAPTURE / "joints").glob("*.json"):
             file.unlink()
         if joints is not None:
-            write_capture(self._root / "capture", self._written, None, joints2d=joints, frame_rate=self._rate, numbers=np.arange(self.frames))
+            write_capture(self._root / CAPTURE, self._written, None, joints2d=joints, frame_rate=self._rate, numbers=np.arange(self.frames))
 
     def run(self, name: str, *settings: str) -> tuple[Results, Counter[str]]:
         """Joints of the capture as it is, through the pipeline into an archive of that name; CPU seconds by stage."""
-        url = str(self._root / name)
         on = ("effects.temporal_smoothing=on", "effects.pose_heatmaps=on", "effects.crop_scale=off")
-        session = Session(load_configuration(None, [*on, *settings], folder=self._root), url, Console(quiet=True))
-        configuration = session.configuration.for_sequence(NAME)
-        register(Archive.open(url, create=True), NAME, find_capture("images", self._root / "capture", [], configuration), configuration)
-        seconds = Counter[str]()
-
-        def note(event: Event) -> None:
-            if isinstance(event, TaskDone):
-                seconds[event.task.stage] += event.receipt.facts["cpu_seconds"]
-            elif isinstance(event, TaskFailed):
-                raise RuntimeError(f"{event.error}\n{event.details}")
-
-        only = Selection(only=frozenset({"detection", "pose", "smoothing"}))
-        plan = session.plan(NAME, only)
-        Run([plan], only, SerialBackend(), [note]).go()
-        return Results(plan.context), seconds
+        return run_capture(self._root, (*on, *settings), Selection(only=frozenset({"detection", "pose", "smoothing"})), name)
 
 
 def forms(capture: Capture, name: str, detections: np.ndarray | None, *settings: str) -> Iterator[tuple[str, np.ndarray]]:

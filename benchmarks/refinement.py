@@ -22,11 +22,12 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks.cells import Cell, film_cell, pictures, run_cell
+from benchmarks.cells import Cell, film_cell, pictures
 from benchmarks.plain_start import PlainGaussians, hull_points, optimised
 from benchmarks.quality import means, seeds
 from benchmarks.refinement_picture import draw
 from benchmarks.report import publish, show
+from dags.filmed import run_capture
 from dags.results import Results
 from dags.threads import limit
 from stages.capture.benchmark import REPORTING_SEEDS
@@ -51,7 +52,7 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
     rows: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
     for steps in levels:
-        results, now = run_cell(folder, (*settings, f"refinement.steps={steps}"))
+        results, now = run_capture(folder, (*settings, f"refinement.steps={steps}"))
         seconds |= now
         spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or steps}
         rows.append({"method": "refinement", "level": f"{steps}", "box psnr": pictures(results, cell)["box psnr"], "optimisation s": spent.get("refinement", 0.0), "seconds": sum(spent.values())})
@@ -60,7 +61,7 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
 
 def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
     """One row a time, of the first frame."""
-    results, _ = run_cell(folder, (*settings, "depth.method=hull"))
+    results, _ = run_capture(folder, (*settings, "depth.method=hull"))
     context, frame = results.context, range(1)
     rig, views = context.rig, context.views
     cameras = {v: Camera(rig.intrinsics[v], rig.world_to_camera[v], *(int(n) for n in rig.size[v])) for v in range(len(rig))}

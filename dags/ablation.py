@@ -1,7 +1,8 @@
-"""Ablation: many short trainings that differ in one thing each, cell by cell, and the tables that come of them.
+"""Ablation: many short trainings, and runs of the pipeline, that differ in one thing each, cell by cell, and the tables that come of them.
 
-A cell is an ordinary training (`dags/training.py`) in a folder of its own, over frames that all cells share. What is finished is
-never trained again, what is not goes on; the tables are written whatever ends a call.
+A cell is an ordinary training (`dags/training.py`) in a folder of its own, over frames that all cells share, or a run
+(`dags/ablation_runs.py`); runs come last, because they may need what was trained. What is finished is never done again, what is
+not goes on; the tables are written whatever ends a call.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from dags.ablation_cells import Cell, in_order, take
 from dags.ablation_groups import Group, chosen
 from dags.ablation_iterations import measure
+from dags.ablation_runs import RunCell, Weights, run, runs_in_order, weights_of
 from dags.ablation_table import write
 from dags.threads import limit
 from dags.training import PARTS, Order, Parts, train
@@ -42,6 +44,8 @@ class AblationOrder:
     threads: int = 1
     workers: int = 1
     device: str = "auto"
+    weights: str | None = None
+    """Of the runs: weights that ship or a file; None: those of the default's training of the same seed where it is finished, else `fast`."""
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -52,31 +56,51 @@ class AblationOrder:
         """In the order in which they are trained."""
         return in_order(self.config, self.groups, self.seeds, self.folder)
 
+    def runs(self) -> list[RunCell]:
+        """In the order in which they are run, after all trainings. Raises ConfigError for weights that are not there and seeds without a sequence."""
+        found = runs_in_order(self.groups, self.seeds, self.folder)
+        for run_cell in found:
+            self.weights_of(run_cell)
+            _ = run_cell.scene
+        return found
+
+    def weights_of(self, run_cell: RunCell) -> Weights:
+        """What a run has for its network, as things stand."""
+        return weights_of(self.weights, self.config, run_cell.seed, self.folder)
+
+    def finished(self, job: Cell | RunCell) -> bool:
+        """Whether there is nothing to do for it."""
+        return job.result() is not None if isinstance(job, Cell) else job.finished(self.weights_of(job))
+
 
 def plan_lines(order: AblationOrder) -> list[str]:
     """What a call would do, a line a cell in their order; nothing is trained or written."""
-    cells = order.cells()
-    open_cells = [c for c in cells if c.result() is None]
+    cells, runs = order.cells(), order.runs()
     lines = [f"{c}: {c.state()}" for c in cells]
-    lines += [f"{g.title}: not run, {g.not_run}" for g in order.groups if g.not_run is not None]
-    return [*lines, f"{number(len(open_cells), 'training')} of {number(order.config.steps, 'step')} to do, {len(cells) - len(open_cells)} done"]
+    for r in runs:
+        weights = order.weights_of(r)
+        lines.append(f"{r}: {'done' if r.finished(weights) else 'not run'}, with weights {weights.name}")
+    open_cells, open_runs = ([job for job in jobs if not order.finished(job)] for jobs in (cells, runs))
+    left = [f"{number(len(open_cells), 'training')} of {number(order.config.steps, 'step')}"] if cells else []
+    left += [number(len(open_runs), "run")] if runs else []
+    return [*lines, f"{' and '.join(left)} to do, {len(cells) + len(runs) - len(open_cells) - len(open_runs)} done"]
 
 
 def ablate(order: AblationOrder, say: Say, parts: Parts | None = None) -> bool:
-    """Train and measure what is missing, until all is done, the minutes are over or Ctrl-C; then the tables are written.
+    """Train, run and measure what is missing, until all is done, the minutes are over or Ctrl-C; then the tables are written.
 
     Returns whether no cell failed; one that fails is said and left, and the next one begins.
 
     Raises:
-        ConfigError: for groups that are not known and a folder that holds an ablation of another configuration.
+        ConfigError: for groups, weights and sequences that there are not, and a folder that holds an ablation of another configuration.
         FrameError: for a frame that cannot be made: every cell needs it.
         KeyboardInterrupt: after Ctrl-C and the checkpoint of the cell in hand.
     """
-    cells = order.cells()
+    jobs: list[Cell | RunCell] = [*order.cells(), *order.runs()]
     take(order.folder, order.config)
     work = _Work(order, say, parts or PARTS)
     try:
-        work.do(cells)
+        work.do(jobs)
     finally:
         tables = write(order.config, order.folder, order.seeds, work.failures)
         for line in tables:
@@ -93,23 +117,34 @@ class _Work:
         self.deadline = time.monotonic() + 60.0 * order.minutes if order.minutes is not None else float("inf")
         self.failures: dict[str, str] = {}
 
-    def do(self, cells: Sequence[Cell]) -> None:
+    def do(self, jobs: Sequence[Cell | RunCell]) -> None:
         """All cells, each with what is measured on it."""
         limit(self.order.threads)
         sweeps = {c.folder for g in self.order.groups for c in in_order(self.order.config, [g], self.order.seeds, self.order.folder) if g.rows[0].iterations is not None}
-        for i, cell in enumerate(cells):
+        for i, job in enumerate(jobs):
+            name = f"cell {i + 1} of {len(jobs)}, {job}"
             try:
-                done = self._cell(cell, f"cell {i + 1} of {len(cells)}, {cell}", cell.folder in sweeps)
+                done = self._cell(job, name, job.folder in sweeps) if isinstance(job, Cell) else self._run(job, name)
             except FrameError:
                 raise
             except UserError as e:
-                self.failures[str(cell)] = str(e)
-                self.say(f"{cell}: {e}")
+                self.failures[str(job)] = str(e)
+                self.say(f"{job}: {e}")
                 continue
             if not done:
-                left = sum(c.result() is None for c in cells)
-                self.say(f"the minutes are over, {number(left, 'cell')} of {len(cells)} are left; the same command goes on from here")
+                left = sum(not self.order.finished(j) for j in jobs)
+                self.say(f"the minutes are over, {number(left, 'cell')} of {len(jobs)} are left; the same command goes on from here")
                 return
+
+    def _run(self, job: RunCell, name: str) -> bool:
+        """False where time ran out before it was done."""
+        weights = self.order.weights_of(job)
+        if job.finished(weights):
+            return True
+        if not self._goes_on():
+            return False
+        self.say(f"{name}, with weights {weights.name}")
+        return run(job, weights, self.order.threads, lambda line: self.say(f"  {line}"), self._goes_on)
 
     def _cell(self, cell: Cell, name: str, sweep: bool) -> bool:
         """False where time ran out before it was done."""

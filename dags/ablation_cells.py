@@ -69,7 +69,7 @@ class Cell:
         numbers = {k: v for k, v in last[-1].items() if k not in ("kind", "step")}
         card = read_card(run.weights_file)
         found = {"steps": self.config.steps, "numbers": numbers, "parameters": parameters(run.weights_file), "minutes": card.minutes, "machine": card.machine}
-        write_atomically(self.folder / RESULT, _json(found))
+        write_atomically(self.folder / RESULT, as_json(found))
         return True
 
     def by_iterations(self) -> dict[int, Numbers]:
@@ -80,7 +80,7 @@ class Cell:
     def note_iterations(self, iterations: int, numbers: Mapping[str, float]) -> None:
         """Add a T; what is not finite becomes null."""
         plain = {k: float(v) if math.isfinite(v) else None for k, v in numbers.items()}
-        write_atomically(self.folder / BY_ITERATIONS, _json({**self.by_iterations(), iterations: plain}))
+        write_atomically(self.folder / BY_ITERATIONS, as_json({**self.by_iterations(), iterations: plain}))
 
     def numbers(self, row: Row) -> dict[str, float | None] | None:
         """What it says to a row of a table; None: nothing yet."""
@@ -105,7 +105,7 @@ def in_order(base: TrainingConfig, chosen: Sequence[Group], seeds: Sequence[int]
     Within a table the reference is first; a variant's seeds follow each other, so that what ends early has whole rows.
     """
     found: dict[str, list[Cell]] = {}
-    waiting = {g.name: _variants(base, g, seeds, folder) for g in chosen if g.not_run is None}
+    waiting = {g.name: _variants(base, g, seeds, folder) for g in chosen if g.footage is None}
     while waiting:
         missing = {name: sum(c.result() is None for v, cells in of.items() if v not in found for c in cells) for name, of in waiting.items()}
         cheapest = min(waiting, key=lambda name: missing[name])  # the first one of equals: the order of the tables
@@ -120,8 +120,8 @@ def _variants(base: TrainingConfig, group: Group, seeds: Sequence[int], folder: 
 
 
 def seeds_found(folder: Path) -> list[int]:
-    """Seeds of all finished cells."""
-    names = {f.parent.name for f in folder.glob(f"cells/*/seed-*/{RESULT}")}
+    """Seeds of all finished trainings and runs."""
+    names = {f.parent.name for kind in ("cells", "runs") for f in folder.glob(f"{kind}/*/seed-*/{RESULT}")}
     return sorted(int(name.removeprefix("seed-")) for name in names)
 
 
@@ -160,5 +160,6 @@ def _word(value: Any) -> str:
     return ("+".join(value) or "none") if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _json(value: Any) -> bytes:
+def as_json(value: Any) -> bytes:
+    """Of plain data; raises ValueError for what is not finite."""
     return (json.dumps(value, indent=1, allow_nan=False) + "\n").encode()

@@ -174,7 +174,7 @@ def status(
     assignments: SetOption = None,
     failed_only: Annotated[bool, typer.Option("--failed", help="Show what failed in the last runs instead, why, and the command that retries it.")] = False,
 ) -> None:
-    """Show sequence by stage: how many partitions are done, stale or have warnings.
+    """Show sequence by stage: how many partitions are done, stale or have warnings, and what the modules of a stage took.
 
     Example: posegaussian status --failed
     """
@@ -183,10 +183,13 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from dags.spending import Spending
     from dags.status import every_standing
 
-    standings, failed = every_standing(session, session.names(sequence or ()))
+    names = session.names(sequence or ())
+    standings, failed = every_standing(session, names)
     console.print(tables.status_table(standings))
+    say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)
 

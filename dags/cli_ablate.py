@@ -20,11 +20,12 @@ def ablate(
     threads: Annotated[int | None, typer.Option("--threads", help="Threads of the trainer; default: the cores that --workers leave.", min=1, max=256)] = None,
     workers: Annotated[int | None, typer.Option("--workers", help="Processes that make frames ahead of the trainer, 0: it makes them itself; default: half of the cores.", min=0, max=256)] = None,
     frames: Annotated[Path | None, typer.Option("--frames", help="Folder for frames that other trainings share, too; default: frames in the folder of the ablation.")] = None,
+    weights: Annotated[str | None, typer.Option("--weights", help="Of the runs of tps and cameras: weights that ship, or a .safetensors file. Default: those that the default of the same seed was trained to, where it is finished, else fast.")] = None,
     device: Annotated[str, typer.Option("--device", help="auto (CUDA where there is a device), cpu or cuda.")] = "auto",
     plan: Annotated[bool, typer.Option("--plan", help="Say which cells there are, in their order, and what is done; train and write nothing.")] = False,
     assignments: SetOption = None,
 ) -> None:
-    """Train variants of the network, a cell at a time, and print what each choice is worth beside the paper's numbers.
+    """Train variants of the network, and run the pipeline in variants, a cell at a time, and print what each choice is worth beside the paper's numbers.
 
     Example: posegaussian ablate --config fast.yaml --only fusion,pose --steps 600 --minutes 60
     """
@@ -41,7 +42,7 @@ def ablate(
     own = max(1, cores() // 2) if workers is None else workers
     folder = output or Path(f"ablation-{config.stem if config else 'default'}")
     names = tuple(name.strip() for name in only.split(",")) if only else ()
-    order = AblationOrder(settings, folder, _seeds(seeds), names, frames, minutes, threads or max(1, cores() - own), own, device)
+    order = AblationOrder(settings, folder, _seeds(seeds), names, frames, minutes, threads or max(1, cores() - own), own, device, weights)
     if plan:
         say(plan_lines(order))
     elif not run(order, lambda line: say([line])):

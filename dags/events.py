@@ -174,7 +174,7 @@ class RunEnded:
 Event = TaskPlanned | StageUnneeded | EffectPlanned | SequenceRefused | RunStarted | EffectsDecided | TaskStarted | TaskFresh | TaskNeeded | TaskDone | TaskRetried | TaskFailed | TaskBlocked | TaskLeftOut | RunEnded
 Listener = Callable[[Event], None]
 
-FACTS = ("started", "seconds", "cpu_seconds", "host", "worker", "device", "peak_rss")
+FACTS = ("started", "seconds", "cpu_seconds", "host", "worker", "device", "peak_rss", "modules")
 """Facts of a receipt that go into the record of a finished task."""
 
 

@@ -25,6 +25,7 @@ from dags import threads
 from dags.estimator import estimator_of
 from dags.memory import Peak
 from dags.network_weights import network_of
+from dags.stopwatch import Stopwatch
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
 from stages.detection.params import DetectionParams
@@ -150,7 +151,7 @@ def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
 
 
 class StoreInputs:
-    """`stages.io.Inputs` over an archive."""
+    """`stages.timing.TimedInputs` over an archive."""
 
     def __init__(self, order: Order) -> None:
         """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
@@ -168,6 +169,7 @@ class StoreInputs:
         self.path = order.path
         self.facts = order.facts
         self.joint_set = order.joint_set
+        self.timed = Stopwatch()
 
     def _reading(self, array: str) -> Reading:
         if array not in self._order.readings:
@@ -234,13 +236,15 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     remove_receipt(sequence, order.stage, order.partition, order.view, order.path_name)
     warnings: list[str] = []
     noted: dict[str, Any] = {}
+    inputs = StoreInputs(order)
     with Peak() as peak:
-        outputs = [_write(sequence, stage, order, block, lease) for block in _noting(stage, _checked(stage, kernel(StoreInputs(order), order.params), order, warnings), noted)]
+        outputs = [_write(sequence, stage, order, block, lease) for block in _noting(stage, _checked(stage, kernel(inputs, order.params), order, warnings), noted)]
     _complete(stage, order, outputs)
     _inputs_unchanged(sequence, order)
     facts = _facts(order, started, time.perf_counter() - clock, time.process_time() - cpu)
     facts |= {"peak_rss": peak.bytes, "projected_ram": order.load.ram, "raw_bytes": order.load.raw_bytes, "work": order.load.work}
     facts |= {"noted": noted} if noted else {}
+    facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
     lease.check()

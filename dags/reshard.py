@@ -156,6 +156,9 @@ def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts
         if all(r.facts.get(key) is not None for r in receipts):
             whole = sum(r.facts[key] * share for r, share in zip(receipts, shares, strict=True))
             facts[key] = round(whole) if key in ("work", "raw_bytes") else round(whole, 4)
+    if all(r.facts.get("modules") for r in receipts):
+        names = dict.fromkeys(name for r in receipts for name in r.facts["modules"])
+        facts["modules"] = {name: round(sum(r.facts["modules"].get(name, 0.0) * share for r, share in zip(receipts, shares, strict=True)), 6) for name in names}
     return facts | {"resharded_from": old.grid.length}
 
 

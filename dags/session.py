@@ -26,6 +26,7 @@ from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
 from dags.run import Run
+from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import number
@@ -41,6 +42,8 @@ class Outcome:
     """Its numbers."""
     collector: WarningCollector
     """Warnings and failures."""
+    spending: Spending
+    """Where the seconds went."""
     folder: Path
     """Its folder in the archive."""
     refused: tuple[str, ...]
@@ -130,7 +133,7 @@ class Session:
         too_much = projection.refusals(plans, self.archive, self.history)
         if too_much:
             raise ConfigError("\n".join(too_much))
-        collector, keeper = WarningCollector(), Keeper(plans)
+        collector, spending, keeper = WarningCollector(), Spending(), Keeper(plans)
         progress: Listener = JsonLines() if self.machine else TerminalProgress(self.console) if self.console.is_terminal else PlainProgress(lambda line: self.say([line]))
         backend = self.backend()
         impossible = {p.context.sequence.name: found for p in plans if (found := refusals([p], backend.pools))}
@@ -142,7 +145,7 @@ class Session:
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         folder = self.archive.root / "_runs" / stamp
         write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
-        listeners: list[Listener] = [progress, collector, RunLog(folder), keeper]
+        listeners: list[Listener] = [progress, collector, spending, RunLog(folder), keeper]
         for sentence in refused:
             name, _, error = sentence.partition(": ")
             for listener in listeners:
@@ -158,7 +161,7 @@ class Session:
 
         rebuild(self.archive)
         every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
-        return Outcome(ended, collector, folder, tuple(refused))
+        return Outcome(ended, collector, spending, folder, tuple(refused))
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
         """Keep warnings and tracebacks with the run."""
@@ -198,6 +201,7 @@ class Session:
         self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
         if not ended.interrupted and not ended.failed:
             self.say(contribution.sentences(plans))
+        self.say(outcome.spending.sentences())
         self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
         self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:

@@ -21,7 +21,6 @@ from pydantic import ValidationError
 from dags import effects, threads
 from dags.config import Settings, merge
 from dags.context import Context
-from dags.events import Event, TaskDone, TaskFailed
 from dags.plan import Book, Selection, make_plan
 from dags.session import Session
 from dags.tasks import Task
@@ -140,25 +139,16 @@ class Clock:
 
     def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
         """Run what is not fresh and what is forced; note the seconds of every stage that ran whole. Raises UserError when a task fails."""
-        from dags.run import Run
-        from dags.serial import SerialBackend
+        from dags.here import RunFailed, run_here
 
         selection = Selection(frozenset(s.name for s in STAGES if s.name != MEASURES), None, force)
         seconds: dict[str, dict[Task, float]] = defaultdict(dict)
-        failed: list[str] = []
-
-        def note(event: Event) -> None:
-            if isinstance(event, TaskDone):
-                seconds[event.task.stage][event.task] = event.receipt.facts["seconds"]
-            elif isinstance(event, TaskFailed):
-                failed.append(f"{level.label()}: {event.task.label()}: {event.error}")
-
         plan = make_plan(level.context, selection)
-        ended = Run([plan], selection, SerialBackend(), [note], self.session.configuration.default.run.threads).go()
-        if ended.interrupted:
-            raise KeyboardInterrupt
-        if failed:
-            raise UserError("tradeoff: " + "; ".join(failed))
+        try:
+            for task, receipt in run_here(plan, selection, self.session.configuration.default.run.threads).items():
+                seconds[task.stage][task] = receipt.facts["seconds"]
+        except RunFailed as e:
+            raise UserError(f"tradeoff: {level.label()}: {e}") from e
         level.identities = identities(level.context)
         for stage, of_tasks in seconds.items():
             if all(t in of_tasks for t in plan.verdicts if t.stage == stage):

@@ -21,6 +21,18 @@ from storage.checkpoints import Checkpoint, read_latest, steps_kept, write_check
 from storage.errors import ConfigError, UserError
 
 
+@contextlib.contextmanager
+def locked(file: Path, held: str) -> Iterator[None]:
+    """Within, this process alone holds a file, which is made; a kill frees it. Raises UserError with the sentence `held` where another one does."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(held) from None
+        yield
+
+
 class RunFolder:
     """Everything a training leaves behind, and all that the next one needs to go on."""
 
@@ -39,12 +51,7 @@ class RunFolder:
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Within, this process alone trains here; a kill frees the folder. Raises UserError where another one does."""
-        self.root.mkdir(parents=True, exist_ok=True)
-        with (self.root / ".lock").open("w") as handle:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise UserError(f"another training is running in {self.root}; wait for it or choose another --output") from None
+        with locked(self.root / ".lock", f"another training is running in {self.root}; wait for it or choose another --output"):
             try:
                 yield
             finally:

@@ -28,7 +28,7 @@ EVENTS = "events.jsonl"
 KEY = ("sequence", "stage", "partition", "view", "path")
 """What identifies a task."""
 
-COLUMNS = (*KEY, "state", "fingerprint", "seconds", "bytes", "warnings", "started", "host", "worker", "device", "peak_rss", "projected_ram", "raw_bytes", "work", "params", "effects", "run", "error", "mended")
+COLUMNS = (*KEY, "state", "fingerprint", "seconds", "modules", "bytes", "warnings", "started", "host", "worker", "device", "peak_rss", "projected_ram", "raw_bytes", "work", "params", "effects", "run", "error", "mended")
 """Columns of the ledger."""
 
 
@@ -44,6 +44,7 @@ def row(sequence: str, receipt: Receipt) -> dict[str, Any]:
         "state": "done",
         "fingerprint": receipt.fingerprint,
         "seconds": f.get("seconds"),
+        "modules": f.get("modules"),
         "bytes": sum(file.size for o in receipt.outputs for file in o.files),
         "warnings": len(receipt.warnings),
         "started": f.get("started"),
@@ -100,7 +101,7 @@ def rebuild(archive: Archive) -> Path:
 
     rows = [row(name, r) for name in archive.names() for r in scan_receipts(Group(archive.root / name))]
     rows += failures(archive, {tuple(r[k] for k in KEY): r["started"] or "" for r in rows})
-    types = {"partition": pa.int64(), "view": pa.int64(), "seconds": pa.float64(), "bytes": pa.int64(), "warnings": pa.int64(), "peak_rss": pa.int64(), "projected_ram": pa.int64(), "raw_bytes": pa.int64(), "work": pa.int64(), "mended": pa.bool_()}
+    types = {"partition": pa.int64(), "view": pa.int64(), "seconds": pa.float64(), "modules": pa.map_(pa.string(), pa.float64()), "bytes": pa.int64(), "warnings": pa.int64(), "peak_rss": pa.int64(), "projected_ram": pa.int64(), "raw_bytes": pa.int64(), "work": pa.int64(), "mended": pa.bool_()}
     schema = pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), sink)
@@ -120,8 +121,12 @@ def failed(archive: Archive) -> list[tuple[Any, ...]]:
 
 
 def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, Any]]:
-    """All rows, of some columns; an archive without a ledger has none."""
+    """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it lacks a column."""
     import pyarrow.parquet as pq
 
     file = archive.root / LEDGER
-    return pq.read_table(file, columns=list(columns)).to_pylist() if file.is_file() else []
+    if not file.is_file():
+        return []
+    there = set(pq.read_schema(file).names)
+    rows = pq.read_table(file, columns=[c for c in columns if c in there]).to_pylist(maps_as_pydicts="strict")
+    return [{c: row.get(c) for c in columns} for row in rows]

@@ -1,5 +1,7 @@
 """Scenes on which quality is measured: the same people, motions and cameras for everybody, in clean and spoilt variants.
 
+`ablation_scene` has those on which an ablation runs the pipeline; they are for validation, so that what is reported stays unseen.
+
     scene = benchmark_scene(9000, cameras=8, variant="noise_gain")
     staged = stage(scene)                      # stages.capture.staging
     shot = staged.take.shoot(frame, view)      # views from staged.sources on are held out
@@ -11,7 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED
 from stages.capture.effects.base import generator
+from stages.capture.motion_names import VALIDATION_MOTION
 from stages.capture.scene import Scene
 
 TUNING_SEEDS, REPORTING_SEEDS = range(1, 100), range(9000, 9008)
@@ -67,5 +71,39 @@ def benchmark_scene(seed: int, cameras: int = 8, size: int = 512, frames: int = 
             "rig": {"kind": "ring", "cameras": cameras, "radius": 5.0, "height": 1.0, "size": [size, size], "fill": 0.86, "framing": "frames", **spoilt.get("rig", {})},
             "held_out": held_out,
             "effects": {"ambient_occlusion": {}, **spoilt.get("effects", {})},
+        }
+    )
+
+
+VALIDATION_PHASES = {VALIDATION_MOTION: (0.35, 0.55), "walk": (0.0, 1.06), "kick": (0.0, 0.1), "crossed_arms": (0.0, 2.8)}
+"""{motion of an ablation: seconds into it between which the first frame lies}: where arm and leg are about to be fastest."""
+
+
+def ablation_scene(seed: int, cameras: int, size: int, frames: int, frame_rate: float, effects: Mapping[str, Any]) -> Scene:
+    """A sequence that nothing was trained on: a ring of an even number of cameras, and two held-out ones in the middle of opposite gaps.
+
+    The person, the motion, its phase and the heading follow from the seed, and the held-out cameras are the same for every
+    number of cameras, so that pictures of different rings compare. The subject is never trained on, and over four seeds each
+    motion comes once; the first one is never trained on either. `effects` are laid over the clean scene. Raises ValueError
+    for a seed that is not for validation, and for an odd number of cameras.
+    """
+    if not FIRST_VALIDATION_SEED <= seed < FIRST_KEPT_SEED:
+        raise ValueError(f"seed {seed} of an ablation's sequence: those for validation are {FIRST_VALIDATION_SEED}-{FIRST_KEPT_SEED - 1}")
+    if cameras % 2:
+        raise ValueError(f"{cameras} cameras: an even number has opposite gaps")
+    motion = tuple(VALIDATION_PHASES)[seed % len(VALIDATION_PHASES)]
+    random = generator(seed, "ablation")
+    # The lens follows from the subject at rest (`framing: rest`): framed in motion, it would depend on the cameras there are.
+    rig = {"kind": "ring", "cameras": cameras, "radius": 5.0, "height": 1.0, "start": -180.0 / cameras, "size": [size, size], "fill": 0.78}
+    return Scene.model_validate(
+        {
+            "seed": seed,
+            "frames": frames,
+            "frame_rate": frame_rate,
+            "subject": {"heading": float(random.uniform(-180.0, 180.0))},
+            "motion": {"name": motion, "phase": float(random.uniform(*VALIDATION_PHASES[motion]))},
+            "rig": rig,
+            "held_out": 2,
+            "effects": {"ambient_occlusion": {}, **effects},
         }
     )

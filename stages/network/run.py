@@ -10,35 +10,46 @@ import numpy as np
 from stages.io import Block, Inputs
 from stages.network.inference import NUMBERS, Looks, look, refined
 from stages.network.params import NetworkParams
+from stages.network.silhouettes import held, silhouettes_of
 from stages.network.views import SourceView
+from stages.timing import TimedInputs
 
 SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
 
 
-def run(inputs: Inputs, params: NetworkParams) -> Iterator[Block]:
+def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view; views that are not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
-    network = inputs.source("network")
+    with inputs.timed("loading"):
+        network = inputs.source("network")
     shape = _shape(inputs)
     heatmaps = next((n for n in ("smoothing/heatmaps", "pose/heatmaps") if _declared(inputs, n)), None)
-    read = {v: _View(inputs, v, heatmaps) for v in inputs.views.sources}
+    with inputs.timed("reading"):
+        read = {v: _View(inputs, v, heatmaps) for v in inputs.views.sources}
     depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
     confidence = {v: np.zeros(shape, np.float16) for v in read}
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
 
     @cache
     def looks(valid: tuple[int, ...]) -> Looks:
-        return Looks.of(inputs.rig, valid, params.pairs)
+        with inputs.timed("rectification"):
+            return Looks.of(inputs.rig, valid, params.pairs)
 
     for f in range(shape[0]):
         valid = tuple(v for v in read if inputs.valid[f, v])
         if len(valid) < 2:
             continue
-        for v, learned in look(network, looks(valid), {u: read[u].at(f) for u in valid}, params.iterations, params.precision).items():
-            depth[v][f] = refined(depth[v][f], learned)
+        shown = {u: read[u].at(f) for u in valid}
+        with inputs.timed("silhouettes"):
+            silhouettes = silhouettes_of(inputs.rig, {u: s.mask for u, s in shown.items()})
+        for v, said in look(network, looks(valid), shown, params.iterations, params.precision, inputs.timed).items():
+            with inputs.timed("silhouettes"):
+                learned = held(inputs.rig, v, depth[v][f], said, silhouettes)
+            with inputs.timed("pulling back"):
+                depth[v][f] = refined(depth[v][f], learned)
             confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)

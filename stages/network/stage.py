@@ -13,7 +13,7 @@ from storage.spec import ArraySpec, Shape
 def needs(shape: Shape, params: NetworkParams) -> Resources:
     """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.85 kB a pixel of both windows, `base` 1.1, measured at 512 px)."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 36 + shape["view"] * 60 + 2500) + 2**28)
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 36 + shape["view"] * 64 + 2500) + 2**28)
 
 
 def unneeded(params: NetworkParams, facts: Facts) -> str | None:

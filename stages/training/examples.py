@@ -20,7 +20,7 @@ from stages.network.views import SourceView, Third, Views, places, rectified_pai
 from stages.pose.heatmaps import draw
 from stages.rendering.scene import Camera
 from stages.training.config import TrainingConfig
-from stages.training.spoiling import spoilt, spoilt_third
+from stages.training.spoiling import shifted, spoilt, spoilt_third
 from storage.rig import Rig
 
 HARD = 0.4
@@ -176,6 +176,13 @@ def _example(
         (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1), camera,
         (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None], strange != 0,
     )  # fmt: skip
+
+
+def unfitting(example: Example, rows: float) -> Example:
+    """The same pair, but its second picture [3, H, W] is moved across its rows by so many px, and a third one as far the other way: nothing fits any more."""
+    (first, second), third = example.views.color, example.views.third
+    third = None if third is None else replace(third, color=shifted(third.color[0], -rows)[None])
+    return replace(example, views=replace(example.views, color=torch.stack([first, shifted(second, rows)]), third=third), strange=True)
 
 
 def _third(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], further: Further, marks: Marks, tint: torch.Tensor, strange: float) -> Third:

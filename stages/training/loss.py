@@ -12,7 +12,7 @@ from torch.nn import functional
 from stages.gaussians.params import GaussiansParams
 from stages.gaussians.prior import rays
 from stages.gaussians.run import prior
-from stages.network.heads import Maps, Prior, blend, learned, normal_of
+from stages.network.heads import Maps, Prior, blend, learned, limited, normal_of
 from stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
 from stages.network.network import PoseGaussianNetwork, Prediction
 from stages.network.views import Views
@@ -80,7 +80,8 @@ def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) ->
     start, last = torch.where(valid, views.start, 0), prediction.disparities[-1].detach()
     blended = start + prediction.trust * (last - start)
     parts = ((TRUST, blended, valid), (LEARNED, start + prediction.change, fits), (BLENDED, torch.where(valid, prediction.disparity, 0), valid))
-    doubt = DOUBT * masked_mean(functional.binary_cross_entropy(prediction.confidence, fits.to(prediction.confidence.dtype), reduction="none"), valid)
+    logit = limited(prediction.numbers["confidence"])
+    doubt = DOUBT * masked_mean(functional.binary_cross_entropy_with_logits(logit, fits.to(logit.dtype), reduction="none"), valid)
     return sequence_loss(prediction.disparities, truth, fits, config.mu) + doubt + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
 
 

@@ -17,13 +17,15 @@ from stages.network.network import PoseGaussianNetwork
 from stages.network.weights import load_weights
 from stages.training.config import TrainingConfig
 from stages.training.contract import Frame
-from stages.training.examples import Example, drawn, whole
+from stages.training.examples import Example, drawn, unfitting, whole
 from stages.training.loss import Terms, depth_terms, pose_terms, render_terms, together
 
 SETTLED = 1000
 """Steps after which the learning rate falls with the root of the steps."""
 QUICK = 8.0
 """Times the learning rate that the layers have which begin at zero: they have far to go."""
+ASTRAY = 24.0
+"""Px by which the second picture is moved for the confidence of pairs that do not fit."""
 MISSED = 16.0
 """Px that a pixel without a depth counts in the error."""
 
@@ -100,19 +102,25 @@ class Trainer:
                     a.copy_(p)
 
     def validate(self, frames: Mapping[int, Frame]) -> dict[str, float]:
-        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and twice the trained T, and the mean confidence."""
+        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and twice the trained T, and the mean
+        confidence, also where the second picture is moved by `ASTRAY` px, so that nothing in it fits.
+        """
         found: dict[str, list[float]] = {}
         for index in sorted(frames):
             for row in (0, 1):
-                views, truth, valid, _ = together([whole(frames[index], row, self.config.network().stride, self.config.further_views)], self.device)
+                example = whole(frames[index], row, self.config.network().stride, self.config.further_views)
+                views, truth, valid, _ = together([example], self.device)
+                astray = together([unfitting(example, ASTRAY)], self.device).views
                 surface = torch.isfinite(views.start) | valid
                 with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
                     by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}
+                    lost = self.averaged(astray, self.config.iterations, only_last=True)
                 measured = {"epe start": views.start, "epe": by_steps[self.config.iterations].disparity, "epe T=1": by_steps[1].disparity, "epe 2T": by_steps[2 * self.config.iterations].disparity}
                 for name, d in measured.items():
                     error = torch.where(torch.isfinite(d), (d - truth).abs(), MISSED)
                     found.setdefault(name, []).append(float(error[valid].mean()))
-                found.setdefault("confidence", []).append(float(by_steps[self.config.iterations].confidence[surface].mean()))
+                for name, said in (("confidence", by_steps[self.config.iterations]), ("confidence astray", lost)):
+                    found.setdefault(name, []).append(float(said.confidence[surface].mean()))
         return {name: float(np.mean(values)) for name, values in found.items()}
 
     def weights(self) -> dict[str, torch.Tensor]:

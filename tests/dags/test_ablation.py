@@ -108,7 +108,7 @@ def test_each_cell_is_trained_once_and_its_numbers_stand_in_the_table(posed: Pat
         assert values == logged
         assert row["measures"]["epe"]["mean"] == pytest.approx(sum(values) / 3)
         assert row["measures"]["epe"]["error"] == pytest.approx(statistics.stdev(values) / math.sqrt(3))
-        assert (row["against_reference"] is None) == (label == "both")
+        assert list(row["against_reference"]) == ([] if label == "both" else ["epe"])
     assert rows["neither"]["paper"] == {"LPIPS": "0.16"}
 
 
@@ -128,7 +128,7 @@ def test_another_call_adds_to_the_same_tables(tmp_path: Path) -> None:
     assert found["pose"]["both"]["seeds"] == 2
     assert not found["pose"]["both"]["claim"]
     assert found["pose"]["neither"]["seeds"] == 1
-    assert found["pose"]["neither"]["against_reference"]["count"] == 1, "compared with the same seed of the reference alone"
+    assert found["pose"]["neither"]["against_reference"]["epe"]["count"] == 1, "compared with the same seed of the reference alone"
     assert found["iterations"]["T = 2"]["seeds"] == 1
     assert found["fusion"]["gated"]["seeds"] == 0
 
@@ -237,5 +237,6 @@ def test_unknown_groups_and_seeds_are_refused_and_a_plan_loads_no_torch(tmp_path
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])})
     assert done.returncode == 0, done.stderr
     assert "fusion=outer, seed 4: not run" in done.stdout
-    assert "7 trainings of 60 steps to do, 0 done" in done.stdout
+    assert "tps=adaptive, seed 4: not run, with weights fast" in done.stdout
+    assert "7 trainings of 60 steps and 4 runs to do, 0 done" in done.stdout
     assert not list(tmp_path.iterdir())

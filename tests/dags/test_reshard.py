@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from dags.presence import enter
 from storage.archive import Archive
 from storage.errors import ArchiveError
 from storage.ledger import row
-from storage.receipts import scan_receipts
+from storage.receipts import scan_receipts, write_receipt
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
@@ -68,6 +69,16 @@ def test_there_and_back_is_the_identity(archive: Pipeline, finished: Pipeline) -
     assert receipts(archive) == receipts(finished)
     seconds = [sum(row(NAME, r)["seconds"] for r in scan_receipts(Archive.open(str(p.root)).sequence(NAME))) for p in (archive, finished)]
     assert seconds[0] == pytest.approx(seconds[1], abs=0.01), "history keeps its seconds, up to their rounding"
+
+
+def test_seconds_of_modules_go_along(archive: Pipeline) -> None:
+    sequence = Archive.open(str(archive.root)).sequence(NAME)
+    for r in [r for r in scan_receipts(sequence) if r.stage == "depth"]:  # partitions of 2, 2 and 2 frames
+        modules = {"sweep": 2.0, **({"hull": 1.0} if r.partition == 1 else {})}
+        write_receipt(sequence, replace(r, facts={**r.facts, "modules": modules}))
+    cut(archive, 3)
+    found = {r.partition: r.facts["modules"] for r in scan_receipts(Archive.open(str(archive.root)).sequence(NAME)) if r.stage == "depth"}
+    assert found == {0: {"sweep": 3.0, "hull": 0.5}, 1: {"sweep": 3.0, "hull": 0.5}}
 
 
 def test_a_change_after_it_reruns_what_depends(archive: Pipeline) -> None:

@@ -68,7 +68,7 @@ def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
     other.run(backend=DaskBackend(RunSettings(workers=2)))
     assert_same_content(content(other), content(finished))
     assert receipts(other) == receipts(finished)
-    circumstances = {"seconds", "started", "host", "worker", "peak_rss"}
+    circumstances = {"seconds", "modules", "started", "host", "worker", "peak_rss"}
     mine, theirs = ({tuple(r[k] for k in ledger.KEY): {k: v for k, v in r.items() if k not in circumstances} for r in ledger_rows(p)} for p in (other, finished))
     assert mine == theirs
 

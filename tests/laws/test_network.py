@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from dags.cluster import DaskBackend
+from dags.config import RunSettings
 from dags.contribution import sentences
-from dags.plan import State
+from dags.events import TaskDone, record
+from dags.plan import Selection, State
 from dags.results import Results
+from dags.serial import SerialBackend
+from dags.spending import Spending
 from stages.network.card import Card
 from stages.network.network import PoseGaussianNetwork
 from stages.network.presets import PRESETS
 from stages.network.weights import save_weights
+from storage import ledger
 from storage.errors import ConfigError
+from storage.receipts import scan_receipts, write_receipt
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 FRAMES = "frames.range=0:2"
@@ -81,6 +89,45 @@ def test_with_weights_only_what_follows_is_another_and_nothing_is_lost(plain: Pi
         assert np.array_equal(results.read("gaussians/confidence", range(2), view)[:, 0] > 0, (results.read("gaussians/opacity", range(2), view)[:, 0] > 0) & (confidence > 0))
     (said,) = sentences([learned.plan()])
     assert "of depth and Gaussians are the network's" in said
+
+
+MODULES = {"loading", "reading", "rectification", "evidence", "image encoder", "fusion", "refinement", "pose encoder", "depth encoder", "decoder", "heads", "silhouettes", "pulling back"}
+
+
+def rows(pipeline: Pipeline) -> list[dict]:
+    """The ledger's rows of the network."""
+    ledger.rebuild(pipeline.session.archive)
+    return [r for r in ledger.read(pipeline.session.archive) if r["stage"] == "network"]
+
+
+@pytest.mark.parametrize("back_end", ["serial", "dask"])
+def test_the_ledger_says_what_the_modules_took_and_no_result_knows_it(learned: Pipeline, tmp_path: Path, back_end: str) -> None:
+    copy = learned.copy(tmp_path / "copy")
+    backend = DaskBackend(RunSettings(workers=1)) if back_end == "dask" else SerialBackend()
+    events = copy.run(selection=Selection(force=frozenset({"network"})), backend=backend)
+    (done,) = [e for e in events if isinstance(e, TaskDone) and e.task.stage == "network"]
+    (row,) = rows(copy)
+    assert row["modules"] == done.receipt.facts["modules"] == record(done)["modules"]
+    assert set(row["modules"]) == MODULES
+    assert all(seconds > 0 for seconds in row["modules"].values())
+    assert sum(row["modules"].values()) <= row["seconds"]
+    (said,) = Spending.of(copy.session.archive, [NAME]).sentences()
+    assert said.startswith("network took ")
+    assert "in 1 task: " in said
+    assert Spending.of(copy.session.archive, ["another"]).sentences() == []
+    assert receipts(copy) == receipts(learned), "equal fingerprints and contents"
+    assert_same_content(content(copy), content(learned))
+    assert [r["modules"] for r in ledger.read(copy.session.archive) if r["stage"] == "depth"] == [None]
+
+
+def test_an_archive_of_before_modules_were_measured_stays_fresh_and_open(learned: Pipeline, tmp_path: Path) -> None:
+    copy = learned.copy(tmp_path / "copy")
+    sequence = copy.session.archive.sequence(NAME)
+    for r in list(scan_receipts(sequence)):
+        write_receipt(sequence, replace(r, facts={k: v for k, v in r.facts.items() if k != "modules"}))
+    assert copy.plan().all_fresh
+    assert [r["modules"] for r in rows(copy)] == [None]
+    assert Spending.of(copy.session.archive, [NAME]).sentences() == []
 
 
 def test_how_a_sequence_is_cut_changes_no_byte(learned: Pipeline, person_folder: Path, file: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def receipt(stage: str, partition: int | None, view: int | None = None, path: st
 def make_archive(folder: Path) -> tuple[Archive, dict[str, list[Receipt]]]:
     archive = Archive.open(str(folder), create=True)
     made = {
-        "kick": [receipt("depth", 0), receipt("depth", 1), receipt("frames", 0, view=2), receipt("rendering", 0, path="orbit-1"), receipt("survey", None, view=0, seconds=None)],
+        "kick": [receipt("depth", 0), receipt("depth", 1), receipt("network", 0, modules={"heads": 0.5, "refinement": 1.5}), receipt("network", 1, modules={"refinement": 1.0}), receipt("frames", 0, view=2), receipt("rendering", 0, path="orbit-1"), receipt("survey", None, view=0, seconds=None)],
         "walk": [receipt("depth", 0)],
         "idle": [],
     }
@@ -99,6 +99,19 @@ def test_failures_stay_in_the_ledger_and_say_whether_they_were_mended(tmp_path: 
     assert all(r["seconds"] is None and r["peak_rss"] is None for r in rows if r["state"] == "failed"), "means and sums are those of finished tasks"
 
 
+def test_a_ledger_without_a_column_of_today_is_null_there(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    archive, _ = make_archive(tmp_path)
+    file = ledger.rebuild(archive)
+    now = ledger.read(archive)
+    assert [r["modules"] for r in now if r["stage"] == "network"] == [{"heads": 0.5, "refinement": 1.5}, {"refinement": 1.0}]
+    pq.write_table(pq.read_table(file).drop_columns("modules"), file)  # as it was written before modules were measured
+    assert ledger.read(archive) == [{**r, "modules": None} for r in now]
+    ledger.rebuild(archive)
+    assert ledger.read(archive) == now
+
+
 DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
 
 
@@ -115,11 +128,12 @@ def test_every_documented_query_answers_its_question(tmp_path: Path, monkeypatch
     ledger.rebuild(archive)
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
-    assert len(blocks) == 4
-    seconds, slowest, memory, failures = (answer(b, capsys) for b in blocks)
+    assert len(blocks) == 5
+    seconds, slowest, modules, memory, failures = (answer(b, capsys) for b in blocks)
     assert seconds[0] == {"stage": "depth", "sequence": "kick", "seconds_sum": 5.0, "seconds_count": 2}
+    assert modules == [("refinement", 2.5), ("heads", 0.5)]
     assert [r["seconds"] for r in slowest[:4]] == [2.5] * 4
-    assert {(r["stage"], r["peak_rss_max"]) for r in memory} == {(s, 2**30) for s in ("depth", "frames", "rendering", "survey")}
+    assert {(r["stage"], r["peak_rss_max"]) for r in memory} == {(s, 2**30) for s in ("depth", "frames", "network", "rendering", "survey")}
     assert [(r["partition"], r["error"], r["mended"]) for r in failures] == [(8, "the disk is full", False)]
 
 

@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from stages.capture.benchmark import MOTIONS, REPORTING_SEEDS, TUNING_SEEDS, VARIANTS, benchmark_scene
-from stages.capture.casting import KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, cast
+from stages.capture.benchmark import MOTIONS, REPORTING_SEEDS, TUNING_SEEDS, VALIDATION_PHASES, VARIANTS, ablation_scene, benchmark_scene
+from stages.capture.casting import KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, VALIDATION_SUBJECT, cast
 from stages.capture.scene import faults
 from stages.capture.staging import stage
 from stages.geometry.projection import project
@@ -71,6 +71,37 @@ def test_a_variant_spoils_what_it_names_for_sources_and_leaves_the_held_out_view
     assert (np.array_equal(clean.written.world_to_camera, spoilt.written.world_to_camera)) == (not name.startswith("calibration") and name != "messy")
     truth, same = clean.take.shoot(0, 2), spoilt.take.shoot(0, 2)
     assert (name in ("specular", "messy")) or np.array_equal(truth.color, same.color)
+
+
+def test_an_ablation_runs_on_validation_seeds_and_shows_every_motion_uncut() -> None:
+    scenes = [ablation_scene(s, 8, 64, 4, 30.0, {}) for s in range(8000, 8004)]
+    assert {s.motion.name for s in scenes} == set(VALIDATION_PHASES)
+    for scene in scenes:
+        assert not faults(scene)
+        assert cast(scene.seed)[0] == VALIDATION_SUBJECT
+        staged = stage(scene)
+        actor, rig = staged.take.actors[0], staged.take.rig
+        for t in np.linspace(0.0, 1.0, 11):
+            uv = np.concatenate([project(actor.vertices(float(t)), rig.intrinsics[v], rig.world_to_camera[v])[0] for v in range(len(rig))])
+            assert uv.min() > 0
+            assert uv.max() < 64
+    for seed in (1, 7999, 9000):
+        with pytest.raises(ValueError, match="those for validation are 8000-8999"):
+            ablation_scene(seed, 8, 64, 4, 30.0, {})
+    with pytest.raises(ValueError, match="7 cameras: an even number"):
+        ablation_scene(8000, 7, 64, 4, 30.0, {})
+
+
+def test_an_ablations_held_out_pictures_are_the_same_for_every_number_of_cameras() -> None:
+    few, many = (stage(ablation_scene(8001, n, 48, 2, 30.0, {})) for n in (6, 8))
+    for k in range(2):
+        a, b = few.take.shoot(1, 6 + k), many.take.shoot(1, 8 + k)
+        np.testing.assert_array_equal(a.color, b.color)
+        np.testing.assert_array_equal(a.depth, b.depth)
+        for staged in (few, many):
+            centres = staged.take.rig.centres
+            near = np.sort(np.linalg.norm(centres[: staged.sources] - centres[staged.sources + k], axis=1))
+            assert near[0] == pytest.approx(near[1]), "midway between two sources"
 
 
 def test_noise_is_as_strong_as_it_is_called() -> None:

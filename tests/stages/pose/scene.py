@@ -79,3 +79,17 @@ class Joints3D:
 
 def roles(rig: Rig, held_out: tuple[int, ...] = ()) -> Views:
     return Views(rig.names, tuple(v for v in range(len(rig)) if v not in held_out), held_out)
+
+
+def moving(frames: int) -> np.ndarray:
+    """[F, 17, 3] metres: somebody who turns, waves and goes."""
+    t = np.arange(frames)
+    out = np.repeat(SKELETON[None], frames, axis=0)
+    out[:, 9] += np.column_stack([0.1 * np.sin(0.5 * t), 0 * t, 0.2 * np.cos(0.5 * t)])
+    c, s = np.cos(0.1 * t), np.sin(0.1 * t)
+    turn = np.stack([np.stack([c, -s, 0 * c]), np.stack([s, c, 0 * c]), np.stack([0 * c, 0 * c, 1 + 0 * c])]).transpose(2, 0, 1)
+    return np.einsum("fab,fjb->fja", turn, out) + 0.02 * t[:, None, None]
+
+
+def scored(points: np.ndarray) -> np.ndarray:
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)

@@ -1,0 +1,55 @@
+"""A plan run in this process: what ran, what failed, and what ends it early."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dags.here import RunFailed, run_here
+from dags.plan import Selection, State
+from dags.tasks import Task
+from storage.receipts import Receipt
+from tests.pipeline import Pipeline, film
+
+FRAMES = Selection(only=frozenset({"frames"}))
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Pipeline:
+    """Three views and two frames, a task each."""
+    film(tmp_path / "capture", views=3, size=32, frames=2, held_out=0)
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", partition=1, held_out="[]")
+    pipeline.register()
+    return pipeline
+
+
+def here(pipeline: Pipeline, **more: object) -> dict[Task, Receipt]:
+    return run_here(pipeline.plan(selection=FRAMES), FRAMES, **more)  # type: ignore[arg-type]
+
+
+def test_receipts_of_what_ran_and_nothing_of_what_was_fresh(small: Pipeline) -> None:
+    first = here(small)
+    assert sorted((t.stage, t.view, t.partition) for t in first) == [("frames", v, p) for v in range(3) for p in range(2)]
+    assert all(r.facts["cpu_seconds"] >= 0 for r in first.values())
+    assert here(small) == {}
+
+
+def test_what_is_raised_after_a_task_ends_the_run_and_the_task_counts(small: Pipeline) -> None:
+    def enough() -> None:
+        raise TimeoutError
+
+    for _ in range(2):
+        with pytest.raises(TimeoutError):
+            here(small, after_each=enough)
+    assert len(here(small)) == 4
+
+
+def test_every_failed_task_is_named_and_the_others_are_done(small: Pipeline) -> None:
+    (small.folder / "images" / "cam01" / "000000.png").write_bytes(b"no picture")
+    with pytest.raises(RunFailed, match=r"^frames view 1 p0000: source file .* changed since it was imported") as caught:
+        here(small)
+    assert "p0001" not in str(caught.value)
+    assert not getattr(caught.value, "__notes__", []), "the sentence says all that a user can do"
+    states = [v.state for t, v in small.plan(selection=FRAMES).verdicts.items() if t.stage == "frames"]
+    assert states.count(State.FRESH) == 5
