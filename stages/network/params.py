@@ -22,7 +22,7 @@ class NetworkParams(Params):
     )
     iterations: int = setting(4, "Steps of the recurrent refinement, T.", unit="iterations", quality_levels=[1, 2, 4, 6], ge=1, le=32)
     pairs: int = setting(2, "Neighbouring views each view is paired with; what the pairs say is averaged by their confidence.", quality_levels=[1, 2], ge=1, le=4)
-    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and heads are float32 in both.", quality_levels=["bf16", "float32"])
+    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and what the heads say are float32 in both.", quality_levels=["bf16", "float32"])
 
 
 def depth_reads(halo: Halo = (0, 0), unless: str | None = None) -> tuple[Read, Read]:

@@ -45,7 +45,7 @@ class TrainingConfig(Params):
 
     seed: int = setting(0, "Of the first weights and of every random choice.", ge=0, lt=2**31)
     start: str | None = setting(None, "Weights to continue from, a .safetensors file, with a fresh optimiser; null: random ones.")
-    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and heads stay in float32.")
+    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and what the heads say stay in float32.")
 
     scenes: Scenes = setting(Scenes(), "Seeds of the scenes that are trained on, below 8000.")
     validation: Scenes = setting(Scenes(first=FIRST_VALIDATION_SEED, count=4), "Seeds of the scenes that are validated on, 8000 to 8999, one frame each.")
