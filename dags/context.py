@@ -41,6 +41,8 @@ class Context:
     """Camera paths as written: in the settings, or asked for by an export."""
     noted: Mapping[str, np.ndarray] = field(default_factory=dict)
     """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    asked_for: bool = False
+    """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
@@ -210,8 +212,16 @@ class Context:
     @cached_property
     def paths(self) -> dict[str, CameraPath]:
         """{`<kind>-<8 hex>`: cameras} of every path asked for."""
-        made = [make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts]
-        return {p.name: p for p in made}
+        return {path.name: path for path in self._made_paths.values()}
+
+    @cached_property
+    def _made_paths(self) -> dict[str, CameraPath]:
+        """{text: cameras}."""
+        return {t: make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts}
+
+    def path_text(self, name: str) -> str:
+        """The text that asked for a path, by the path's name."""
+        return next(text for text, path in self._made_paths.items() if path.name == name)
 
     @cached_property
     def joint_set(self) -> str | None:
@@ -267,7 +277,7 @@ def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ())
 
     Raises ConfigError when a stage refuses its settings for this capture.
     """
-    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()))
+    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
         context = replace(context, path_texts=(default_path(context.views),))
     refusals = context.refusals()

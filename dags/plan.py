@@ -17,6 +17,7 @@ import numpy as np
 
 from dags import network_weights
 from dags.context import Context
+from dags.effects import Verdict as EffectVerdict
 from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
 from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
@@ -246,8 +247,8 @@ def decided(book: Book, selection: Selection = Selection()) -> Context:
     return book.context
 
 
-def take_decisions(plan: Plan) -> tuple[str, ...]:
-    """Go on with the decisions that the survey, which just ran, leads to; returns a sentence for each.
+def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
+    """Go on with the decisions that the survey, which just ran, leads to; returns what was decided now.
 
     Raises ValueError when a survey's receipt does not hold what an effect asked for.
     """
@@ -256,7 +257,7 @@ def take_decisions(plan: Plan) -> tuple[str, ...]:
     plan.unneeded = plan.context.unneeded()
     if plan.context.waits:
         raise ValueError(f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run --from survey` takes it anew")
-    return tuple(plan.context.effects[name].sentence for name in waited)
+    return tuple(plan.context.effects[name] for name in waited)
 
 
 def survey_notes(book: Book) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ def write_frames(
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
-    _refuse_strangers(root, cameras, index)
+    refuse_strangers(root, cameras, source_frames)
     for camera in cameras:
         (root / camera).mkdir(parents=True, exist_ok=True)
     for camera, number, picture, alpha in pictures:
@@ -50,9 +50,11 @@ def write_frames(
     return count
 
 
-def _refuse_strangers(root: Path, cameras: Sequence[str], index: Mapping[int, int]) -> None:
-    """Raise UserError when the folder holds pictures that this export would leave beside its own."""
-    others = [p for p in sorted(root.glob("*/*.png")) if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in index]
+def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence[int] | np.ndarray) -> None:
+    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside its own."""
+    known = {int(n) for n in source_frames}
+    found = sorted(root.glob("*/*.png"))
+    others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]
     if others:
         raise UserError(f"folder {root} holds {len(others)} picture(s) of something else, for example {others[0].relative_to(root)}; empty it or name another folder")
 

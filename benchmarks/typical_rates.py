@@ -1,0 +1,30 @@
+"""Seconds of one core per unit of work (frames x views x pixels) by stage, from the finished tasks of some archives.
+
+    python -m benchmarks.typical_rates ARCHIVE...
+
+Medians of processor time over the tasks' work; `dags.estimate.TYPICAL` holds them, rounded, for runs without a history.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from collections import defaultdict
+
+from stages.registry import STAGES
+from storage import ledger
+from storage.archive import Archive
+
+
+def main(urls: list[str]) -> None:
+    found: dict[str, list[float]] = defaultdict(list)
+    for url in urls:
+        for row in ledger.read(Archive.open(url), ("stage", "state", "cpu_seconds", "work")):
+            if row["state"] == "done" and row["work"] and row["cpu_seconds"]:
+                found[row["stage"]].append(row["cpu_seconds"] / row["work"])
+    for stage in (s.name for s in STAGES if s.name in found):
+        print(f"{stage:<11} {statistics.median(found[stage]):.1e} s, median of {len(found[stage])} tasks")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
