@@ -12,16 +12,17 @@ import sys
 from collections import defaultdict
 
 from stages.registry import STAGES
-from storage import ledger
 from storage.archive import Archive
+from storage.receipts import scan_receipts
 
 
 def main(urls: list[str]) -> None:
     found: dict[str, list[float]] = defaultdict(list)
     for url in urls:
-        for row in ledger.read(Archive.open(url), ("stage", "state", "cpu_seconds", "work")):
-            if row["state"] == "done" and row["work"] and row["cpu_seconds"]:
-                found[row["stage"]].append(row["cpu_seconds"] / row["work"])
+        archive = Archive.open(url)
+        for receipt in (r for name in archive.names() for r in scan_receipts(archive.sequence(name))):
+            if receipt.facts.get("work"):
+                found[receipt.stage].append(receipt.facts["cpu_seconds"] / receipt.facts["work"])
     for stage in (s.name for s in STAGES if s.name in found):
         print(f"{stage:<11} {statistics.median(found[stage]):.1e} s, median of {len(found[stage])} tasks")
 

@@ -10,9 +10,9 @@ import numpy as np
 from storage.joints import JOINT_SETS
 from storage.rig import points_to_integer_centres
 
-SOURCE, NOVEL, COMPARED = 144, 512, 352
-"""Heights of pictures on the sheet, px: of source views and what was made of them, of novel views, and of novel views
-beside the truth, of which two sets fit a line."""
+SOURCE, NOVEL, COMPARED = 128, 512, 352
+"""Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a line), of
+novel views, and of novel views beside the truth (two sets fit a line)."""
 
 LABEL = 18
 """Height of a caption, px."""
