@@ -405,8 +405,8 @@ def main() -> None:
     try:
         app()
     except UserError as e:
-        for line in str(e).splitlines():
-            errors.print(f"[red]error:[/red] {escape(line)}", soft_wrap=True)
+        for line in str(e).splitlines():  # indented lines are settings to copy, as they stand
+            errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
         sys.exit(2)
     except OSError as e:
         if e.filename is None:

@@ -95,8 +95,8 @@ class Context:
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
-        """[V, 3] (scale, dx, dy) of `frames.crop`."""
-        return captured_to_calibrated(self.capture.rig, self.settings.frames)
+        """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""
+        return captured_to_calibrated(self.capture.rig, {**self.capture.crops, **self.settings.frames.crop})
 
     @cached_property
     def source_frames(self) -> np.ndarray:
@@ -261,10 +261,21 @@ class Context:
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}
 
+    def _unexplained_sizes(self) -> list[str]:
+        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they relate: archives made before imports found that out."""
+        known, rig = {*self.capture.crops, *self.settings.frames.crop}, self.capture.rig
+        sizes = {n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)}
+        return [
+            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which finds out how they relate, or say it with frames.crop"
+            for n, ((w, h), (cw, ch)) in sizes.items()
+            if (w, h) != (cw, ch) and n not in known
+        ]
+
     def refusals(self) -> list[str]:
         """Sentences about settings this capture cannot serve."""
         gone = self.unneeded()
-        return [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None] + refusals(self.evidence, self.effects)
+        own = [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
+        return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
 
 
 def default_path(views: Views) -> str:

@@ -120,7 +120,7 @@ class Inputs(Protocol):
     source_rig: Rig
     """Cameras as calibrated, in our pixel centres."""
     captured_to_calibrated: np.ndarray
-    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy) (`frames.crop`)."""
+    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]

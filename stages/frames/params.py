@@ -22,7 +22,7 @@ class FramesParams(Params):
 
     range: str = setting("::", "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one. It enters a fingerprint through the partition's frames alone.", volatile=True)
     size: int | None = setting(None, "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.", unit="px", quality_levels=[128, 256, 512, 1024, None], ge=16, le=16384)
-    crop: dict[str, Crop] = setting({}, "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset.")
+    crop: dict[str, Crop] = setting({}, "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset. Overrules what the import found.")
     time_offset: dict[str, float] = setting({}, "Per camera out of step, frames by which it is late, as `posegaussian inspect` measures them: its picture n + offset, rounded to a whole frame, is used for frame n.", unit="frames")
     matte: Literal["auto", "given", "person", "plate", "none"] = setting(
         "auto", "Where the foreground mask comes from: masks that came with the capture, the person that the estimator found, a background plate of a static camera, or none (everything is foreground)."
