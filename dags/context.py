@@ -16,7 +16,7 @@ from stages.depth.params import SINGLE_SOURCE
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
-from stages.frames.params import GIVEN_DEPTH, SEGMENTED
+from stages.frames.params import GIVEN_DEPTH, SEGMENTED, wants_segmentation
 from stages.geometry.paths import make_path
 from stages.io import Views
 from stages.registry import STAGES
@@ -145,7 +145,6 @@ class Context:
         facts = {
             **dict.fromkeys(known, True),
             ESTIMATED: estimator in ("blazepose", "onnx"),
-            SEGMENTED: estimator == "blazepose",
             "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
             "joints3d": here and estimator != "none",
             "masks": every("masks"),
@@ -156,13 +155,15 @@ class Context:
             "several_frames": len(capture.numbers) > 1,
             "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
         }
-        return frozenset(k for k, present in facts.items() if present)
+        found = frozenset(k for k, present in facts.items() if present)
+        return found | {SEGMENTED} if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found)) else found
 
     @property
     def estimator(self) -> DetectionParams:
-        """The settings of detection, with `auto` resolved."""
-        params = self.settings.detection
-        return params.model_copy(update={"estimator": estimator_choice(params, self.capture_facts)[0]})
+        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints were given."""
+        params, facts = self.settings.detection, self.capture_facts
+        answer = "blazepose" if SEGMENTED in facts and ESTIMATED not in facts else estimator_choice(params, facts)[0]
+        return params.model_copy(update={"estimator": answer})
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -250,6 +251,8 @@ class Context:
         }
         if self.joint_set is not None:
             shape["joint"] = len(JOINT_SETS[self.joint_set].names)
+        if self.capture_facts & {ESTIMATED, SEGMENTED}:
+            shape["found_joint"] = len(JOINT_SETS[named_joint_set(self.estimator)].names)
         if path is not None:
             size = self.paths[path].size
             shape |= {"camera": len(size), "camera_y": int(size[:, 1].max()), "camera_x": int(size[:, 0].max())}

@@ -15,6 +15,7 @@ from dags.plan import Book, Plan, State
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
 from stages.detection.stage import ESTIMATED
+from stages.frames.params import SEGMENTED
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ReceiptKey, ShardFile
@@ -65,7 +66,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         parts=parts,
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
-        estimator=context.estimator if ESTIMATED in context.facts else None,
+        estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
         survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,
