@@ -24,6 +24,7 @@ from stages.contract import Stage
 from stages.depth.params import resolve_method
 from stages.geometry.cone import cone_notes
 from stages.geometry.pairs import pair_notes
+from stages.geometry.stretch import stretch_notes
 from stages.geometry.subject import subject_distance
 from stages.network.params import NETWORK
 from stages.registry import STAGES
@@ -316,6 +317,7 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
