@@ -346,7 +346,7 @@ def tradeoff(
 @app.command()
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[str | None, typer.Option("--path", help='Camera path: orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
+    path: Annotated[str | None, typer.Option("--path", help='Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
     video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,

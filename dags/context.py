@@ -18,6 +18,7 @@ from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
 from stages.frames.params import GIVEN_DEPTH, SEGMENTED, wants_segmentation
 from stages.geometry.paths import make_path
+from stages.geometry.stretch import best_stretch
 from stages.io import Views
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
@@ -218,7 +219,9 @@ class Context:
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
         """{text: cameras}."""
-        return {t: make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts}
+        depth, frames = self.settings.depth, self.source_frames
+        limits = (depth.subject_distance, depth.max_angle)
+        return {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
 
     def path_text(self, name: str) -> str:
         """The text that asked for a path, by the path's name."""
@@ -281,9 +284,11 @@ class Context:
         return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
 
 
-def default_path(views: Views) -> str:
-    """What is rendered unless something else is asked for: the held-out cameras, else an orbit, which a single source view has little to show in."""
-    return "held_out" if views.held_out else "orbit" if len(views.sources) > 1 else "sway"
+def default_path(context: Context) -> str:
+    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that depth can match, else near one."""
+    if context.views.held_out:
+        return "held_out"
+    return "sway" if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None else "between"
 
 
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
@@ -293,7 +298,7 @@ def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ())
     """
     context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
-        context = replace(context, path_texts=(default_path(context.views),))
+        context = replace(context, path_texts=(default_path(context),))
     refusals = context.refusals()
     if refusals:
         raise ConfigError("\n".join(refusals))

@@ -26,6 +26,7 @@ from stages.depth.params import resolve_method
 from stages.frames.params import better_matte
 from stages.geometry.cone import cone_notes
 from stages.geometry.pairs import pair_notes
+from stages.geometry.stretch import stretch_notes
 from stages.geometry.subject import subject_distance
 from stages.network.params import NETWORK
 from stages.registry import STAGES
@@ -319,6 +320,7 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
     found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
