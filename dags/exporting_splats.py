@@ -41,7 +41,6 @@ def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[
     context = results.context
     views = chosen_views(context, names)
     files = [folder / f"{number:06d}.ply" for number in context.source_frames]
-    folder.mkdir(parents=True, exist_ok=True)
     strangers = sorted(set(folder.glob("*.ply")) - set(files))
     if strangers:
         raise UserError(f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; empty it or name another folder")

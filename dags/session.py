@@ -30,8 +30,9 @@ from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import number
-from storage.archive import Archive, write_atomically
-from storage.errors import ArchiveError, ConfigError, UserError
+from storage.archive import Archive
+from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
+from storage.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Outcome:
     """Its folder in the archive."""
     refused: tuple[str, ...]
     """`SEQUENCE: sentence` of every sequence that could not be planned or served."""
+    unwritten: tuple[str, ...] = ()
+    """Sentences about the run's own records, log and ledger, that the disk did not take."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +147,13 @@ class Session:
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         folder = self.archive.root / "_runs" / stamp
-        write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
-        listeners: list[Listener] = [progress, collector, spending, RunLog(folder), keeper]
+        try:
+            write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
+        except NotWritten:
+            backend.close(hard=True)
+            raise
+        log = RunLog(folder)
+        listeners: list[Listener] = [progress, collector, spending, log, keeper]
         for sentence in refused:
             name, _, error = sentence.partition(": ")
             for listener in listeners:
@@ -155,16 +163,25 @@ class Session:
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
-        self._log(folder, collector)
         self.say(keeper.sentences)
+        unwritten = [*log.sentences, *self._record(folder, collector)]
+        self.say(dict.fromkeys(unwritten), "red")
+        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
+        return Outcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
+
+    def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
+        """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk does not take."""
         from storage.ledger import rebuild
 
-        rebuild(self.archive)
-        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
-        return Outcome(ended, collector, spending, folder, tuple(refused))
+        unwritten = []
+        for write in (lambda: self._log(folder, collector), lambda: rebuild(self.archive)):
+            try:
+                write()
+            except NotWritten as e:
+                unwritten.append(str(e))
+        return unwritten
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
-        """Keep warnings and tracebacks with the run."""
         lines = [f"warning: {w}" for w in collector.warnings]
         for f in collector.failures:
             lines += [f"failed: {f.task.sequence} {f.task.label()}: {f.error}", f.details]
@@ -207,7 +224,7 @@ class Session:
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
             return STATUS
-        return 1 if ended.failed or ended.blocked or outcome.refused else 0
+        return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
     def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
         """A table of what failed, where, of which class and why; then who works on what was left, and the command that retries the rest."""
