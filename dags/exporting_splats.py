@@ -42,7 +42,6 @@ def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[
     views = chosen_views(context, names)
     files = _files(context, folder)
     refuse_strangers(context, folder)
-    folder.mkdir(parents=True, exist_ok=True)
     counts = []
     for frame, file in enumerate(files):
         splats = frame_splats(results, frame, views)

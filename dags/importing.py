@@ -12,9 +12,10 @@ import numpy as np
 from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
-from storage.archive import Archive, Sequence
+from storage.archive import SOURCES, Archive, Sequence
 from storage.capture import PER_VIEW, Capture, SourceFile, Stream
-from storage.errors import BrokenRecord, ConfigError, SourceError
+from storage.errors import BrokenRecord, ConfigError, NotWritten, SourceError
+from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
 from storage.spec import ArraySpec
@@ -64,7 +65,7 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
         said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
         length = old
     if copy:
-        capture = _copied(capture, archive.root / name / "_sources")
+        capture = _copied_whole(capture, archive.root / name)
     return archive.create_sequence(name, capture, length), said
 
 
@@ -81,6 +82,17 @@ def _registered_length(archive: Archive, name: str) -> int | None:
         return None
 
 
+def _copied_whole(capture: Capture, root: Path) -> Capture:
+    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
+    new = not root.exists()
+    try:
+        return _copied(capture, root / SOURCES)
+    except NotWritten:
+        if new:
+            shutil.rmtree(root, ignore_errors=True)
+        raise
+
+
 def _copied(capture: Capture, folder: Path) -> Capture:
     """The capture with every file copied below a folder."""
 
@@ -93,10 +105,12 @@ def _copied(capture: Capture, folder: Path) -> Capture:
 
 
 def _copy(file: SourceFile, folder: Path) -> SourceFile:
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / Path(file.path).name
     try:
-        shutil.copy2(file.path, target)
+        with whole_file(target, file.size) as partial:
+            shutil.copy2(file.path, partial)
+    except NotWritten:
+        raise
     except OSError as e:
         raise SourceError(f"cannot copy {file.path} to {target}: {e.strerror}") from e
     return SourceFile.of(target)

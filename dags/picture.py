@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from dags.plan import Plan, State
 from stages.registry import STAGES
-from storage.archive import write_atomically
+from storage.files import write_atomically
 from storage.spec import ArraySpec
 
 CARD, STEP, HEAD, ROW, GAP, MARGIN, TOP = 236, 172, 62, 21, 18, 24, 88

@@ -32,8 +32,9 @@ from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import Voice, number
-from storage.archive import Archive, write_atomically
-from storage.errors import ArchiveError, ConfigError, UserError
+from storage.archive import Archive
+from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
+from storage.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ class Outcome:
     """Its folder in the archive."""
     refused: tuple[str, ...]
     """`SEQUENCE: sentence` of every sequence that could not be planned or served."""
+    unwritten: tuple[str, ...] = ()
+    """Sentences about the run's own records, log and ledger, that the disk did not take."""
 
 
 @dataclass(frozen=True)
@@ -152,9 +155,14 @@ class Session:
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         folder = self.archive.root / "_runs" / stamp
         paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
-        write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
+        try:
+            write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
+        except NotWritten:
+            backend.close(hard=True)
+            raise
         remaining = Remaining.of(plans, self.history, sum(pool.workers for pool in backend.pools.values()))
-        listeners: list[Listener] = [remaining, *self._progress(remaining), collector, spending, RunLog(folder), keeper]
+        log = RunLog(folder)
+        listeners: list[Listener] = [remaining, *self._progress(remaining), collector, spending, log, keeper]
         self.hint([remaining.sentence])
         for sentence in refused:
             name, _, error = sentence.partition(": ")
@@ -165,13 +173,23 @@ class Session:
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
-        self._log(folder, collector)
         self.say(keeper.sentences)
+        unwritten = [*log.sentences, *self._record(folder, collector)]
+        self.say(dict.fromkeys(unwritten), "red")
+        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
+        return Outcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
+
+    def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
+        """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk does not take."""
         from storage.ledger import rebuild
 
-        rebuild(self.archive)
-        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
-        return Outcome(ended, collector, spending, folder, tuple(refused))
+        unwritten = []
+        for write in (lambda: self._log(folder, collector), lambda: rebuild(self.archive)):
+            try:
+                write()
+            except NotWritten as e:
+                unwritten.append(str(e))
+        return unwritten
 
     def _progress(self, remaining: Remaining) -> list[Listener]:
         """What tells how far a run is, if anything does."""
@@ -184,7 +202,6 @@ class Session:
         return [PlainProgress(lambda line: self.say([line]), remaining, self.voice)]
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
-        """Keep warnings and tracebacks with the run."""
         lines = [f"warning: {w}" for w in collector.warnings]
         for f in collector.failures:
             lines += [f"failed: {f.task.sequence} {f.task.label()}: {f.error}", f.details]
@@ -233,7 +250,7 @@ class Session:
             return STATUS
         if say_next and not ended.failed and not ended.blocked:
             self.hint(results_and_next(plans, self.options))
-        return 1 if ended.failed or ended.blocked or outcome.refused else 0
+        return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
     def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
         """A table of what failed, where, of which class and why; then who works on what was left, and the command that retries the rest."""

@@ -20,8 +20,9 @@ from dags.code import PACKAGES, ROOT
 from dags.plan import Plan, Selection, State
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.archive import Sequence, write_atomically
+from storage.archive import Sequence
 from storage.errors import UserError
+from storage.files import write_atomically
 
 if TYPE_CHECKING:
     from dags.session import Session
