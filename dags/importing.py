@@ -46,7 +46,7 @@ def partition_length(capture: Capture, settings: Any) -> int:
         return int(wanted.frames)
     rig = frames_rig(capture.rig, settings.frames)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
-    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "frame": 1, "view": 1, "person": settings.detection.people}
+    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
     specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
     largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
     return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from storage.documents import regular
 from storage.errors import SourceError
 from storage.files import ask_why, whole_file
 
@@ -20,6 +21,12 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".
 
 NO_TIME = "1970:01:01 00:00:00"
 """Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
+LONGEST_SIDE = 32768
+"""Px of a picture's side."""
+MOST_PIXELS = 2**26
+"""Px of a picture: a header of a few bytes may promise what no memory holds."""
+MOST_CHANNELS = 4
+"""Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -116,13 +123,18 @@ def _is_whole(path: Path) -> bool:
 def _open(path: str | Path) -> tuple[Any, Any]:
     import OpenImageIO as oiio
 
+    regular(path, "picture")
     hints = oiio.ImageSpec()
     hints["oiio:UnassociatedAlpha"] = 1
     source = oiio.ImageInput.open(str(path), hints)
     cause = oiio.geterror()
     if source is None:
-        raise SourceError(f"cannot read picture {path}: {_line(cause)}" if Path(path).is_file() else f"no such file: {path}")
-    return source, source.spec()
+        raise SourceError(f"cannot read picture {path}: {_line(cause)}")
+    spec = source.spec()
+    if not (0 < spec.width <= LONGEST_SIDE and 0 < spec.height <= LONGEST_SIDE and spec.width * spec.height <= MOST_PIXELS):
+        source.close()
+        raise SourceError(f"cannot read picture {path}: it says it is {spec.width}x{spec.height} px; at most {LONGEST_SIDE} px a side and {MOST_PIXELS} px in all are read")
+    return source, spec
 
 
 def _line(cause: str) -> str:
@@ -133,12 +145,13 @@ def _read(path: str | Path) -> np.ndarray:
     """[h, w, c] uint8, uint16 or float32, the tagged orientation applied."""
     source, spec = _open(path)
     kind = str(spec.format)
-    values = source.read_image(kind if kind in ("uint8", "uint16") else "float")
+    channels = min(spec.nchannels, MOST_CHANNELS)
+    values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
     cause = source.geterror()
     source.close()
     if values is None or cause:
         raise SourceError(f"cannot read picture {path} to its end: {_line(cause)}; it is damaged or cut off")
-    return _oriented(np.asarray(values).reshape(spec.height, spec.width, spec.nchannels), spec.getattribute("Orientation") or 1)
+    return _oriented(np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1)
 
 
 def _oriented(values: np.ndarray, orientation: int) -> np.ndarray:

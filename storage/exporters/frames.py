@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ def write_frames(
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
-    _refuse_strangers(root, cameras, index)
+    refuse_strangers(root, cameras, source_frames)
     for camera, number, picture, alpha in pictures:
         if camera not in cameras or int(number) not in index:
             raise ValueError(f"camera {camera!r}, frame {number}: not one of the cameras {list(cameras)} or of the sequence's {len(index)} frames")
@@ -48,9 +48,11 @@ def write_frames(
     return count
 
 
-def _refuse_strangers(root: Path, cameras: Sequence[str], index: Mapping[int, int]) -> None:
-    """Raise UserError when the folder holds pictures that this export would leave beside its own."""
-    others = [p for p in sorted(root.glob("*/*.png")) if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in index]
+def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence[int] | np.ndarray) -> None:
+    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside its own."""
+    known = {int(n) for n in source_frames}
+    found = sorted(root.glob("*/*.png"))
+    others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]
     if others:
         raise UserError(f"folder {root} holds {len(others)} picture(s) of something else, for example {others[0].relative_to(root)}; empty it or name another folder")
 
