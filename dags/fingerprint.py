@@ -8,6 +8,7 @@ from typing import Any
 from dags.code import code_digest
 from dags.context import Context
 from dags.estimator import KERNELS, models_digest
+from dags.moment import once
 from dags.network_weights import weights_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
@@ -35,7 +36,7 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
         context.memo[key] = {
             "stage": stage.name,
             "version": stage.version,
-            "code": code_digest(stage.run),
+            "code": once(("code", stage.run), lambda: code_digest(stage.run)),
             "params": context.params(stage).hashed(),
             "effects": context.effect_states(stage),
             **asked,

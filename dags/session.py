@@ -23,6 +23,7 @@ from dags.flight import Backend, Rules
 from dags.history import RunLog, retry_command
 from dags.interrupt import STATUS, interruptible
 from dags.keep import Keeper
+from dags.moment import one_moment
 from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
@@ -208,6 +209,7 @@ class Session:
         if lines:
             write_atomically(folder / "log.txt", "\n".join(lines).encode())
 
+    @one_moment()
     def usable(self, names: Sequence[str], paths: tuple[str, ...], selection: Selection) -> tuple[list[Plan], list[str]]:
         """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
         plans, errors = [], []

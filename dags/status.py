@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dags.code import PACKAGES, ROOT
+from dags.moment import once, one_moment
 from dags.plan import Plan, Selection, State
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
@@ -101,9 +102,10 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
 def _basis(session: Session, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
     """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
     settings = session.configuration.for_sequence(sequence.name)
-    files = [sequence.root / "zarr.json", *_code(), *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    files = [sequence.root / "zarr.json", *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    code = once("stamps of the code", lambda: "".join(map(_stamp, map(str, _code()))))
     told = hashlib.blake2b(json.dumps([sys.version, settings.model_dump(mode="json"), failed]).encode(), digest_size=16)
-    for line in (*map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
+    for line in (code, *map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
         told.update(line.encode())
     return told.hexdigest()
 
@@ -155,6 +157,7 @@ def _remember(file: Path, kept: dict[str, Any]) -> None:
         return  # an archive that can only be read has its status worked out every time
 
 
+@one_moment()
 def every_standing(session: Session, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
     """({sequence: numbers}, a sentence for each that cannot be planned)."""
     from storage import ledger
