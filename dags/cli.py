@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from dags import tables
+from dags import roles, tables
 from dags.cli_ablate import ablate
 from dags.cli_inspect import inspect
 from dags.cli_models import models
@@ -128,6 +128,7 @@ def plan(
 
         tell_plans(plans, failed)
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
+    say(roles.told(p.context for p in plans))
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
@@ -183,12 +184,14 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from dags.context import Context
     from dags.spending import Spending
     from dags.status import every_standing
 
     names = session.names(sequence or ())
     standings, failed = every_standing(session, names)
     console.print(tables.status_table(standings))
+    say(roles.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, tables, threads
+from dags import contribution, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.events import Listener, RunEnded, SequenceRefused
@@ -187,6 +187,7 @@ class Session:
 
     def run_and_report(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> int:
         """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted."""
+        self.say(roles.told(p.context for p in plans))
         for p in plans:
             self.say([f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()])
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")

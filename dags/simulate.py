@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 import os
 import tempfile
 import time
@@ -127,15 +126,13 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     pictures = int(staged.valid.sum())
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
-    settings = folder / "pipeline.yaml"
-    settings.write_text(f"# Settings of the simulated sequence {name}: its held-out cameras are for comparison only.\nsequences:\n  {json.dumps(name)}:\n    views:\n      held_out: {json.dumps(held_out)}\n", encoding="utf-8")
     capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
     made, said = register(archive, name, capture, session.configuration.for_sequence(name))
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"sequence {name}: {pictures} pictures of {staged.sources} cameras{f' and {len(held_out)} held out' if held_out else ''} in {seconds:.1f} s, {1000 * seconds / pictures:.0f} ms each, in {folder}", markup=False, soft_wrap=True)
-    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name} --config {settings}", markup=False, soft_wrap=True)
+    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name}", markup=False, soft_wrap=True)
     return made
 
 
@@ -184,7 +181,7 @@ def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, 
                 write_capture(folder, rig.subset([v]), color, mask, None, depth, scene.frame_rate, part)
             if found:
                 write_capture(folder, rig.subset([v]), None, joints2d=np.stack(found)[:, None], frame_rate=scene.frame_rate, numbers=numbers)
-    write_capture(folder, rig, None, frame_rate=scene.frame_rate)
+    write_capture(folder, rig, None, frame_rate=scene.frame_rate, held_out=rig.names[staged.sources :])
     return truth
 
 

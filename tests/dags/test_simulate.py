@@ -13,6 +13,7 @@ from dags.effects import judged
 from dags.session import Session
 from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
 from stages.capture.effects.registry import EFFECTS
+from stages.io import Views
 from storage.errors import ConfigError, SourceError
 from storage.media import read_mask, read_picture, write_png
 
@@ -109,6 +110,34 @@ def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
     np.testing.assert_allclose(shot.depth[rows, 32], 3.0, atol=1e-5)
 
 
+def asked(archive: Path, *words: str) -> str:
+    """What a command says of the simulated sequence, without its configuration."""
+    from typer.testing import CliRunner
+
+    from dags.cli import app
+
+    done = CliRunner().invoke(app, [*words, "--archive", str(archive), "--set", "run.scheduler=serial"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    return done.output
+
+
+def test_every_command_knows_the_held_out_cameras_and_says_so(simulated: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    archive, _ = simulated
+    monkeypatch.chdir(tmp_path)
+    line = "held out as imported: mid00 (of kick); views.held_out overrules it"
+    for words in (("plan",), ("status",), ("run", "--only", "survey", "--set", "frames.range=0:1")):
+        assert asked(archive, *words).count(line) == 1, words
+    assert "held out" not in asked(archive, "status", "--set", "views.held_out=[cam01]")
+
+    def views(*settings: str) -> Views:
+        return Session(load_configuration(None, [*settings], folder=tmp_path), str(archive), Console(quiet=True)).context("kick").views
+
+    assert views() == Views(("cam00", "cam01", "cam02", "cam03", "mid00"), (0, 1, 2, 3), (4,))
+    assert views("views.held_out=[cam01]").held_out == (1,)
+    assert views("views.held_out=[]").sources == (0, 1, 2, 3, 4)
+    assert views("views.sources=[cam00, cam01, mid00]") == Views(views().names, (0, 1, 4), ())
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     root = tmp_path_factory.mktemp("simulated")
@@ -121,7 +150,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def test_the_sequence_is_planned_with_its_held_out_camera_and_its_truth(simulated: tuple[Path, Path]) -> None:
     archive, _ = simulated
     folder = archive / "_captures" / "kick"
-    session = Session(load_configuration(folder / "pipeline.yaml", ["run.scheduler=serial"]), str(archive), Console(quiet=True))
+    session = Session(load_configuration(None, ["run.scheduler=serial"], folder=folder), str(archive), Console(quiet=True))
     context = session.context("kick")
     assert context.capture.rig.names == ("cam00", "cam01", "cam02", "cam03", "mid00")
     assert context.views.held_out == (4,)
