@@ -24,6 +24,7 @@ from dags.cli_options import (
     JsonOption,
     OnlyOption,
     PathOption,
+    ReplaceOption,
     SchedulerOption,
     SequenceOption,
     SetOption,
@@ -54,6 +55,7 @@ def import_capture(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")] = False,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -69,7 +71,7 @@ def import_capture(
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)
-    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
+    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy, replace)
     say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
@@ -81,6 +83,7 @@ def simulate(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
     output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
     threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -93,7 +96,7 @@ def simulate(
     from dags.simulate import simulate as film_scene
 
     path = scene_file(scene)
-    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
+    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace)
 
 
 @app.command()

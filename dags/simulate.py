@@ -18,6 +18,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags.importing import find_capture, register
+from dags.replacing import filmed_into, make_room
 from dags.session import Session
 from dags.yaml_marks import Document, Location, load
 from stages.capture.scene import Listed, Scan, Scene, faults, known_fields
@@ -111,15 +112,18 @@ def load_scan(scan: Scan, folder: Path) -> Any:
     return Still(scan_mesh(vertices, tris, uv, picture, scan), scan.turn)
 
 
-def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None) -> Sequence:
+def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None, replace: bool = False) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
-    Raises ConfigError for a scene that is wrong and SourceError for a scan that cannot be read.
+    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, and ArchiveError where the
+    name is that of a capture from elsewhere, unless that is to be replaced.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
     folder = output or archive.root / "_captures" / name
     staged = stage_scene(scene, scene_path.parent)
+    if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
+        make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
     console.print(effects_plan(name, scene, staged.rulings))
     start = time.perf_counter()
     truth = film(scene, staged, folder, threads or os.cpu_count() or 1)
@@ -127,7 +131,7 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
     capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
-    made, said = register(archive, name, capture, session.configuration.for_sequence(name))
+    made, said = register(archive, name, capture, session.configuration.for_sequence(name), replace=replace)
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):
         console.print(line, markup=False, soft_wrap=True)

@@ -14,8 +14,10 @@ from dags.session import Session
 from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
 from stages.capture.effects.registry import EFFECTS
 from stages.io import Views
-from storage.errors import ConfigError, SourceError
+from storage.errors import ArchiveError, ConfigError, SourceError
 from storage.media import read_mask, read_picture, write_png
+from tests.pipeline import Pipeline
+from tests.pipeline import film as film_person
 
 SMALL = """\
 seed: 3
@@ -216,3 +218,12 @@ def test_the_plan_says_on_or_off_why_and_what_it_costs(simulated: tuple[Path, Pa
     assert "the scene does not call for it" in text
     assert "saves" in text
     assert "spends" in text
+
+
+def test_a_name_that_is_taken_is_refused_before_anything_is_filmed(tmp_path: Path) -> None:
+    film_person(tmp_path / "capture", views=2, frames=1, held_out=0)
+    taken = Pipeline(tmp_path / "archive", tmp_path / "capture")
+    taken.register()
+    with pytest.raises(ArchiveError, match=r"sequence person is there already: layout images, 2 cameras .*; scene scene\.yaml is another capture"):
+        simulate(taken.session, write(tmp_path, SMALL), "person", Console(quiet=True), threads=1)
+    assert not (taken.root / "_captures").exists()
