@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from storage.crop import Crop
+from storage.documents import regular
 from storage.errors import SourceError
 from storage.rig import Rig
 from storage.spec import digest
@@ -48,8 +49,8 @@ class SourceFile:
     def of(cls, path: str | Path) -> SourceFile:
         """Reference an existing file. Raises SourceError when it is missing or unreadable."""
         p = Path(path).resolve()
+        stat = regular(p)
         try:
-            stat = p.stat()
             return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
         except OSError as e:
             raise SourceError(f"cannot read {p}: {e.strerror}") from e

@@ -21,12 +21,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from storage import media
 from storage.capture import Capture, Stream
+from storage.documents import read_json
 from storage.errors import CalibrationError, SourceError
 from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
 from storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
 from storage.importers.depth_streams import depth_map_streams
 from storage.importers.joint_streams import coco_joints, picture_joints
-from storage.joint_files import read_json, read_openpose
+from storage.joint_files import read_openpose
 
 
 class ImagesOptions(ImportOptions):

@@ -14,13 +14,14 @@ from typing import Any
 from pydantic import Field
 
 from storage.capture import Capture, Stream
+from storage.documents import read_json
 from storage.errors import CalibrationError, SourceError
 from storage.importers.cameras import build_rig, rig_notes
 from storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
 from storage.importers.joint_streams import picture_joints, trc_joints
 from storage.importers.qualisys import is_qualisys, qualisys_tables
 from storage.importers.toml_cameras import table_camera, toml_tables
-from storage.joint_files import read_json, read_openpose
+from storage.joint_files import read_openpose
 
 
 class Pose2SimOptions(ImportOptions):

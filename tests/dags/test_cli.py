@@ -149,7 +149,7 @@ def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: P
     archive = finished.options
     assert_says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
     assert_says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
-    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
+    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "sheet.png")
 
 
 def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> None:
