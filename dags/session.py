@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, tables, threads
+from dags import contribution, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.estimate import Remaining
@@ -229,6 +229,7 @@ class Session:
 
         `say_next`: end with where the results lie and what to type next.
         """
+        self.hint(roles.told(p.context for p in plans))
         for p in plans:
             self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
