@@ -24,16 +24,20 @@ from dags.cli_options import (
     JsonOption,
     OnlyOption,
     PathOption,
+    QuietOption,
     SchedulerOption,
     SequenceOption,
     SetOption,
+    VerboseOption,
     console,
     errors,
     open_session,
     say,
     selected,
+    voice,
 )
 from dags.cli_train import train
+from dags.outputs import output_file, output_folder
 from dags.plan import Selection
 from dags.tasks import Task
 from dags.wording import number
@@ -92,6 +96,8 @@ def simulate(
     from dags.simulate import scene_file
     from dags.simulate import simulate as film_scene
 
+    if output is not None:
+        output_folder("simulate --output", output)
     path = scene_file(scene)
     film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
 
@@ -109,6 +115,7 @@ def plan(
     scheduler: SchedulerOption = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
     json: JsonOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Say what a run would do, and why, without doing it.
 
@@ -118,6 +125,10 @@ def plan(
     from dags.projection import project
 
     session = open_session(config, assignments, archive, scheduler, json)
+    if picture:
+        from dags.picture import WRITERS
+
+        output_file("plan --picture", picture, WRITERS)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
     if picture:
         from dags.picture import write_picture
@@ -131,7 +142,7 @@ def plan(
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
-        say(effects_reasons(p))
+        say(effects_reasons(p, every=verbose))
         say(list(p.notes), "yellow")
         if p.all_fresh:
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
@@ -154,16 +165,18 @@ def run(
     path: PathOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
 
     Example: posegaussian run --sequence balance --config balance.yaml
     """
-    session = open_session(config, assignments, archive, scheduler, json)
+    session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
     selection = selected(only, start, force)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
     session.say(failed, "red")
-    raise typer.Exit(session.run_and_report(plans, selection, failed))
+    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True))
 
 
 @app.command()
@@ -188,7 +201,8 @@ def status(
 
     names = session.names(sequence or ())
     standings, failed = every_standing(session, names)
-    console.print(tables.status_table(standings))
+    for table in tables.status_tables(standings, console.width):
+        console.print(table)
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)
@@ -324,13 +338,15 @@ def tradeoff(
     """
     from dags.tradeoff import run_tradeoff
 
+    if output is not None:
+        output_folder("tradeoff --output", output)
     run_tradeoff(open_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
 
 
 @app.command()
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[str | None, typer.Option("--path", help='Camera path: orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
+    path: Annotated[str | None, typer.Option("--path", help='Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
     video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
@@ -342,6 +358,8 @@ def export(
     config: ConfigOption = None,
     assignments: SetOption = None,
     scheduler: SchedulerOption = None,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run what is missing for a camera path, then write video, pictures, a contact sheet, or the Gaussians themselves.
 
@@ -351,8 +369,9 @@ def export(
 
     order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
-    session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler)
+    session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
     p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed)
+    order.check(p.context)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
@@ -377,6 +396,7 @@ def demo(
     """
     from dags.demo import run_demo
 
+    output_folder("demo --output", output)
     raise typer.Exit(run_demo(output, size, frames, scheduler, console))
 
 
@@ -385,8 +405,8 @@ def main() -> None:
     try:
         app()
     except UserError as e:
-        for line in str(e).splitlines():
-            errors.print(f"[red]error:[/red] {escape(line)}", soft_wrap=True)
+        for line in str(e).splitlines():  # indented lines are settings to copy, as they stand
+            errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
         sys.exit(2)
     except OSError as e:
         if e.filename is None:

@@ -80,6 +80,10 @@ class EffectsDecided:
     sequence: str
     sentences: tuple[str, ...]
     """One an effect: on or off, and why."""
+    on: tuple[str, ...] = ()
+    """Names of those that are on."""
+    off: tuple[str, ...] = ()
+    """Names of those that are off."""
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,8 @@ class Order:
     late: tuple[int, ...]
     """Frames by which each view is late."""
     path: CameraPath | None
+    path_text: str | None
+    """What the path was asked for as."""
     facts: Facts
     joint_set: str | None
     readings: dict[str, Reading]
@@ -308,7 +310,7 @@ def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
 def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) -> dict[str, Any]:
     """Circumstances: never part of the fingerprint."""
     torch = sys.modules.get("torch")
-    return {
+    return ({"path_text": order.path_text} if order.path_text else {}) | {
         "started": started.isoformat(timespec="milliseconds"),
         "seconds": round(seconds, 4),
         "cpu_seconds": round(cpu_seconds, 4),

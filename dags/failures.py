@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from storage.errors import LeaseHeld, LeaseLost, ShardCorrupt, ShardMissing, UserError
+from storage.errors import LeaseHeld, LeaseLost, NotWritten, ShardCorrupt, ShardMissing, UserError
 
 if TYPE_CHECKING:
     from dags.events import TaskFailed
@@ -61,8 +61,8 @@ class TaskTimedOut(Exception):
 NOT_TRANSIENT = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 """System errors that do not pass by waiting."""
 
-NOT_TRANSIENT_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL)
-"""Disk or quota full, read-only, names and values no system accepts: these do not pass by waiting either."""
+NOT_TRANSIENT_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOENT)
+"""Disk or quota full, read-only, forbidden, names and values no system accepts: these do not pass by waiting either."""
 
 TRANSIENT_WORDS = ("cuda error: unknown error", "cuda driver error: unknown error")
 """What a device says that is well again a moment later."""
@@ -79,7 +79,7 @@ def classify(error: BaseException) -> Kind:
         return Kind.LOST
     if isinstance(error, ShardCorrupt | ShardMissing):
         return Kind.CORRUPT
-    if isinstance(error, UserError):
+    if isinstance(error, UserError) and not isinstance(error, NotWritten):
         return Kind.DETERMINISTIC
     if isinstance(error, TaskTimedOut):
         return Kind.TIMEOUT

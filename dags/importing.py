@@ -12,9 +12,10 @@ import numpy as np
 from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
-from storage.archive import Archive, Sequence
+from storage.archive import SOURCES, Archive, Sequence
 from storage.capture import PER_VIEW, Capture, SourceFile, Stream
-from storage.errors import BrokenRecord, ConfigError, SourceError
+from storage.errors import BrokenRecord, ConfigError, NotWritten, SourceError
+from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
 from storage.spec import ArraySpec
@@ -45,7 +46,7 @@ def partition_length(capture: Capture, settings: Any) -> int:
         return int(wanted.frames)
     rig = frames_rig(capture.rig, settings.frames)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
-    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "frame": 1, "view": 1, "person": settings.detection.people}
+    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
     specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
     largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
     return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
@@ -64,7 +65,7 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
         said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
         length = old
     if copy:
-        capture = _copied(capture, archive.root / name / "_sources")
+        capture = _copied_whole(capture, archive.root / name)
     return archive.create_sequence(name, capture, length), said
 
 
@@ -81,6 +82,17 @@ def _registered_length(archive: Archive, name: str) -> int | None:
         return None
 
 
+def _copied_whole(capture: Capture, root: Path) -> Capture:
+    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
+    new = not root.exists()
+    try:
+        return _copied(capture, root / SOURCES)
+    except NotWritten:
+        if new:
+            shutil.rmtree(root, ignore_errors=True)
+        raise
+
+
 def _copied(capture: Capture, folder: Path) -> Capture:
     """The capture with every file copied below a folder."""
 
@@ -93,10 +105,12 @@ def _copied(capture: Capture, folder: Path) -> Capture:
 
 
 def _copy(file: SourceFile, folder: Path) -> SourceFile:
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / Path(file.path).name
     try:
-        shutil.copy2(file.path, target)
+        with whole_file(target, file.size) as partial:
+            shutil.copy2(file.path, partial)
+    except NotWritten:
+        raise
     except OSError as e:
         raise SourceError(f"cannot copy {file.path} to {target}: {e.strerror}") from e
     return SourceFile.of(target)

@@ -19,6 +19,7 @@ from stages.inspection.cameras import of_sizes, size_unexplained
 from stages.inspection.finding import Finding, Verdict, worst_first
 from stages.inspection.footage import Footage
 from stages.inspection.report import Report, inspect
+from storage.files import make_folder
 from storage.rig import Rig
 from storage.sources import open_source
 
@@ -101,7 +102,7 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     footage, sizes = footage_of(context, joints)
     report = inspect(footage, sizes, context.settings.depth.max_angle)
     folder = output or Path(f"inspect-{name}")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     pictures = write_pictures(footage, report, folder)
     page = write_page(name, footage, report, pictures, folder / "index.html")
     console.print(table(name, report))

@@ -15,6 +15,7 @@ from dags.plan import Book, Plan, State
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
 from stages.detection.stage import ESTIMATED
+from stages.frames.params import SEGMENTED
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ReceiptKey, ShardFile
@@ -58,13 +59,14 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         captured_to_calibrated=context.captured_to_calibrated,
         late=context.late,
         path=_path(context, task),
+        path_text=context.path_text(task.path) if task.path is not None else None,
         facts=context.facts,
         joint_set=context.joint_set,
         readings=readings,
         parts=parts,
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
-        estimator=context.estimator if ESTIMATED in context.facts else None,
+        estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
         survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,

@@ -148,8 +148,9 @@ class Run:
 
     def _decide(self, plan: Plan) -> None:
         """The survey is through: its effects are decided, and the arrays behind them can be made."""
-        sentences = take_decisions(plan)
-        self.tell(EffectsDecided(plan.context.sequence.name, sentences))
+        decided = take_decisions(plan)
+        on, off = (tuple(v.effect.name for v in decided if v.state == state) for state in ("on", "off"))
+        self.tell(EffectsDecided(plan.context.sequence.name, tuple(v.sentence for v in decided), on, off))
         make_arrays(plan, self.rules.terms)
 
     def _settle(self, task: Task, result: Receipt | Failure) -> None:

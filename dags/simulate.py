@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import tempfile
+import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +24,7 @@ from dags.yaml_marks import Document, Location, load
 from stages.capture.scene import Listed, Scan, Scene, faults, known_fields
 from storage.archive import Archive, Sequence
 from storage.errors import ConfigError, SourceError
+from storage.files import make_folder, scratch_array, write_atomically
 from storage.joints import COCO17
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def load_scan(scan: Scan, folder: Path) -> Any:
 def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
-    Raises ConfigError for a scene that is wrong and SourceError for a scan that cannot be read.
+    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, NotWritten where the disk is full.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
@@ -128,7 +129,7 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
     settings = folder / "pipeline.yaml"
-    settings.write_text(f"# Settings of the simulated sequence {name}: its held-out cameras are for comparison only.\nsequences:\n  {json.dumps(name)}:\n    views:\n      held_out: {json.dumps(held_out)}\n", encoding="utf-8")
+    write_atomically(settings, f"# Settings of the simulated sequence {name}: its held-out cameras are for comparison only.\nsequences:\n  {json.dumps(name)}:\n    views:\n      held_out: {json.dumps(held_out)}\n".encode())
     capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
     made, said = register(archive, name, capture, session.configuration.for_sequence(name))
     put_truth(made, staged, truth)
@@ -164,13 +165,24 @@ def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, 
     """Shoot every picture and write the capture; returns the truth that goes into the archive.
 
     Pictures do not depend on each other, so neither order nor threads change a byte. Memory holds the joints and SHOTS_AT_ONCE
-    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them.
+    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them. A folder that was
+    not there before goes again where filming does not come to its end. Raises NotWritten.
     """
+    new = not folder.exists()
+    try:
+        return _film(scene, staged, folder, threads)
+    except BaseException:
+        if new:  # half a capture would be taken for a whole one
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, np.ndarray]:
     from storage.exporters.images_layout import write_capture
 
     take, rig = staged.take, staged.written
     take.prepare()
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     truth = _room(scene.frames, staged, folder)
     with ThreadPoolExecutor(max(1, threads)) as pool:
         for v in range(len(rig)):
@@ -194,7 +206,7 @@ def _room(frames: int, staged: Staged, folder: Path) -> dict[str, np.ndarray]:
     views, held_out, joints = len(staged.written), len(staged.written) - staged.sources, len(COCO17)
 
     def pictures(cameras: int, dtype: type, *more: int) -> np.ndarray:
-        return np.memmap(tempfile.TemporaryFile(dir=folder), dtype, "w+", shape=(frames, cameras, *size, *more))
+        return scratch_array(folder, dtype, (frames, cameras, *size, *more))
 
     out = {"normal": pictures(views, np.float16, 3), "mask": pictures(views, np.uint8)}
     if held_out:

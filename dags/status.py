@@ -20,8 +20,9 @@ from dags.code import PACKAGES, ROOT
 from dags.plan import Plan, Selection, State
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.archive import Sequence, write_atomically
+from storage.archive import Sequence
 from storage.errors import UserError
+from storage.files import write_atomically
 
 if TYPE_CHECKING:
     from dags.session import Session
@@ -46,11 +47,24 @@ def standing(session: Session, name: str, failed: Iterable[tuple[Any, ...]] = ()
     if known is not None:
         return known
     plan = session.plan(name, Selection())
+    if texts := rendered_instead(plan):
+        plan = session.plan(name, Selection(), texts)
     found = numbers(plan, frozenset(Task(*key) for key in own))
     if not plan.book.problems:
         shards = {f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files}
         _remember(file, {"basis": basis, "numbers": found, "shards": shards})
     return found
+
+
+def rendered_instead(plan: Plan) -> tuple[str, ...]:
+    """Camera paths, as they were asked for, that the last run rendered where none of the plan's own was rendered; else ()."""
+    rendered = [r for t, r in plan.book.receipts.items() if t.stage == "rendering"]
+    if any(r.path in plan.context.paths for r in rendered):
+        return ()
+    asked = [r for r in rendered if "path_text" in r.facts]
+    latest = max(asked, key=lambda r: str(r.facts.get("started", "")), default=None)
+    texts = {str(r.facts["path_text"]) for r in asked if latest is not None and r.facts.get("run") == latest.facts.get("run")}
+    return tuple(sorted(texts))
 
 
 def numbers(plan: Plan, failed: frozenset[Task] = frozenset()) -> Numbers:

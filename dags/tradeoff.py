@@ -30,9 +30,10 @@ from dags.yaml_marks import parse_value
 from stages.contract import extra
 from stages.registry import STAGES
 from storage import ledger
-from storage.archive import Archive, write_atomically
+from storage.archive import Archive
 from storage.archive import Sequence as ArchiveSequence
 from storage.errors import ConfigError, UserError
+from storage.files import write_atomically
 from storage.spec import digest
 
 PATH = ("held_out",)

@@ -8,16 +8,14 @@ place, so neither side can change the other's bytes.
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from dags.context import Context, make_context
 from dags.plan import Plan, Selection, State, judge, make_plan
 from dags.tasks import Task
-from storage.archive import Archive, Sequence, write_atomically
+from storage.archive import Archive, Sequence
+from storage.files import link_or_copy, link_tree, write_atomically
 from storage.receipts import Receipt, missing_files, scan_receipts, write_receipt
 from storage.spec import digest
 
@@ -39,7 +37,7 @@ def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: t
     record = (origin.root / "zarr.json").read_bytes()
     if not (root / "zarr.json").is_file() or (root / "zarr.json").read_bytes() != record:
         write_atomically(root / "zarr.json", record)
-        shutil.copytree(origin.root / "source", root / "source", dirs_exist_ok=True)
+        link_tree(origin.root / "source", root / "source")
     return make_context(Sequence(root), settings, paths)
 
 
@@ -97,14 +95,5 @@ def _take(here: Sequence, source: Sequence, receipt: Receipt) -> None:
         if meta.is_file():
             write_atomically(here.root / output.array / "zarr.json", meta.read_bytes())
         for file in output.files:
-            _link(source.root / file.key, here.root / file.key)
+            link_or_copy(source.root / file.key, here.root / file.key)
     write_receipt(here, receipt)
-
-
-def _link(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)

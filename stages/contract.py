@@ -125,7 +125,7 @@ class Evidence:
     captured_size: np.ndarray
     """[V, 2] (width, height) of the captured pictures, px."""
     captured_to_calibrated: np.ndarray
-    """[V, 3] (scale, dx, dy) of `frames.crop`."""
+    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
     sources: tuple[int, ...]
     """Indices of the views to reconstruct from."""
     joint_views: tuple[int, ...]

@@ -10,6 +10,7 @@ import contextlib
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from storage.capture import Capture
-from storage.errors import ArchiveError, BrokenRecord
+from storage.errors import ArchiveError, BrokenRecord, NotWritten
+from storage.files import make_folder, refusals, sync_folder, write_atomically
 from storage.rig import Rig
 from storage.spec import BATCH_DIMS, ArraySpec, Shape
 
@@ -32,6 +34,9 @@ ATTRIBUTES = "posegaussian"
 
 RESHARD = "_reshard"
 """Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the first rename on."""
+
+SOURCES = "_sources"
+"""Folder of the source files that were copied into a sequence."""
 
 MAX_CHUNK_BYTES = 16 * 2**20
 """Pictures larger than this are tiled into several chunks of one shard."""
@@ -80,29 +85,6 @@ def local_path(url: str) -> Path:
     raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write a small file so that a reader sees the old one or the new one, and that a power cut does not lose it."""
-    made = [folder for folder in (path.parent, *path.parent.parents) if not folder.is_dir()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    with open(partial, "wb") as f:
-        f.write(data)
-        f.flush()
-        os.fsync(f.fileno())
-    os.replace(partial, path)
-    for folder in (path.parent, *(f.parent for f in made)):
-        sync_folder(folder)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make renames inside a folder survive a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def _finish_reshards(root: Path) -> None:
     """Put a new sequence in its place where a reshard died between its two renames: the old one is away, the new one is whole."""
     for new in (root / RESHARD / "new").glob("*/zarr.json"):
@@ -125,7 +107,7 @@ class Archive:
         """Open an archive; ArchiveError says what to do when there is none there."""
         root = local_path(url)
         if create:
-            root.mkdir(parents=True, exist_ok=True)
+            make_folder(root)
         if not root.is_dir():
             raise ArchiveError(f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another")
         _finish_reshards(root)
@@ -147,13 +129,24 @@ class Archive:
     def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
         """Register a capture under a name, replacing an earlier registration but not its results.
 
-        Raises ArchiveError for a name that cannot be a folder.
+        Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a sequence
+        that was not there before is then not there either.
         """
-        import zarr
-
         if not name or name.startswith((".", "_")) or any(c in name for c in "/\\:"):
             raise ArchiveError(f"sequence name {name!r} cannot be a folder's name; use letters, digits, - and _")
         root = self.root / name
+        new = not root.exists() or {p.name for p in root.iterdir()} <= {SOURCES}
+        try:
+            with refusals(root):
+                return self._registered(root, capture, partition_frames)
+        except NotWritten:
+            if new:
+                shutil.rmtree(root, ignore_errors=True)
+            raise
+
+    def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
+        import zarr
+
         record: Any = {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()}
         # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken sequence.
         group = zarr.open_group(root, mode="a", zarr_format=3, attributes={ATTRIBUTES: record})
@@ -234,9 +227,10 @@ class Sequence:
             old = zarr.open_array(self.root / name, mode="r")
             if old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data):
                 return
-        array = zarr.create_array(
-            self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in chunk or data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
-        )
+        with refusals(self.root / name, data.nbytes):
+            array = zarr.create_array(
+                self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in chunk or data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
+            )
         assert array.shape == data.shape
 
     def get(self, name: str) -> np.ndarray:
@@ -261,23 +255,24 @@ class Sequence:
         change = self._change(spec, shape, path)
         if change is None:
             return
-        if change in ("grow", "shrink"):
-            zarr.open_array(self.root / name, mode="r+").resize(lengths)
-            return
-        zarr.create_array(
-            self.root,
-            name=name,
-            shape=lengths,
-            chunks=chunk,
-            shards=shard,
-            dtype=spec.dtype,
-            compressors=codecs(np.dtype(spec.dtype)),
-            fill_value=0,
-            overwrite=True,
-            dimension_names=spec.dims,
-            attributes=attributes,
-            config={"write_empty_chunks": True},
-        )
+        with refusals(self.root / name):
+            if change in ("grow", "shrink"):
+                zarr.open_array(self.root / name, mode="r+").resize(lengths)
+                return
+            zarr.create_array(
+                self.root,
+                name=name,
+                shape=lengths,
+                chunks=chunk,
+                shards=shard,
+                dtype=spec.dtype,
+                compressors=codecs(np.dtype(spec.dtype)),
+                fill_value=0,
+                overwrite=True,
+                dimension_names=spec.dims,
+                attributes=attributes,
+                config={"write_empty_chunks": True},
+            )
 
     def _change(self, spec: ArraySpec, shape: Shape, path: str) -> Literal["create", "grow", "shrink", "replace"] | None:
         """What `ensure_array` has to do."""

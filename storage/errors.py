@@ -55,3 +55,13 @@ class LeaseLost(ArchiveError):
 
 class SchedulerLost(UserError):
     """The scheduler of a run does not answer any more; what is done is kept."""
+
+
+class NotWritten(UserError, OSError):
+    """A file or folder that the system did not take: disk full, read-only, no permission, no such place. An OSError with its number."""
+
+    def __init__(self, number: int, sentence: str) -> None:
+        super().__init__(number, sentence)
+
+    def __str__(self) -> str:
+        return str(self.args[1])

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from storage.documents import read_json, read_table, read_text, whole
 from storage.errors import SourceError
 from storage.rig import points_from_integer_centres
 
@@ -31,16 +30,6 @@ class Detections(NamedTuple):
 def no_people(joints: int) -> Detections:
     """Zero people with that many joints."""
     return Detections(np.zeros((0, joints, 3)), np.zeros((0, 5)))
-
-
-def read_json(path: str | Path) -> Any:
-    """The content of a JSON file. Raises SourceError with path and cause."""
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as e:
-        raise SourceError(f"cannot read {path}: {e.strerror}") from e
-    except ValueError as e:
-        raise SourceError(f"{path} is not valid JSON: {e}") from e
 
 
 def frame_number(path: str | Path) -> int | None:
@@ -163,22 +152,18 @@ class TrackedFrame(NamedTuple):
 def read_tracked(path: str | Path) -> dict[int, dict[int, TrackedFrame]]:
     """{camera: {sync_index: frame}} of Caliscope's `xy_TRACKER.csv`. Raises SourceError with path, line and cause."""
     out: dict[int, dict[int, TrackedFrame]] = {}
-    try:
-        with Path(path).open(newline="", encoding="utf-8") as f:
-            reader = csv.DictReader(f)
-            camera, point = (next((k for k in keys if k in (reader.fieldnames or ())), keys[0]) for keys in (("cam_id", "port"), ("point_id", "keypoint_id")))
-            lacking = {"sync_index", camera, "frame_index", "frame_time", point, "img_loc_x", "img_loc_y"} - set(reader.fieldnames or ())
-            if lacking:
-                raise SourceError(f"{path} lacks the columns {', '.join(sorted(lacking))}; track the recording with Caliscope again")
-            for row in reader:
-                try:
-                    frame = TrackedFrame(int(row["frame_index"]), float(row["frame_time"]), {})
-                    found = out.setdefault(int(row[camera]), {}).setdefault(int(row["sync_index"]), frame)
-                    found.points[int(row[point])] = (float(row["img_loc_x"]), float(row["img_loc_y"]))
-                except (TypeError, ValueError) as e:
-                    raise SourceError(f"{path} line {reader.line_num}: {e}") from e
-    except (OSError, UnicodeDecodeError) as e:
-        raise SourceError(f"cannot read {path}: {e}") from e
+    columns, rows = read_table(path)
+    camera, point = (next((k for k in keys if k in columns), keys[0]) for keys in (("cam_id", "port"), ("point_id", "keypoint_id")))
+    lacking = {"sync_index", camera, "frame_index", "frame_time", point, "img_loc_x", "img_loc_y"} - set(columns)
+    if lacking:
+        raise SourceError(f"{path} lacks the columns {', '.join(sorted(lacking))}; track the recording with Caliscope again")
+    for line, row in rows:
+        try:
+            frame = TrackedFrame(whole(row["frame_index"]), float(row["frame_time"]), {})
+            found = out.setdefault(whole(row[camera]), {}).setdefault(whole(row["sync_index"]), frame)
+            found.points[whole(row[point])] = (float(row["img_loc_x"]), float(row["img_loc_y"]))
+        except (TypeError, ValueError, AttributeError) as e:
+            raise SourceError(f"{path} line {line}: {e}") from e
     return out
 
 
@@ -224,10 +209,7 @@ _UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 
 def read_trc(path: str | Path) -> TrcFile:
     """Read a TRC file (OpenSim: 5 header lines, tab separated). Raises SourceError with path, line and cause."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as e:
-        raise SourceError(f"cannot read {path}: {e}") from e
+    lines = read_text(path).splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise SourceError(f"{path} is not a TRC file: its first line must start with PathFileType and data follow 5 header lines")
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))

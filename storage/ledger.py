@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from storage.archive import Archive, write_atomically
+from storage.archive import Archive
 from storage.archive import Sequence as Group
+from storage.files import write_atomically
 from storage.receipts import Receipt, scan_receipts
 from storage.spec import digest
 

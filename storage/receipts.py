@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from storage.archive import Sequence, sync_folder, write_atomically
+from storage.archive import Sequence
+from storage.files import refusals, sync_folder, write_atomically
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,9 @@ def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: 
     """Remove and sync: the first act of a task, so that new bytes never lie under an old receipt."""
     file = receipt_file(sequence, stage, partition, view, path)
     if file.exists():
-        file.unlink()
-        sync_folder(file.parent)
+        with refusals(file):
+            file.unlink()
+            sync_folder(file.parent)
 
 
 def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:

@@ -11,8 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from storage.archive import Sequence, sync_folder, write_atomically
+from storage.archive import Sequence
 from storage.errors import ShardCorrupt, ShardMissing
+from storage.files import refusals, sync_folder, write_atomically
 from storage.receipts import Output, ShardFile
 from storage.spec import ArraySpec, TableSpec, array_digest, digest
 from storage.timegrid import TimeGrid
@@ -28,11 +29,11 @@ def free() -> None:
 def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
     """Sync a shard, its folder, and where folders were made for it; and describe it."""
     path = sequence.root / key
-    with open(path, "rb") as f:
+    with refusals(path), open(path, "rb") as f:
         data = f.read()
         os.fsync(f.fileno())
-    for folder in (path.parent, *(m.parent for m in made)):
-        sync_folder(folder)
+        for folder in (path.parent, *(m.parent for m in made)):
+            sync_folder(folder)
     return ShardFile(key, len(data), zlib.crc32(data))
 
 
@@ -84,8 +85,9 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         guard()
         key = "/".join([name, "c", *map(str, where)])
         made = _missing_folders(sequence.root / key)
-        (sequence.root / key).unlink(missing_ok=True)
-        array[into] = data[of]
+        with refusals(sequence.root / key, data[of].nbytes):
+            (sequence.root / key).unlink(missing_ok=True)
+            array[into] = data[of]
         files.append(_record(sequence, key, made))
     return Output(name, view, array_digest(data), tuple(files))
 

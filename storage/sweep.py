@@ -13,8 +13,9 @@ import time
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
-from storage.archive import Sequence, sync_folder
+from storage.archive import Sequence
 from storage.errors import LeaseHeld
+from storage.files import sync_folder
 from storage.lease import Lease
 from storage.receipts import Receipt, ReceiptKey, ShardFile, lease_file, read_receipt, receipt_file, remove_receipt, write_receipt
 

@@ -25,7 +25,7 @@ class ImportOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     cameras: tuple[str, ...] | None = Field(None, description="Names of the cameras to import; all by default.")
-    crop: dict[str, Crop] = Field({}, description="Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop).")
+    crop: dict[str, Crop] = Field({}, description="Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop); by default what the pictures show.")
     frame_rate: float | None = Field(None, gt=0, description="Frames per second; by default what the videos or the layout say.")
     joint_set: str | None = Field(None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name.")
 

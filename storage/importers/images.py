@@ -21,12 +21,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from storage import media
 from storage.capture import Capture, Stream
+from storage.documents import read_json
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
 from storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
 from storage.importers.depth_streams import depth_map_streams
 from storage.importers.joint_streams import coco_joints, picture_joints
-from storage.joint_files import read_json, read_openpose
+from storage.joint_files import read_openpose
 
 
 class ImagesOptions(ImportOptions):
@@ -75,7 +76,6 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     if not (options.frame_rate or cameras.frame_rate):
         notes.append("30 frames/s assumed; give frame_rate in cameras.json")
     rig = build_rig([_camera(entries[n]) for n in names], [s.size for s in pictures], cameras.pixel_center == "half")
-    check_sizes(rig, pictures, options.crops)
     masks, more = mask_streams(names, [base / "masks" / n for n in names], pictures)
     joints, joint_notes = _joints(base, names, pictures, options.joint_set)
     depth, depth_notes = _depth(base, names, pictures)
