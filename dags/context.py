@@ -102,6 +102,12 @@ class Context:
         """Cameras of `frames/*`."""
         return frames_rig(self.capture.rig, self.settings.frames)
 
+    def rig_of(self, stage: Stage) -> Rig:
+        """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
+        if stage.longest is None:
+            return self.rig
+        return frames_rig(self.capture.rig, self.settings.frames.model_copy(update={"size": stage.longest}))
+
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
         """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""

@@ -122,7 +122,7 @@ class Order:
     parts: dict[str, Any]
     """Fingerprint parts."""
     source_spans: dict[str, range]
-    """Frame indices for which each declared source may be asked."""
+    """Frame indices that the task works on, by declared source."""
     footage: tuple[int, np.ndarray, np.ndarray]
     """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
     estimator: DetectionParams | None

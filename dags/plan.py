@@ -196,11 +196,12 @@ def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product
     forced = selection.forced(task.stage)
     if receipt is None:
         return State.STALE, ("never made",), parts
-    parts = kept(parts, receipt.parts)
-    why = [] if receipt.parts == parts or receipt.fingerprint == digest(parts) else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    as_kept = kept(parts, receipt.parts)
+    same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
+    why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
     why += [book.problems[task]] if task in book.problems else []
     why += [forced] if forced else []
-    return (State.STALE if why else State.FRESH), tuple(why), parts
+    return (State.STALE, tuple(why), parts) if why else (State.FRESH, (), as_kept)
 
 
 @contextmanager
