@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from dags.events import EffectsDecided, Event, Notice, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.history import stamped
 from dags.tasks import Task
 from dags.wording import number
@@ -45,6 +45,8 @@ class TerminalProgress:
         elif isinstance(event, EffectsDecided):
             for sentence in event.sentences:
                 self.bars.console.print(f"{event.sequence}: {sentence}", markup=False, soft_wrap=True)
+        elif isinstance(event, Notice):
+            self.bars.console.print(event.sentence, markup=False, soft_wrap=True, style="yellow")
         elif isinstance(event, TaskNeeded):
             self.bars.advance(self.ids[event.task.stage], -1)
         elif isinstance(event, RunEnded):
@@ -75,6 +77,8 @@ class PlainProgress:
         elif isinstance(event, EffectsDecided):
             for sentence in event.sentences:
                 self.write(f"{event.sequence}: {sentence}")
+        elif isinstance(event, Notice):
+            self.write(event.sentence)
         elif isinstance(event, TaskNeeded):
             self.settled[event.task.stage] -= 1
 
