@@ -12,7 +12,7 @@ from rich.progress import Task as BarTask
 from rich.text import Text
 
 from dags.estimate import Remaining
-from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
+from dags.events import EffectsDecided, Event, Notice, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
 from dags.history import stamped
 from dags.tables import seconds_text
 from dags.tasks import Task
@@ -103,6 +103,8 @@ def _told(event: Event, voice: Voice) -> Iterator[str]:
         yield from event.sentences
     elif isinstance(event, TaskFailed):
         yield f"failed: {event.task.sequence} {event.task.label()}: {event.error}"
+    elif isinstance(event, Notice):
+        yield event.sentence
     elif isinstance(event, EffectsDecided) and voice >= Voice.VERBOSE:
         yield from (f"{event.sequence}: {sentence}" for sentence in event.sentences)
     elif isinstance(event, EffectsDecided):

@@ -170,7 +170,7 @@ class Session:
             for listener in listeners:
                 listener(SequenceRefused(name, error))
         for p in plans:
-            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is left to it" for other in presence.others(p.context.sequence)), "yellow")
+            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in presence.others(p.context.sequence)), "yellow")
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
