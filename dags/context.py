@@ -25,6 +25,7 @@ from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ConfigError
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.rig import CameraPath, Rig
 from storage.timegrid import TimeGrid, select
 
@@ -211,6 +212,8 @@ class Context:
     def paths(self) -> dict[str, CameraPath]:
         """{`<kind>-<8 hex>`: cameras} of every path asked for."""
         made = [make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts]
+        for p in made:
+            check_camera_names(p.names)
         return {p.name: p for p in made}
 
     @cached_property

@@ -17,6 +17,7 @@ from storage.capture import PER_VIEW, Capture, SourceFile, Stream
 from storage.errors import BrokenRecord, ConfigError, SourceError
 from storage.importers import registry
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.spec import ArraySpec
 
 
@@ -56,6 +57,8 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
 
     A sequence that exists keeps its partition length, so that what was computed stays usable.
     """
+    archive.check_sequence_name(name)
+    check_camera_names(capture.rig.names)
     capture.rig.check()
     said = []
     length = partition_length(capture, settings)
@@ -64,7 +67,7 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
         said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
         length = old
     if copy:
-        capture = _copied(capture, archive.root / name / "_sources")
+        capture = _copied(capture, archive.place(f"{name}/_sources"))
     return archive.create_sequence(name, capture, length), said
 
 

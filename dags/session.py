@@ -30,8 +30,10 @@ from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import number
-from storage.archive import Archive, write_atomically
+from storage.archive import Archive
 from storage.errors import ArchiveError, ConfigError, UserError
+from storage.files import write_atomically
+from storage.ledger import RUNS
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ class Session:
             backend.close(hard=True)
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        folder = self.archive.root / "_runs" / stamp
+        folder = self.archive.place(f"{RUNS}/{stamp}")
         write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
         listeners: list[Listener] = [progress, collector, spending, RunLog(folder), keeper]
         for sentence in refused:

@@ -119,7 +119,8 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
-    folder = output or archive.root / "_captures" / name
+    archive.check_sequence_name(name)
+    folder = output or archive.place(f"_captures/{name}")
     staged = stage_scene(scene, scene_path.parent)
     console.print(effects_plan(name, scene, staged.rulings))
     start = time.perf_counter()

@@ -11,6 +11,7 @@ import numpy as np
 
 from storage.errors import UserError
 from storage.media import write_png
+from storage.places import check_camera_names
 
 
 def write_frames(
@@ -31,6 +32,7 @@ def write_frames(
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
+    check_camera_names(cameras)
     _refuse_strangers(root, cameras, index)
     for camera in cameras:
         (root / camera).mkdir(parents=True, exist_ok=True)

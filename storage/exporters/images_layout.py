@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from storage.media import write_exr, write_png
+from storage.places import check_camera_names
 from storage.rig import Rig
 
 
@@ -32,6 +33,7 @@ def write_capture(
     numbers [F] source frame numbers, 0..F-1 by default. What is None is left as it is, so that a long capture may be written
     in parts: pictures of some frames at a time, the joints of a camera at once. Raises ValueError when an array is smaller than the rig's pictures.
     """
+    check_camera_names(rig.names)
     root = Path(folder)
     frames = np.arange(0 if color is None else len(color)) if numbers is None else np.asarray(numbers)
     root.mkdir(parents=True, exist_ok=True)
