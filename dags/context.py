@@ -26,6 +26,7 @@ from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ConfigError
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.rig import CameraPath, Rig
 from storage.timegrid import TimeGrid, select
 
@@ -232,10 +233,13 @@ class Context:
 
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
-        """{text: cameras}."""
+        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
         depth, frames = self.settings.depth, self.source_frames
         limits = (depth.subject_distance, depth.max_angle)
-        return {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        for path in made.values():
+            check_camera_names(path.names)
+        return made
 
     def path_text(self, name: str) -> str:
         """The text that asked for a path, by the path's name."""

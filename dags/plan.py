@@ -32,6 +32,7 @@ from stages.network.params import NETWORK
 from stages.registry import STAGES
 from storage.capture import PER_VIEW
 from storage.errors import ConfigError
+from storage.places import Look
 from storage.receipts import Output, Receipt, missing_files, scan_receipts
 from storage.spec import digest
 
@@ -101,11 +102,11 @@ class Book:
     def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
         """Scan the receipts of a sequence."""
         book = cls(context, held=held)
-        name = context.sequence.name
+        name, look = context.sequence.name, Look(context.sequence.root)
         for r in scan_receipts(context.sequence):
             task = Task(name, r.stage, r.partition, r.view, r.path)
             book.receipts[task] = r
-            bad = missing_files(context.sequence, r)
+            bad = missing_files(context.sequence, r, look)
             if bad:
                 book.problems[task] = f"shard {bad[0]} is missing or of another size" + (f", and {len(bad) - 1} more" if len(bad) > 1 else "")
             if held and any(o.dropped and Product(o.array, r.partition, o.view) in held for o in r.outputs):

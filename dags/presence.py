@@ -20,7 +20,7 @@ PATIENCE = 60.0
 
 def folder(sequence: Sequence) -> Path:
     """Where the runs on a sequence say that they are there."""
-    return sequence.receipts / "_runs"
+    return sequence.place("_receipts/_runs")
 
 
 def enter(plan: Plan, terms: Terms) -> Lease:

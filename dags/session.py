@@ -36,6 +36,7 @@ from dags.wording import Voice, number
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
 from storage.files import write_atomically
+from storage.ledger import RUNS
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ class Session:
             backend.close(hard=True)
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        folder = self.archive.root / "_runs" / stamp
+        folder = self.archive.place(f"{RUNS}/{stamp}")
         paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
         try:
             write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())

@@ -121,7 +121,8 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
-    folder = output or archive.root / "_captures" / name
+    archive.check_sequence_name(name)
+    folder = output or archive.place(f"_captures/{name}")
     staged = stage_scene(scene, scene_path.parent)
     if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
         make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
