@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from dags import tables
+from dags import roles, tables
 from dags.cli_ablate import ablate
 from dags.cli_inspect import inspect
 from dags.cli_models import models
@@ -26,6 +26,7 @@ from dags.cli_options import (
     OnlyOption,
     PathOption,
     QuietOption,
+    ReplaceOption,
     SchedulerOption,
     SequenceOption,
     SetOption,
@@ -60,6 +61,7 @@ def import_capture(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")] = False,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -75,7 +77,7 @@ def import_capture(
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)
-    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
+    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy, replace)
     say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
@@ -87,6 +89,7 @@ def simulate(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
     output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
     threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -101,7 +104,7 @@ def simulate(
     if output is not None:
         output_folder("simulate --output", output)
     path = scene_file(scene)
-    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
+    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace)
 
 
 @app.command()
@@ -141,6 +144,7 @@ def plan(
 
         tell_plans(plans, failed)
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
+    say(roles.told(p.context for p in plans))
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
@@ -198,6 +202,7 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from dags.context import Context
     from dags.spending import Spending
     from dags.status import every_standing
 
@@ -205,6 +210,7 @@ def status(
     standings, failed = every_standing(session, names)
     for table in tables.status_tables(standings, console.width):
         console.print(table)
+    say(roles.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)

@@ -25,6 +25,7 @@ OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch thes
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
 PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
+ReplaceOption = Annotated[bool, typer.Option("--replace", help="Put this capture in the place of another one of that name, and delete what was computed from that.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say warnings, failures and the result alone.")]

@@ -41,7 +41,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     pictures = context.capture.pictures
     spans = source_spans(context, task)
-    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()] if task.partition is not None else [frames]
+    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
     first, last = min(s.start for s in every), max(s.stop for s in every)
     return Order(
         root=context.sequence.root,
@@ -55,7 +55,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         time=context.time[own],
         valid=context.valid[own],
         views=context.views,
-        rig=context.rig,
+        rig=context.rig_of(stage),
         captured_to_calibrated=context.captured_to_calibrated,
         late=context.late,
         path=_path(context, task),

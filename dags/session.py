@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, tables, threads
+from dags import contribution, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.estimate import Remaining
@@ -36,6 +36,7 @@ from dags.wording import Voice, number
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
 from storage.files import write_atomically
+from storage.ledger import RUNS
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ class Session:
             backend.close(hard=True)
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        folder = self.archive.root / "_runs" / stamp
+        folder = self.archive.place(f"{RUNS}/{stamp}")
         paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
         try:
             write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
@@ -170,7 +171,7 @@ class Session:
             for listener in listeners:
                 listener(SequenceRefused(name, error))
         for p in plans:
-            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is left to it" for other in presence.others(p.context.sequence)), "yellow")
+            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in presence.others(p.context.sequence)), "yellow")
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
@@ -229,6 +230,7 @@ class Session:
 
         `say_next`: end with where the results lie and what to type next.
         """
+        self.hint(roles.told(p.context for p in plans))
         for p in plans:
             self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")

@@ -48,8 +48,8 @@ class SourceFile:
     @classmethod
     def of(cls, path: str | Path) -> SourceFile:
         """Reference an existing file. Raises SourceError when it is missing or unreadable."""
+        stat = regular(path)
         p = Path(path).resolve()
-        stat = regular(p)
         try:
             return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
         except OSError as e:

@@ -18,6 +18,7 @@ from uuid import uuid4
 import numpy as np
 
 from storage.errors import NotWritten
+from storage.places import files_below
 
 PARTIAL = ".partial"
 """Ending of what is not whole yet; `storage.sweep` finds what a kill leaves of it."""
@@ -116,8 +117,8 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 
 def link_tree(source: Path, target: Path) -> None:
-    """`link_or_copy` of every file below a folder. Raises NotWritten."""
-    for file in sorted(p for p in source.rglob("*") if p.is_file()):
+    """`link_or_copy` of every file below a folder. Raises NotWritten, and Unsafe for a symbolic link among them."""
+    for file in map(Path, files_below(source)):
         link_or_copy(file, target / file.relative_to(source))
 
 
