@@ -18,6 +18,7 @@ import numpy as np
 
 from storage.documents import regular
 from storage.errors import SourceError
+from storage.plausible import check_rate
 from storage.rig import Rig
 from storage.spec import digest
 
@@ -153,6 +154,10 @@ class Capture:
     """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per unit of its files."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
+
+    def __post_init__(self) -> None:
+        """Raise SourceError for a frame rate that no camera has."""
+        check_rate(f"{self.layout} capture", self.frame_rate)
 
     @property
     def numbers(self) -> np.ndarray:

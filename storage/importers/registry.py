@@ -13,7 +13,6 @@ from storage.capture import Capture
 from storage.errors import SourceError
 from storage.importers import caliscope, easymocap, images, pose2sim
 from storage.importers.common import ImportOptions
-from storage.plausible import check_rate
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,4 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
     except ValidationError as e:
         faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
         raise SourceError(f"options of {layout}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
-    capture = importer.find(Path(source).resolve(), checked)
-    check_rate(str(source), capture.frame_rate)
-    return capture
+    return importer.find(Path(source).resolve(), checked)
