@@ -18,9 +18,12 @@ from rich.table import Table
 from dags.events import EffectPlanned, Event, RunEnded, SequenceRefused, StageUnneeded, TaskFailed, TaskFresh, TaskPlanned, event_name, record
 from dags.plan import Plan
 from dags.tasks import Task
+from dags.wording import number
 from storage.archive import Archive
+from storage.errors import NotWritten
+from storage.files import refusals
 from storage.ledger import EVENTS, KEY, RUNS, run_events
-from storage.receipts import Receipt, receipt_file
+from storage.receipts import ReceiptKey, read_receipt
 
 SETTINGS = "pipeline.yaml"
 """File of a run's effective settings, beside its events."""
@@ -34,26 +37,44 @@ def stamped(event: Event) -> str:
 class RunLog:
     """Appends every event of a run to `_runs/<start>/events.jsonl`; what was fresh is counted by the last line alone.
 
-    Lines are written as things happen, so the log of a run that was killed says how far it came.
+    Lines are written as things happen, so the log of a run that was killed says how far it came. What the disk does not
+    take is kept and tried again with the next event: a log must not end the run that it is about.
     """
 
     def __init__(self, folder: Path) -> None:
         """The folder of the run; the file is made by the first event."""
         self.file = folder / EVENTS
-        self._open: IO[str] | None = None
+        self._open: IO[bytes] | None = None
+        self._left = b""
+        """Told, and not on disk yet."""
+        self._why = ""
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         if isinstance(event, TaskFresh):
             return
-        if self._open is None:
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            self._open = open(self.file, "a", encoding="utf-8")  # noqa: SIM115  closed when the run ends
-        self._open.write(stamped(event) + "\n")
-        self._open.flush()
-        if isinstance(event, RunEnded):
+        self._left += f"{stamped(event)}\n".encode()
+        try:
+            with refusals(self.file):
+                self._write()
+        except NotWritten as e:
+            self._why = str(e)
+        if isinstance(event, RunEnded) and self._open is not None:
             self._open.close()
             self._open = None
+
+    def _write(self) -> None:
+        if self._open is None:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            self._open = open(self.file, "ab", buffering=0)  # noqa: SIM115  closed when the run ends
+        while self._left:
+            self._left = self._left[self._open.write(self._left) :]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What the user should know after the run: whether the log lacks events."""
+        lost = self._left.count(b"\n")
+        return [f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do not know of them: {self._why}"] if lost else []
 
 
 @dataclass(frozen=True)
@@ -94,17 +115,14 @@ def still_failed(archive: Archive, names: Iterable[str]) -> list[FailedTask]:
 def _finished_since(archive: Archive, failed: FailedTask) -> bool:
     """Whether the task has a receipt newer than its failure, from a run whose log is gone."""
     t = failed.task
-    file = receipt_file(archive.sequence(t.sequence), t.stage, t.partition, t.view, t.path)
-    try:
-        return str(Receipt.from_json(file.read_bytes()).facts.get("started", "")) > failed.when
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    receipt = read_receipt(archive.sequence(t.sequence), ReceiptKey(*t[1:]))
+    return receipt is not None and str(receipt.facts.get("started", "")) > failed.when
 
 
 def retry_command(archive: Archive, sequences: Iterable[str], run: str | None = None) -> str:
     """The command that does what failed; with the settings of a run where they were kept."""
     words = ["posegaussian", "run", "--archive", str(archive.root)]
-    settings = archive.root / RUNS / run / SETTINGS if run else None
+    settings = archive.place(f"{RUNS}/{run}/{SETTINGS}") if run else None
     words += ["--config", str(settings)] if settings and settings.is_file() else []
     for name in dict.fromkeys(sequences):
         words += ["--sequence", name]

@@ -7,7 +7,6 @@ One wheel is pinned, whatever the platform, as all of them hold the same files.
 from __future__ import annotations
 
 import hashlib
-import os
 import subprocess
 import sys
 import zipfile
@@ -20,7 +19,8 @@ from dags.network_weights import shipped
 from stages.detection.description import read_description
 from stages.detection.models import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
 from storage.documents import MEGABYTE, read_bytes, reader_of
-from storage.errors import SourceError
+from storage.errors import NotWritten, SourceError
+from storage.files import write_atomically
 
 LARGEST = 64 * MEGABYTE
 """Bytes of a model file; a packed one may promise more than memory holds."""
@@ -154,13 +154,10 @@ def _put(contents: dict[ModelFile, bytes], source: str) -> list[str]:
             raise SourceError(f"{source}: {m.name} has sha256 {found}, the published one has {m.sha256}; nothing was kept. Take it from {MEDIAPIPE.file}")
     folder = blazepose_folder()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for m, content in contents.items():
-            fresh = folder / f".{m.name}.{os.getpid()}"
-            fresh.write_bytes(content)
-            fresh.replace(folder / m.name)
-    except OSError as e:
-        raise SourceError(f"cannot write models to {folder} ({e.strerror}); free it, or choose another place with XDG_CACHE_HOME") from e
+            write_atomically(folder / m.name, content)
+    except NotWritten as e:
+        raise SourceError(f"{e}; XDG_CACHE_HOME chooses another place for models") from e
     return [*_written(contents, folder), f"licence {MEDIAPIPE.licence}: https://github.com/google-ai-edge/mediapipe/blob/master/LICENSE"]
 
 

@@ -11,9 +11,11 @@ one atomic write.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
+import re
 import socket
 import threading
 import time
@@ -24,10 +26,13 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import psutil
 
 from storage.errors import LeaseHeld, LeaseLost
+from storage.files import refusals
+from storage.places import files_below, parse_json, read_file
 
 SUFFIX = ".lease"
 """Ending of a lease's file name."""
@@ -37,6 +42,10 @@ RENEWALS = 4
 """Renewals in the time of one lease."""
 CLAIM_SECONDS = 10.0
 """Age at which the claim to an ended lease was left behind by a contender that died in the moment it takes."""
+MOST_BYTES = 2**16
+"""Bytes of a lease that is read."""
+_TOKEN = re.compile(r"[A-Za-z0-9_\-]{0,64}")
+"""A token: files beside the lease are named after it."""
 SAME_START = 2.0
 """Seconds within which two readings of a process's start are the same process."""
 
@@ -110,16 +119,31 @@ def ended(holder: Holder, now: float) -> bool:
 
 
 def read_lease(file: Path, seconds: float) -> Holder | None:
-    """What a lease file says; None when there is none. One that is just being written counts as taken for `seconds`."""
+    """What a lease file says; None when there is none. One that is just being written counts as taken for `seconds`.
+
+    Raises Unsafe for a link or what is no file in its place.
+    """
     try:
-        text = file.read_bytes()
+        text = read_file(file, MOST_BYTES)
         changed = file.stat().st_mtime
     except FileNotFoundError:
         return None
     try:
-        return Holder(**json.loads(text))
+        return _holder(parse_json(text))
     except (ValueError, TypeError):
         return Holder("", "unknown", "unknown", "unknown", "", 0, 0.0, changed, changed + seconds)
+
+
+def _holder(said: dict[str, Any]) -> Holder:
+    """The holder that a lease names. Raises TypeError and ValueError for what no lease says."""
+    holder = Holder(**said)
+    texts = (holder.token, holder.run, holder.worker, holder.host, holder.boot, holder.ended)
+    numbers = (holder.pid, holder.started, holder.since, holder.until)
+    if not all(isinstance(t, str) for t in texts) or not all(type(n) in (int, float) and -1e9 < n < 2.5e11 for n in numbers):
+        raise TypeError("entries of a lease are texts and times")
+    if _TOKEN.fullmatch(holder.token) is None or type(holder.pid) is not int or not 0 <= holder.pid < 2**31:
+        raise ValueError("a lease has a token and a process")
+    return holder
 
 
 def _create(file: Path, holder: Holder) -> int:
@@ -206,7 +230,7 @@ class Lease:
 
     @classmethod
     def take(cls, file: Path, run: str, worker: str = "main", seconds: float = 60.0, clock: Callable[[], float] = time.time) -> Lease:
-        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld.
+        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld, and NotWritten.
 
         Args:
             file: where it lies.
@@ -215,7 +239,12 @@ class Lease:
             seconds: how long it holds without renewal.
             clock: seconds since the epoch.
         """
-        file.parent.mkdir(parents=True, exist_ok=True)
+        with refusals(file, LENGTH):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            return cls._take(file, run, worker, seconds, clock)
+
+    @classmethod
+    def _take(cls, file: Path, run: str, worker: str, seconds: float, clock: Callable[[], float]) -> Lease:
         while True:
             now = clock()
             holder = Holder(uuid.uuid4().hex, run, worker, socket.gethostname(), _boot(), os.getpid(), _own_start(os.getpid()), now, now + seconds)
@@ -274,7 +303,8 @@ class Lease:
             if self._handle >= 0:
                 os.close(self._handle)
                 self._handle = -1
-                _remove(self.file, lambda h: h.token == self.holder.token)
+                with contextlib.suppress(OSError):  # a disk that became read-only: the lease then ends by itself
+                    _remove(self.file, lambda h: h.token == self.holder.token)
 
     def __enter__(self) -> Lease:
         """The lease; it is dropped at the end, whatever happens."""
@@ -342,7 +372,7 @@ def wait_for(file: Path, run: str, seconds: float, patience: float, pause: float
 
 def living(folder: Path, seconds: float = 60.0) -> Iterator[tuple[Path, Holder]]:
     """All leases below a folder that have not ended."""
-    for file in sorted(folder.rglob(f"*{SUFFIX}")):
+    for file in (Path(f) for f in files_below(folder) if f.endswith(SUFFIX)):
         holder = read_lease(file, seconds)
         if holder is not None and not ended(holder, time.time()):
             yield file, holder

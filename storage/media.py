@@ -14,6 +14,7 @@ import numpy as np
 
 from storage.documents import reader_of, regular
 from storage.errors import SourceError
+from storage.files import ask_why, whole_file
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
@@ -96,18 +97,27 @@ def holds_integers(path: str | Path) -> bool:
 
 
 def write_png(path: str | Path, picture: np.ndarray) -> None:
-    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha."""
+    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha. Raises NotWritten."""
     if picture.dtype != np.uint8:
         raise ValueError(f"a PNG is written from uint8, got {picture.dtype} for {path}")
     _write(path, picture, "uint8", {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4})
 
 
 def write_exr(path: str | Path, picture: np.ndarray) -> None:
-    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes."""
+    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes. Raises NotWritten."""
     kinds = {np.dtype(np.float16): "half", np.dtype(np.float32): "float"}
     if picture.dtype not in kinds:
         raise ValueError(f"an EXR is written from float16 or float32, got {picture.dtype} for {path}")
     _write(path, picture, kinds[picture.dtype], {"compression": "zip", "DateTime": NO_TIME})
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file that was just written can be read to its end."""
+    try:
+        _read(path)
+    except SourceError:
+        return False
+    return True
 
 
 def _open(path: str | Path) -> tuple[Any, Any]:
@@ -173,7 +183,8 @@ def _write(path: str | Path, picture: np.ndarray, kind: str, attributes: dict[st
     out = oiio.ImageOutput.create(str(path))
     if out is None:
         raise ValueError(f"cannot write {path}: {_line(oiio.geterror())}")
-    done = out.open(str(path), spec) and out.write_image(values)
-    cause = out.geterror()
-    if not (out.close() and done):
-        raise SourceError(f"cannot write {path}: {_line(cause)}")
+    with whole_file(path, values.nbytes) as partial:
+        done = out.open(str(partial), spec) and out.write_image(values)
+        cause = out.geterror()
+        if not (out.close() and done and _is_whole(partial)):  # of a full disk the PNG writer says nothing
+            ask_why(partial, values.nbytes, _line(cause))

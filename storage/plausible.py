@@ -61,7 +61,7 @@ def check_camera(name: str, intrinsics: np.ndarray, distortion: np.ndarray, tran
     for at, value in enumerate(distortion):
         bound = TANGENTIAL if at in (2, 3) else RADIAL
         if not abs(value) <= bound:
-            raise CalibrationError(f"camera {name}: distortion {'k1 k2 p1 p2 k3 k4 k5 k6'.split()[at]} = {value:g} is beyond {bound:g}; coefficients of OpenCV's model are expected, of coordinates without unit (not pixels)")
+            raise CalibrationError(f"camera {name}: distortion {['k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'k5', 'k6'][at]} = {value:g} is beyond {bound:g}; coefficients of OpenCV's model are expected, of coordinates without unit (not pixels)")
     if not (far := float(np.abs(translation).max())) <= FARTHEST:
         raise CalibrationError(f"camera {name}: its translation holds {far:g} m, at most {FARTHEST:g} m are plausible; is it in millimetres? Divide it by 1000, or move the origin to the scene")
 

@@ -126,7 +126,7 @@ class CameraPath:
     """C target cameras over F frames: where pictures are rendered from."""
 
     kind: str
-    """held_out, orbit, arc, still or file."""
+    """between, held_out, orbit, arc, still, sway or file."""
     names: tuple[str, ...]
     """[C] camera names, used for folders and metrics."""
     intrinsics: np.ndarray

@@ -19,7 +19,7 @@ from storage import media
 from storage.capture import Capture, Stream
 from storage.documents import shortened
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
 from storage.importers.common import ImportOptions, folder, image_stream, mask_streams, numbered, picture_gaps, subfolders, video_streams, videos_in
 from storage.importers.joint_streams import picture_joints
 from storage.joint_files import read_easymocap
@@ -47,7 +47,6 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     if options.cameras is None:
         notes += [f"calibration {n} has no pictures and is left out" for n in calibrated if n not in names]
     rig = build_rig([_camera(n, intri, extri) for n in names], [s.size for s in pictures], half=False)
-    check_sizes(rig, pictures, options.crops)
     mask_root = next((base / f for f in ("masks", "mask") if (base / f).is_dir()), base / "masks")
     masks, more = mask_streams(names, [mask_root / n for n in names], pictures)
     notes += more

@@ -26,13 +26,6 @@ import OpenImageIO  # noqa: F401
 import safetensors.torch  # noqa: F401
 import zarr  # noqa: F401
 
-import dags.cli
-import dags.importing
-import dags.models
-import dags.network_weights
-import dags.simulate
-import dags.training_config
-import dags.training_state
 import stages.detection.onnx
 import stages.geometry.agreement
 import stages.geometry.path_file

@@ -147,7 +147,7 @@ WRONG = {
     "duplicate": (lambda b: write_calibration(b, ("01", "01", "10")), "camera name '01' occurs 2 times"),
     "no pictures": (lambda b: made.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
     "two sizes in a view": (lambda b: made.pictures(b / "images", ("01",), (7,), (32, 32)), "one camera has one size"),
-    "another size": (lambda b: made.pictures(b / "images", NAMES, size=(32, 24)), r"pictures are 32x24 px, the calibration is for 64x48 px.*scale: 2, offset: \[0, 0\]"),
+    "another size": (lambda b: made.pictures(b / "images", NAMES, size=(32, 32)), r"(?s)pictures are 32x32 px, the calibration is for 64x48 px.*scale: 2, offset: \[0, -8\]"),
     "one frame twice": (lambda b: write_png(b / "images/01/1.png", np.zeros((48, 64), np.uint8)), "two files are frame 1"),
     "no number": (lambda b: write_png(b / "images/01/first.png", np.zeros((48, 64), np.uint8)), r"first\.png holds no frame number"),
     "no picture": (lambda b: (b / "images/01/000001.png").write_text("x"), r"cannot read picture .*000001\.png"),
