@@ -14,7 +14,6 @@ from storage.errors import SourceError
 from storage.importers import caliscope, easymocap, images, pose2sim
 from storage.importers.common import ImportOptions
 from storage.importers.letterbox import fitted
-from storage.plausible import check_rate
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,7 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
     except ValidationError as e:
         faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
         raise SourceError(f"options of {layout}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
-    capture = importer.find(Path(source).resolve(), checked)
-    check_rate(str(source), capture.frame_rate)
-    return _with_roles(fitted(capture, checked.crops), checked.held_out)
+    return _with_roles(fitted(importer.find(Path(source).resolve(), checked), checked.crops), checked.held_out)
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:
