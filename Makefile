@@ -72,6 +72,7 @@ bench-motorcycle: $(STAMP)
 bench-mattes: $(STAMP)
 	$(BIN)/python -m benchmarks.mattes simulated
 	$(BIN)/python -m benchmarks.mattes balance $(or $(CAPTURES),../shared/captures)/balance
+	$(BIN)/python -m benchmarks.mattes given $(or $(CAPTURES),../shared/captures)/balance
 
 # What every effect of the simulator costs, and what leaving it out saves.
 bench-effects: $(STAMP)

@@ -22,9 +22,9 @@ from dags.training_folder import RunFolder, read_rows
 from dags.yaml_marks import load
 from stages.network.card import read_card
 from stages.training.config import TrainingConfig
-from storage.archive import write_atomically
 from storage.checkpoints import steps_kept
 from storage.errors import ConfigError
+from storage.files import write_atomically
 
 Numbers = dict[str, float]
 PLAIN = "default"

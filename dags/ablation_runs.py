@@ -25,7 +25,7 @@ from dags.wording import number
 from stages.capture.scene import Scene
 from stages.network.params import NetworkParams
 from stages.training.config import TrainingConfig
-from storage.archive import write_atomically
+from storage.files import make_folder, whole_file, write_atomically
 
 SHIPPED = "fast"
 """Weights that a run has where neither a file is named nor the default is trained."""
@@ -199,9 +199,10 @@ def _filmed(scene: Scene, folder: Path, threads: int, say: Callable[[str], None]
     partial = folder.with_suffix(".partial")
     for old in (partial, folder):
         shutil.rmtree(old, ignore_errors=True)
-    partial.mkdir(parents=True)
+    make_folder(partial)
     staged, truth = film_capture(scene, partial, threads)
-    np.save(partial / JOINTS, truth["joints3d"][..., :3].astype(np.float64))
+    with whole_file(partial / JOINTS) as joints, open(joints, "wb") as f:
+        np.save(f, truth["joints3d"][..., :3].astype(np.float64))
     held_out = held_out_setting(staged)
     write_atomically(partial / about.name, as_json({"scene": wanted, "held_out": held_out}))
     os.replace(partial, folder)

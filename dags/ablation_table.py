@@ -15,7 +15,7 @@ from dags.ablation_runs import RunCell
 from dags.wording import number
 from stages.capture.casting import FIRST_VALIDATION_SEED
 from stages.training.config import TrainingConfig
-from storage.archive import write_atomically
+from storage.files import write_atomically
 
 ENOUGH = 3
 """Seeds from which on a row may be claimed."""

@@ -5,6 +5,7 @@ Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from dags import tables
+from dags import roles, tables
 from dags.cli_ablate import ablate
 from dags.cli_inspect import inspect
 from dags.cli_models import models
@@ -24,20 +25,26 @@ from dags.cli_options import (
     JsonOption,
     OnlyOption,
     PathOption,
+    QuietOption,
+    ReplaceOption,
     SchedulerOption,
     SequenceOption,
     SetOption,
+    VerboseOption,
     console,
     errors,
     open_session,
     say,
     selected,
+    voice,
 )
 from dags.cli_train import train
+from dags.outputs import output_file, output_folder
 from dags.plan import Selection
 from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
+from storage.files import FULL
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -54,6 +61,7 @@ def import_capture(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")] = False,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -69,7 +77,7 @@ def import_capture(
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)
-    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
+    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy, replace)
     say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
@@ -81,6 +89,7 @@ def simulate(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
     output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
     threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -92,8 +101,10 @@ def simulate(
     from dags.simulate import scene_file
     from dags.simulate import simulate as film_scene
 
+    if output is not None:
+        output_folder("simulate --output", output)
     path = scene_file(scene)
-    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
+    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace)
 
 
 @app.command()
@@ -109,6 +120,7 @@ def plan(
     scheduler: SchedulerOption = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
     json: JsonOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Say what a run would do, and why, without doing it.
 
@@ -118,6 +130,10 @@ def plan(
     from dags.projection import project
 
     session = open_session(config, assignments, archive, scheduler, json)
+    if picture:
+        from dags.picture import WRITERS
+
+        output_file("plan --picture", picture, WRITERS)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
     if picture:
         from dags.picture import write_picture
@@ -128,10 +144,11 @@ def plan(
 
         tell_plans(plans, failed)
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
+    say(roles.told(p.context for p in plans))
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
-        say(effects_reasons(p))
+        say(effects_reasons(p, every=verbose))
         say(list(p.notes), "yellow")
         if p.all_fresh:
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
@@ -154,16 +171,18 @@ def run(
     path: PathOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
 
     Example: posegaussian run --sequence balance --config balance.yaml
     """
-    session = open_session(config, assignments, archive, scheduler, json)
+    session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
     selection = selected(only, start, force)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
     session.say(failed, "red")
-    raise typer.Exit(session.run_and_report(plans, selection, failed))
+    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True))
 
 
 @app.command()
@@ -183,12 +202,15 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from dags.context import Context
     from dags.spending import Spending
     from dags.status import every_standing
 
     names = session.names(sequence or ())
     standings, failed = every_standing(session, names)
-    console.print(tables.status_table(standings))
+    for table in tables.status_tables(standings, console.width):
+        console.print(table)
+    say(roles.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)
@@ -324,13 +346,15 @@ def tradeoff(
     """
     from dags.tradeoff import run_tradeoff
 
+    if output is not None:
+        output_folder("tradeoff --output", output)
     run_tradeoff(open_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
 
 
 @app.command()
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[str | None, typer.Option("--path", help='Camera path: orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
+    path: Annotated[str | None, typer.Option("--path", help='Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
     video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
     frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
@@ -342,6 +366,8 @@ def export(
     config: ConfigOption = None,
     assignments: SetOption = None,
     scheduler: SchedulerOption = None,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run what is missing for a camera path, then write video, pictures, a contact sheet, or the Gaussians themselves.
 
@@ -351,8 +377,9 @@ def export(
 
     order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
-    session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler)
+    session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
     p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed)
+    order.check(p.context)
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
@@ -377,6 +404,7 @@ def demo(
     """
     from dags.demo import run_demo
 
+    output_folder("demo --output", output)
     raise typer.Exit(run_demo(output, size, frames, scheduler, console))
 
 
@@ -385,13 +413,15 @@ def main() -> None:
     try:
         app()
     except UserError as e:
-        for line in str(e).splitlines():
-            errors.print(f"[red]error:[/red] {escape(line)}", soft_wrap=True)
+        for line in str(e).splitlines():  # indented lines are settings to copy, as they stand
+            errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
         sys.exit(2)
     except OSError as e:
-        if e.filename is None:
+        if e.filename is None and e.errno not in FULL:
             raise
-        errors.print(f"error: {e.filename}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        errors.print(f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        if e.filename is None:  # what is left of the output would be tried once more at the end, and fail with a traceback
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted; what is done is kept, the next run goes on from here")

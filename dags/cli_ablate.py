@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dags.cli_options import SetOption, say
+from dags.outputs import output_folder
 
 
 def ablate(
@@ -40,6 +41,8 @@ def ablate(
         raise ConfigError(f"--device {device}: auto, cpu or cuda")
     settings = with_steps(load_training(config, assignments or []), steps)
     own = max(1, cores() // 2) if workers is None else workers
+    if output is not None:
+        output_folder("ablate --output", output)
     folder = output or Path(f"ablation-{config.stem if config else 'default'}")
     names = tuple(name.strip() for name in only.split(",")) if only else ()
     order = AblationOrder(settings, folder, _seeds(seeds), names, frames, minutes, threads or max(1, cores() - own), own, device, weights)

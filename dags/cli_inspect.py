@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dags.cli_options import ArchiveOption, ConfigOption, SetOption, console, open_session
+from dags.outputs import output_folder
 
 
 def inspect(
@@ -24,6 +25,8 @@ def inspect(
     from dags.context import Context
     from dags.inspecting import run_inspection
 
+    if output is not None:
+        output_folder("inspect --output", output)
     session = open_session(config, assignments, archive)
     name = session.one_name(sequence)
     # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.

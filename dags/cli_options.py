@@ -11,6 +11,8 @@ from rich.console import Console
 
 from dags.plan import Selection
 from dags.session import Session
+from dags.wording import Voice
+from storage.errors import ConfigError
 
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
@@ -23,14 +25,24 @@ OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch thes
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
 PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
+ReplaceOption = Annotated[bool, typer.Option("--replace", help="Put this capture in the place of another one of that name, and delete what was computed from that.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
+VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say warnings, failures and the result alone.")]
 SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
 
 
-def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False) -> Session:
+def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False, voice: Voice = Voice.NORMAL) -> Session:
     """The session of a command's options. Raises ConfigError listing every fault of the configuration."""
     session = Session.open(config, [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])], archive, errors if machine else console)
-    return replace(session, machine=machine)
+    return replace(session, machine=machine, voice=voice)
+
+
+def voice(verbose: bool, quiet: bool) -> Voice:
+    """How much a command says. Raises ConfigError where both options are given."""
+    if verbose and quiet:
+        raise ConfigError("--verbose and --quiet exclude each other; leave one of them out")
+    return Voice.VERBOSE if verbose else Voice.QUIET if quiet else Voice.NORMAL
 
 
 def selected(only: list[str] | None, start: str | None, force: list[str] | None) -> Selection:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dags.cli_options import SetOption, say
+from dags.outputs import output_folder
 
 
 def train(
@@ -33,5 +34,7 @@ def train(
         raise ConfigError(f"--device {device}: auto, cpu or cuda")
     settings = load_training(config, assignments or [])
     own = max(1, cores() // 2) if workers is None else workers
+    if output is not None:
+        output_folder("train --output", output)
     folder = output or Path(f"training-{config.stem if config else 'default'}")
     run(Order(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device), lambda line: say([line]))

@@ -41,7 +41,7 @@ class ViewSettings(Params):
     """Roles of the cameras."""
 
     sources: list[str] | None = setting(None, "Cameras to reconstruct from; null: all that are not held out.")
-    held_out: list[str] = setting([], "Cameras that only metrics may look at.")
+    held_out: list[str] | None = setting(None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none.")
 
 
 class RunSettings(Params):
@@ -104,9 +104,14 @@ class Configuration:
             values = merge(values, self.overrides[g])
         return Settings.model_validate({k: v for k, v in values.items() if k != "sequences"})
 
-    def as_yaml(self) -> str:
-        """The effective settings, kept in the archive by every run."""
-        return yaml.safe_dump({**self.default.model_dump(mode="json"), "sequences": self.overrides}, sort_keys=False)
+    def as_yaml(self, paths: Sequence[str] = ()) -> str:
+        """The effective settings, kept in the archive by every run; `paths` that it was asked for take the place of all others."""
+        values = {**self.default.model_dump(mode="json"), "sequences": self.overrides}
+        if paths:
+            own = {"rendering": {"paths": list(paths)}}
+            named = {g: merge(o, own) if "paths" in (o.get("rendering") or {}) else o for g, o in self.overrides.items()}
+            values = {**merge(values, own), "sequences": named}
+        return yaml.safe_dump(values, sort_keys=False)
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

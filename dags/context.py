@@ -16,8 +16,9 @@ from stages.depth.params import SINGLE_SOURCE
 from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
 from stages.detection.stage import ESTIMATED
 from stages.frames.layout import captured_to_calibrated, frames_rig
-from stages.frames.params import GIVEN_DEPTH, SEGMENTED
+from stages.frames.params import GIVEN_DEPTH, SEGMENTED, wants_segmentation
 from stages.geometry.paths import make_path
+from stages.geometry.stretch import best_stretch
 from stages.io import Views
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
@@ -42,6 +43,8 @@ class Context:
     """Camera paths as written: in the settings, or asked for by an export."""
     noted: Mapping[str, np.ndarray] = field(default_factory=dict)
     """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    asked_for: bool = False
+    """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
@@ -66,21 +69,29 @@ class Context:
         return getattr(self.settings, stage.name)
 
     @cached_property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that are set to be sources."""
+        roles = self.settings.views
+        if roles.held_out is not None:
+            return tuple(roles.held_out)
+        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in (roles.sources or ()))
+
+    @cached_property
     def views(self) -> Views:
         """Roles of the cameras. Raises ConfigError for names that the capture does not have or that play both roles."""
         names = self.capture.rig.names
-        roles = self.settings.views
-        for key, chosen in (("sources", roles.sources or []), ("held_out", roles.held_out)):
+        roles, held_out = self.settings.views, self.held_out
+        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out)):
             for name in chosen:
                 if name not in names:
                     raise ConfigError(f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
-        sources = roles.sources if roles.sources is not None else [n for n in names if n not in roles.held_out]
-        both = sorted(set(sources) & set(roles.held_out))
+        sources = roles.sources if roles.sources is not None else [n for n in names if n not in held_out]
+        both = sorted(set(sources) & set(held_out))
         if both:
             raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
         if not sources:
             raise ConfigError(f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out")
-        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in roles.held_out))
+        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in held_out))
 
     @cached_property
     def active_views(self) -> tuple[int, ...]:
@@ -92,10 +103,16 @@ class Context:
         """Cameras of `frames/*`."""
         return frames_rig(self.capture.rig, self.settings.frames)
 
+    def rig_of(self, stage: Stage) -> Rig:
+        """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
+        if stage.longest is None:
+            return self.rig
+        return frames_rig(self.capture.rig, self.settings.frames.model_copy(update={"size": stage.longest}))
+
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
-        """[V, 3] (scale, dx, dy) of `frames.crop`."""
-        return captured_to_calibrated(self.capture.rig, self.settings.frames)
+        """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""
+        return captured_to_calibrated(self.capture.rig, {**self.capture.crops, **self.settings.frames.crop})
 
     @cached_property
     def source_frames(self) -> np.ndarray:
@@ -144,7 +161,6 @@ class Context:
         facts = {
             **dict.fromkeys(known, True),
             ESTIMATED: estimator in ("blazepose", "onnx"),
-            SEGMENTED: estimator == "blazepose",
             "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
             "joints3d": here and estimator != "none",
             "masks": every("masks"),
@@ -155,13 +171,15 @@ class Context:
             "several_frames": len(capture.numbers) > 1,
             "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
         }
-        return frozenset(k for k, present in facts.items() if present)
+        found = frozenset(k for k, present in facts.items() if present)
+        return found | {SEGMENTED} if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found)) else found
 
     @property
     def estimator(self) -> DetectionParams:
-        """The settings of detection, with `auto` resolved."""
-        params = self.settings.detection
-        return params.model_copy(update={"estimator": estimator_choice(params, self.capture_facts)[0]})
+        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints were given."""
+        params, facts = self.settings.detection, self.capture_facts
+        answer = "blazepose" if SEGMENTED in facts and ESTIMATED not in facts else estimator_choice(params, facts)[0]
+        return params.model_copy(update={"estimator": answer})
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -211,10 +229,21 @@ class Context:
     @cached_property
     def paths(self) -> dict[str, CameraPath]:
         """{`<kind>-<8 hex>`: cameras} of every path asked for."""
-        made = [make_path(t, self.rig, self.views, self.source_frames, self.settings.depth.subject_distance) for t in self.path_texts]
-        for p in made:
-            check_camera_names(p.names)
-        return {p.name: p for p in made}
+        return {path.name: path for path in self._made_paths.values()}
+
+    @cached_property
+    def _made_paths(self) -> dict[str, CameraPath]:
+        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
+        depth, frames = self.settings.depth, self.source_frames
+        limits = (depth.subject_distance, depth.max_angle)
+        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        for path in made.values():
+            check_camera_names(path.names)
+        return made
+
+    def path_text(self, name: str) -> str:
+        """The text that asked for a path, by the path's name."""
+        return next(text for text, path in self._made_paths.items() if path.name == name)
 
     @cached_property
     def joint_set(self) -> str | None:
@@ -243,6 +272,8 @@ class Context:
         }
         if self.joint_set is not None:
             shape["joint"] = len(JOINT_SETS[self.joint_set].names)
+        if self.capture_facts & {ESTIMATED, SEGMENTED}:
+            shape["found_joint"] = len(JOINT_SETS[named_joint_set(self.estimator)].names)
         if path is not None:
             size = self.paths[path].size
             shape |= {"camera": len(size), "camera_y": int(size[:, 1].max()), "camera_x": int(size[:, 0].max())}
@@ -254,15 +285,28 @@ class Context:
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}
 
+    def _unexplained_sizes(self) -> list[str]:
+        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they relate: archives made before imports found that out."""
+        known, rig = {*self.capture.crops, *self.settings.frames.crop}, self.capture.rig
+        sizes = {n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)}
+        return [
+            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which finds out how they relate, or say it with frames.crop"
+            for n, ((w, h), (cw, ch)) in sizes.items()
+            if (w, h) != (cw, ch) and n not in known
+        ]
+
     def refusals(self) -> list[str]:
         """Sentences about settings this capture cannot serve."""
         gone = self.unneeded()
-        return [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None] + refusals(self.evidence, self.effects)
+        own = [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
+        return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
 
 
-def default_path(views: Views) -> str:
-    """What is rendered unless something else is asked for: the held-out cameras, else an orbit, which a single source view has little to show in."""
-    return "held_out" if views.held_out else "orbit" if len(views.sources) > 1 else "sway"
+def default_path(context: Context) -> str:
+    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that depth can match, else near one."""
+    if context.views.held_out:
+        return "held_out"
+    return "sway" if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None else "between"
 
 
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
@@ -270,9 +314,9 @@ def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ())
 
     Raises ConfigError when a stage refuses its settings for this capture.
     """
-    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()))
+    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
-        context = replace(context, path_texts=(default_path(context.views),))
+        context = replace(context, path_texts=(default_path(context),))
     refusals = context.refusals()
     if refusals:
         raise ConfigError("\n".join(refusals))

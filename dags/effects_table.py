@@ -32,9 +32,11 @@ def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
     return table
 
 
-def effects_reasons(plan: Plan) -> list[str]:
-    """`NAME state: why`, one sentence for every row of the table."""
-    return [f"{v.effect.name} {v.state}: {_why(v)}" for v in plan.context.effects.values()] + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
+def effects_reasons(plan: Plan, every: bool = True) -> list[str]:
+    """`NAME state: why`, one sentence for every row of the table; else of what changes the pictures: what is on, forced or chosen."""
+    effects = [v for v in plan.context.effects.values() if every or v.state == "on" or v.setting != "auto"]
+    told = [f"{v.effect.name} {v.state}: {_why(v)}" for v in effects]
+    return told + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
 
 
 def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:

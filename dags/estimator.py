@@ -12,7 +12,7 @@ from pathlib import Path
 from stages.detection.description import Description, read_description
 from stages.detection.estimator import Estimator
 from stages.detection.models import BLAZEPOSE, model_files
-from stages.detection.params import DetectionParams
+from stages.detection.params import BLAZEPOSE_JOINTS, DetectionParams
 from storage.capture import SourceFile
 from storage.spec import digest
 
@@ -29,7 +29,7 @@ def blazepose_is_here() -> bool:
 
 def named_joint_set(params: DetectionParams) -> str:
     """Id of the joint set of a resolved estimator. Raises SourceError for a description that cannot be read."""
-    return "blazepose33" if params.estimator == "blazepose" else described(params).joint_set
+    return BLAZEPOSE_JOINTS if params.estimator == "blazepose" else described(params).joint_set
 
 
 @lru_cache(maxsize=8)

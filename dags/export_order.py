@@ -8,6 +8,7 @@ from pathlib import Path
 from dags import backdrop, exporting, exporting_splats
 from dags.backdrop import Backdrop
 from dags.context import Context
+from dags.outputs import output_file, output_folder
 from dags.plan import Plan
 from dags.results import Results
 from dags.tasks import Product
@@ -35,7 +36,10 @@ class ExportOrder:
 
     @classmethod
     def of(cls, video: Path | None, frames: Path | None, sheet: Path | None, splats: Path | None, views: tuple[str, ...], alpha: bool, background: str) -> ExportOrder:
-        """From the command's options. Raises ConfigError where nothing is asked for, or two wishes exclude each other."""
+        """From the command's options.
+
+        Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where it is named.
+        """
         if not (video or frames or sheet or splats):
             raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
         behind = backdrop.parse(background)
@@ -43,6 +47,12 @@ class ExportOrder:
             raise ConfigError(f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames FOLDER")
         if behind.kind != "none" and alpha:
             raise ConfigError(f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out")
+        for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png")):
+            if file is not None:
+                output_file(f"export {option}", file, (ending,))
+        for option, folder in (("--frames", frames), ("--splats", splats)):
+            if folder is not None:
+                output_folder(f"export {option}", folder)
         return cls(video, frames, sheet, splats, views, alpha, behind)
 
     @property
@@ -54,6 +64,16 @@ class ExportOrder:
         """What must be there when the run is over, whatever `keep` says."""
         found = exporting.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(context, self.backdrop)
         return found | (exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views)) if self.splats else frozenset())
+
+    def check(self, context: Context) -> None:
+        """Raise UserError, before anything runs, where the files of this sequence would mix with those of something else."""
+        if self.frames:
+            from storage.exporters.frames import refuse_strangers
+
+            for path in context.paths.values():
+                refuse_strangers(self.frames, path.names, context.source_frames)
+        if self.splats:
+            exporting_splats.refuse_strangers(context, self.splats)
 
     def write(self, plan: Plan) -> list[str]:
         """Write everything from a finished plan; returns sentences about the files."""

@@ -136,8 +136,6 @@ def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.
 
 def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False, backdrop: Backdrop = BLACK) -> list[str]:
     """Write what was asked for of every path of a finished plan; returns sentences about the files."""
-    if sheet and sheet.suffix.lower() != ".png":
-        raise UserError(f"a contact sheet is a PNG; name it {sheet.with_suffix('.png')} instead of {sheet}")
     results = Results(p.context)
     said = []
     for chosen in p.context.paths.values():

@@ -40,17 +40,28 @@ def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[
 
     context = results.context
     views = chosen_views(context, names)
-    files = [folder / f"{number:06d}.ply" for number in context.source_frames]
-    folder.mkdir(parents=True, exist_ok=True)
-    strangers = sorted(set(folder.glob("*.ply")) - set(files))
-    if strangers:
-        raise UserError(f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; empty it or name another folder")
+    files = _files(context, folder)
+    refuse_strangers(context, folder)
     counts = []
     for frame, file in enumerate(files):
         splats = frame_splats(results, frame, views)
         write_splats(file, splats)
         counts.append(len(splats))
     return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {', '.join(context.views.names[v] for v in views)}"]
+
+
+def _files(context: Context, folder: Path) -> list[Path]:
+    return [folder / f"{number:06d}.ply" for number in context.source_frames]
+
+
+def refuse_strangers(context: Context, folder: Path) -> None:
+    """Raise UserError when the folder holds splat files that an export of this sequence would leave beside its own."""
+    strangers = sorted(set(folder.glob("*.ply")) - set(_files(context, folder)))
+    if strangers:
+        raise UserError(
+            f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; "
+            "empty it or name another folder"
+        )
 
 
 def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:

@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from storage.errors import LeaseHeld, LeaseLost, ShardCorrupt, ShardMissing, UserError
+from storage.errors import LeaseHeld, LeaseLost, NotWritten, OtherCode, SchedulerLost, ShardCorrupt, ShardMissing, UserError
 
 if TYPE_CHECKING:
     from dags.events import TaskFailed
@@ -33,9 +33,13 @@ class Kind(Enum):
     LOST = "lease lost"
     """It was suspended past its lease: tried again, which finds out what came of it in the meantime."""
     HELD = "held by another run"
-    """Another run works on it: looked at again when all else is done, then left to that run."""
+    """Another run works on it: waited for, and done here if that run gives it up."""
     CORRUPT = "damaged input"
     """It read a shard that is missing or damaged: the shard is made again, then it is tried once more."""
+    UNFIT = "other code"
+    """No worker has the code and the libraries of the run: it fails at once, what comes of it would not be what was asked for."""
+    UNREACHED = "scheduler lost"
+    """Nobody is there any more who could run it: the run ends, the next one goes on."""
     SPARED = "spared"
     """It waited on a worker that died of another task: handed out again, as if nothing had happened."""
 
@@ -61,8 +65,8 @@ class TaskTimedOut(Exception):
 NOT_TRANSIENT = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 """System errors that do not pass by waiting."""
 
-NOT_TRANSIENT_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL)
-"""Disk or quota full, read-only, names and values no system accepts: these do not pass by waiting either."""
+NOT_TRANSIENT_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOENT)
+"""Disk or quota full, read-only, forbidden, names and values no system accepts: these do not pass by waiting either."""
 
 TRANSIENT_WORDS = ("cuda error: unknown error", "cuda driver error: unknown error")
 """What a device says that is well again a moment later."""
@@ -79,7 +83,11 @@ def classify(error: BaseException) -> Kind:
         return Kind.LOST
     if isinstance(error, ShardCorrupt | ShardMissing):
         return Kind.CORRUPT
-    if isinstance(error, UserError):
+    if isinstance(error, OtherCode):
+        return Kind.UNFIT
+    if isinstance(error, SchedulerLost):
+        return Kind.UNREACHED
+    if isinstance(error, UserError) and not isinstance(error, NotWritten):
         return Kind.DETERMINISTIC
     if isinstance(error, TaskTimedOut):
         return Kind.TIMEOUT

@@ -10,6 +10,12 @@
 | variants | archives of `tradeoff` | `tradeoff` |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
+Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk that
+is full to the last byte `apply` therefore first deletes, piece by piece and only until the lease can be written, of what
+it was told to delete: half written files and stray shards, then tasks with their receipts, and of arrays the shards of
+one output at a time. Nobody can begin there meanwhile, as a run needs a lease, too. A kill in that moment leaves at
+worst a receipt whose shard is missing, which the next plan sees: that one output is then made again where it is needed.
+
 Never offered: sources, copied or not, cameras, constants of the survey, receipts of what stays, anything of a stage that this
 version does not know, and, while a source file is missing, anything that was computed from the sources.
 """
@@ -18,9 +24,11 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial as given
 from pathlib import Path
+from typing import TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
@@ -38,7 +46,8 @@ from dags.wording import number
 from stages.registry import stage as stage_named
 from storage.archive import Archive
 from storage.archive import Sequence as Group
-from storage.errors import ConfigError
+from storage.errors import ConfigError, NotWritten
+from storage.files import FULL
 from storage.lease import SUFFIX, wait_for
 from storage.ledger import RUNS
 from storage.places import files_below, folders_in
@@ -48,6 +57,14 @@ from storage.sweep import bytes_of, delete_files, delete_folder, drop_outputs, f
 
 KINDS = ("arrays", "paths", "range", "stages", "strays", "variants", "runs")
 """Kinds of what could go, as `--kind` names them."""
+
+EASIEST = ("runs", "variants", "strays", "paths", "range", "stages", "arrays")
+"""Kinds in the order in which they are deleted: those first that need no room themselves."""
+
+END = object()
+"""What is left when all pieces are gone."""
+
+T = TypeVar("T")
 
 KEPT_RUNS = 20
 """Newest runs whose settings and logs stay."""
@@ -69,6 +86,8 @@ class Item:
     """What would have to be computed again, and when."""
     delete: Callable[[], object]
     """Deletes it."""
+    pieces: Callable[[], Iterator[None]] = lambda: iter(())
+    """Deletes it, too, one piece with every step, and writes nothing: for a disk on which nothing can be written."""
 
 
 def items(plans: Sequence[Plan], archive: Archive) -> list[Item]:
@@ -88,21 +107,45 @@ def notes(plans: Sequence[Plan]) -> list[str]:
 
 
 def apply(chosen: Sequence[Item], plans: Sequence[Plan]) -> int:
-    """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a sequence."""
+    """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a sequence, NotWritten where there is no room for its own lease and none can be made."""
     sequences = {p.context.sequence.name: p.context.sequence for p in plans}
     for sequence in sequences.values():
         presence.refuse_busy(sequence, "gc --apply")
     freed = 0
-    for item in chosen:
+    for item in sorted(chosen, key=lambda i: EASIEST.index(i.kind)):
         if item.sequence:
-            own = sequences[item.sequence]
-            with wait_for(own.receipts / f"_arrays{SUFFIX}", "gc", 60.0, presence.PATIENCE):
-                presence.refuse_busy(own, "gc --apply")
-                item.delete()
+            _delete(sequences[item.sequence], item)
         else:
             item.delete()
         freed += item.bytes
     return freed
+
+
+def _delete(sequence: Group, item: Item) -> None:
+    """Delete under the lease of a sequence's arrays; where the disk has no room for what that writes, pieces of the item make some.
+
+    Raises NotWritten where all pieces did not.
+    """
+    pieces = item.pieces()
+    while True:
+        try:
+            with wait_for(sequence.receipts / f"_arrays{SUFFIX}", "gc", 60.0, presence.PATIENCE):
+                presence.refuse_busy(sequence, "gc --apply")
+                item.delete()
+            return
+        except NotWritten as e:
+            if e.errno not in FULL:
+                raise
+            presence.refuse_busy(sequence, "gc --apply")
+            if next(pieces, END) is END:
+                raise
+
+
+def _one_by_one(delete: Callable[[T], object], things: Iterable[T]) -> Iterator[None]:
+    """Delete one of some things with every step."""
+    for thing in things:
+        delete(thing)
+        yield
 
 
 def _arrays(plan: Plan) -> Iterator[Item]:
@@ -120,7 +163,11 @@ def _arrays(plan: Plan) -> Iterator[Item]:
             for task, outputs in tasks.items():
                 plan.book.receipts[task] = drop_outputs(sequence, plan.book.receipts[task], outputs)
 
-        yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop)
+        def pieces(tasks: dict[Task, list[tuple[str, int | None]]] = tasks) -> Iterator[None]:
+            kept = (o for task, outputs in tasks.items() for o in plan.book.receipts[task].outputs if (o.array, o.view) in outputs and not o.dropped)
+            return _one_by_one(lambda o: delete_files(sequence.root / f.key for f in o.files), kept)
+
+        yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop, pieces)
 
 
 def _cost(plan: Plan, tasks: list[Task]) -> str:
@@ -152,7 +199,8 @@ def _unwanted(plan: Plan) -> Iterator[Item]:
 
         stages = " and ".join(dict.fromkeys(r.stage for r in receipts))
         again = {"paths": f"{stages} when the path is asked for again", "range": f"{stages} when the range covers it again", "stages": f"{stages} under settings that need it"}[kind]
-        yield Item(kind, sequence.name, subject, sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped), again, remove)
+        size = sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped)
+        yield Item(kind, sequence.name, subject, size, again, remove, lambda receipts=receipts: _one_by_one(given(forget, sequence), receipts))  # type: ignore[misc]
 
 
 def _kind(plan: Plan, task: Task) -> str | None:
@@ -192,9 +240,9 @@ def _strays(plan: Plan) -> Iterator[Item]:
                 if p.is_dir():
                     delete_folder(p)
 
-        yield Item("strays", sequence.name, f"{len(partial)} half written files, {len(loose)} shards without a receipt", size, "nothing", remove)
+        yield Item("strays", sequence.name, f"{len(partial)} half written files, {len(loose)} shards without a receipt", size, "nothing", remove, lambda: _one_by_one(lambda p: delete_files([p]), [p for p in [*partial, *loose] if p.is_file()]))
     for folder in leftovers(sequence):
-        yield Item("strays", sequence.name, f"left over from resharding: {folder.name}", folder_bytes(folder), "nothing", lambda folder=folder: delete_folder(folder))  # type: ignore[misc]
+        yield Item("strays", sequence.name, f"left over from resharding: {folder.name}", folder_bytes(folder), "nothing", lambda folder=folder: delete_folder(folder), lambda folder=folder: _one_by_one(delete_folder, [folder]))  # type: ignore[misc]
 
 
 def _path_folders(sequence: Group) -> list[Path]:

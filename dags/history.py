@@ -18,7 +18,10 @@ from rich.table import Table
 from dags.events import EffectPlanned, Event, RunEnded, SequenceRefused, StageUnneeded, TaskFailed, TaskFresh, TaskPlanned, event_name, record
 from dags.plan import Plan
 from dags.tasks import Task
+from dags.wording import number
 from storage.archive import Archive
+from storage.errors import NotWritten
+from storage.files import refusals
 from storage.ledger import EVENTS, KEY, RUNS, run_events
 from storage.receipts import ReceiptKey, read_receipt
 
@@ -34,26 +37,44 @@ def stamped(event: Event) -> str:
 class RunLog:
     """Appends every event of a run to `_runs/<start>/events.jsonl`; what was fresh is counted by the last line alone.
 
-    Lines are written as things happen, so the log of a run that was killed says how far it came.
+    Lines are written as things happen, so the log of a run that was killed says how far it came. What the disk does not
+    take is kept and tried again with the next event: a log must not end the run that it is about.
     """
 
     def __init__(self, folder: Path) -> None:
         """The folder of the run; the file is made by the first event."""
         self.file = folder / EVENTS
-        self._open: IO[str] | None = None
+        self._open: IO[bytes] | None = None
+        self._left = b""
+        """Told, and not on disk yet."""
+        self._why = ""
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         if isinstance(event, TaskFresh):
             return
-        if self._open is None:
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            self._open = open(self.file, "a", encoding="utf-8")  # noqa: SIM115  closed when the run ends
-        self._open.write(stamped(event) + "\n")
-        self._open.flush()
-        if isinstance(event, RunEnded):
+        self._left += f"{stamped(event)}\n".encode()
+        try:
+            with refusals(self.file):
+                self._write()
+        except NotWritten as e:
+            self._why = str(e)
+        if isinstance(event, RunEnded) and self._open is not None:
             self._open.close()
             self._open = None
+
+    def _write(self) -> None:
+        if self._open is None:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            self._open = open(self.file, "ab", buffering=0)  # noqa: SIM115  closed when the run ends
+        while self._left:
+            self._left = self._left[self._open.write(self._left) :]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What the user should know after the run: whether the log lacks events."""
+        lost = self._left.count(b"\n")
+        return [f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do not know of them: {self._why}"] if lost else []
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dags.replacing import make_room, same
 from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
-from storage.archive import Archive, Sequence
+from storage.archive import SOURCES, Archive, Sequence
 from storage.capture import PER_VIEW, Capture, SourceFile, Stream
-from storage.errors import BrokenRecord, ConfigError, SourceError
+from storage.errors import ConfigError, NotWritten, SourceError
+from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
 from storage.places import check_camera_names
@@ -46,42 +49,49 @@ def partition_length(capture: Capture, settings: Any) -> int:
         return int(wanted.frames)
     rig = frames_rig(capture.rig, settings.frames)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
-    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "frame": 1, "view": 1, "person": settings.detection.people}
+    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
     specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
     largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
     return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
 
 
-def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False) -> tuple[Sequence, list[str]]:
+def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False) -> tuple[Sequence, list[str]]:
     """Write a capture into the archive; returns the sequence and sentences about what was decided.
 
-    A sequence that exists keeps its partition length, so that what was computed stays usable.
+    A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where it
+    holds another capture, unless that is to be replaced.
     """
     archive.check_sequence_name(name)
     check_camera_names(capture.rig.names)
     capture.rig.check()
     said = []
     length = partition_length(capture, settings)
-    old = _registered_length(archive, name)
-    if old is not None:
-        said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
-        length = old
+    old = make_room(archive, name, same(capture), "this", replace)
     if copy:
-        capture = _copied(capture, archive.place(f"{name}/_sources"))
+        capture = _copied_whole(capture, archive.place(name))
+    if old is not None:
+        said.append(_updated(old, capture, length))
+        length = old.partition_frames
     return archive.create_sequence(name, capture, length), said
 
 
-def _registered_length(archive: Archive, name: str) -> int | None:
-    """Partition length of a sequence that exists; None for a new one, and for one whose record is broken and is replaced now.
+def _updated(old: Sequence, capture: Capture, length: int) -> str:
+    """What importing the capture of a sequence again does to it."""
+    if json.dumps(capture.to_json()) == json.dumps(old.record["capture"]):
+        return f"sequence {old.name} is unchanged"
+    kept = f", and its partitions of {old.partition_frames} frames" if old.partition_frames != length else ""
+    return f"sequence {old.name} was registered before; its results are kept where they still hold{kept}"
 
-    Raises ArchiveError for a sequence of a newer format.
-    """
-    if name not in archive.names():
-        return None
+
+def _copied_whole(capture: Capture, root: Path) -> Capture:
+    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
+    new = not root.exists()
     try:
-        return archive.sequence(name).partition_frames
-    except BrokenRecord:
-        return None
+        return _copied(capture, root / SOURCES)
+    except NotWritten:
+        if new:
+            shutil.rmtree(root, ignore_errors=True)
+        raise
 
 
 def _copied(capture: Capture, folder: Path) -> Capture:
@@ -96,10 +106,12 @@ def _copied(capture: Capture, folder: Path) -> Capture:
 
 
 def _copy(file: SourceFile, folder: Path) -> SourceFile:
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / Path(file.path).name
     try:
-        shutil.copy2(file.path, target)
+        with whole_file(target, file.size) as partial:
+            shutil.copy2(file.path, partial)
+    except NotWritten:
+        raise
     except OSError as e:
         raise SourceError(f"cannot copy {file.path} to {target}: {e.strerror}") from e
     return SourceFile.of(target)

@@ -10,7 +10,7 @@ from dags.inspect_pictures import PairPicture
 from stages.inspection.finding import Finding, Verdict, by_measure
 from stages.inspection.footage import Footage
 from stages.inspection.report import Report
-from storage.archive import write_atomically
+from storage.files import write_atomically
 
 COLORS = {Verdict.GOOD: "#2f9e63", Verdict.DOUBTFUL: "#c77700", Verdict.BAD: "#c92a2a", Verdict.UNKNOWN: "#7a828e", Verdict.NOTE: "#3b6fb6"}
 STYLE = """

@@ -101,7 +101,6 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     footage, sizes = footage_of(context, joints)
     report = inspect(footage, sizes, context.settings.depth.max_angle)
     folder = output or Path(f"inspect-{name}")
-    folder.mkdir(parents=True, exist_ok=True)
     pictures = write_pictures(footage, report, folder)
     page = write_page(name, footage, report, pictures, folder / "index.html")
     console.print(table(name, report))

@@ -28,6 +28,7 @@ from dags.plan import Plan, State
 from dags.tasks import PRODUCERS, Product, Task, inputs
 from dags.wording import number
 from storage.capture import PER_VIEW
+from storage.errors import NotWritten
 from storage.receipts import Output
 from storage.spec import ArraySpec, Keep
 from storage.sweep import bytes_of, drop_outputs
@@ -150,7 +151,11 @@ class Keeper:
 
     def _give_up(self, plan: Plan, maker: Task, outputs: set[tuple[str, int | None]]) -> None:
         before = plan.book.receipts[maker]
-        after = drop_outputs(plan.context.sequence, before, outputs)
+        try:
+            after = drop_outputs(plan.context.sequence, before, outputs)
+        except NotWritten as e:  # a receipt has to say so first
+            self._refused = list(dict.fromkeys([*self._refused, f"{maker.sequence}: not all that could go was dropped: {e}"]))
+            return
         plan.book.receipts[maker] = after
         gone = [a for b, a in zip(before.outputs, after.outputs, strict=True) if a.dropped and not b.dropped]
         self.outputs += len(gone)

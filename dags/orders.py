@@ -15,6 +15,7 @@ from dags.plan import Book, Plan, State
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
 from stages.detection.stage import ESTIMATED
+from stages.frames.params import SEGMENTED
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ReceiptKey, ShardFile
@@ -40,7 +41,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     pictures = context.capture.pictures
     spans = source_spans(context, task)
-    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()] if task.partition is not None else [frames]
+    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
     first, last = min(s.start for s in every), max(s.stop for s in every)
     return Order(
         root=context.sequence.root,
@@ -54,17 +55,18 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         time=context.time[own],
         valid=context.valid[own],
         views=context.views,
-        rig=context.rig,
+        rig=context.rig_of(stage),
         captured_to_calibrated=context.captured_to_calibrated,
         late=context.late,
         path=_path(context, task),
+        path_text=context.path_text(task.path) if task.path is not None else None,
         facts=context.facts,
         joint_set=context.joint_set,
         readings=readings,
         parts=parts,
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
-        estimator=context.estimator if ESTIMATED in context.facts else None,
+        estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
         survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,

@@ -15,8 +15,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from dags.plan import Plan, State
 from stages.registry import STAGES
-from storage.archive import write_atomically
-from storage.errors import UserError
+from storage.files import write_atomically
 from storage.spec import ArraySpec
 
 CARD, STEP, HEAD, ROW, GAP, MARGIN, TOP = 236, 172, 62, 21, 18, 24, 88
@@ -123,12 +122,8 @@ def size_text(size: int) -> str:
 
 
 def write_picture(plans: Sequence[Plan], file: Path) -> Path:
-    """Write the picture of some plans; the name's end decides the format. Raises UserError for an unknown one."""
-    writers = {".svg": svg, ".md": mermaid, ".mmd": mermaid}
-    writer = writers.get(file.suffix.lower())
-    if writer is None:
-        raise UserError(f"--picture {file}: the name must end in .svg (a picture) or .md (Mermaid text)")
-    text = writer(cards(plans), title(plans))
+    """Write the picture of some plans; the name's end, one of WRITERS, decides the format."""
+    text = WRITERS[file.suffix.lower()](cards(plans), title(plans))
     write_atomically(file, (f"```mermaid\n{text}```\n" if file.suffix.lower() == ".md" else text).encode())
     return file
 
@@ -239,3 +234,7 @@ def _fit(text: str, width: float, size: int) -> str:
     """The text, cut where it would leave the card (a letter is 0.58 times as wide as its size)."""
     most = int(width / (0.58 * size))
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+WRITERS = {".svg": svg, ".md": mermaid, ".mmd": mermaid}
+"""By ending: a picture, or Mermaid text."""

@@ -17,13 +17,16 @@ import numpy as np
 
 from dags import network_weights
 from dags.context import Context
+from dags.effects import Verdict as EffectVerdict
 from dags.effects import noted
 from dags.fingerprint import all_parts, kept, own_parts, reasons
 from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
 from stages.contract import Stage
 from stages.depth.params import resolve_method
+from stages.frames.params import better_matte
 from stages.geometry.cone import cone_notes
 from stages.geometry.pairs import pair_notes
+from stages.geometry.stretch import stretch_notes
 from stages.geometry.subject import subject_distance
 from stages.network.params import NETWORK
 from stages.registry import STAGES
@@ -194,11 +197,12 @@ def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product
     forced = selection.forced(task.stage)
     if receipt is None:
         return State.STALE, ("never made",), parts
-    parts = kept(parts, receipt.parts)
-    why = [] if receipt.parts == parts or receipt.fingerprint == digest(parts) else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    as_kept = kept(parts, receipt.parts)
+    same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
+    why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
     why += [book.problems[task]] if task in book.problems else []
     why += [forced] if forced else []
-    return (State.STALE if why else State.FRESH), tuple(why), parts
+    return (State.STALE, tuple(why), parts) if why else (State.FRESH, (), as_kept)
 
 
 @contextmanager
@@ -247,8 +251,8 @@ def decided(book: Book, selection: Selection = Selection()) -> Context:
     return book.context
 
 
-def take_decisions(plan: Plan) -> tuple[str, ...]:
-    """Go on with the decisions that the survey, which just ran, leads to; returns a sentence for each.
+def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
+    """Go on with the decisions that the survey, which just ran, leads to; returns what was decided now.
 
     Raises ValueError when a survey's receipt does not hold what an effect asked for.
     """
@@ -257,7 +261,7 @@ def take_decisions(plan: Plan) -> tuple[str, ...]:
     plan.unneeded = plan.context.unneeded()
     if plan.context.waits:
         raise ValueError(f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run --from survey` takes it anew")
-    return tuple(plan.context.effects[name].sentence for name in waited)
+    return tuple(plan.context.effects[name] for name in waited)
 
 
 def survey_notes(book: Book) -> dict[str, Any]:
@@ -317,6 +321,8 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
+    found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:

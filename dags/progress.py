@@ -1,18 +1,22 @@
-"""Progress: bars and estimates on a terminal, plain lines where there is none, one JSON object a line for machines."""
+"""Progress: one bar and one estimate on a terminal, plain lines where there is none, one JSON object a line for machines."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Task as BarTask
+from rich.text import Text
 
-from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from dags.estimate import Remaining
+from dags.events import EffectsDecided, Event, Notice, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
 from dags.history import stamped
+from dags.tables import seconds_text
 from dags.tasks import Task
-from dags.wording import number
+from dags.wording import Voice, number
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0
@@ -20,89 +24,137 @@ QUIET_SECONDS = 10.0
 
 
 class TerminalProgress:
-    """Bars of rich, one a stage that has something to do."""
+    """One bar of rich for the whole run, with one estimate of the time left; what the workers do stands beside it."""
 
-    def __init__(self, console: Console) -> None:
-        """Nothing is shown before the run starts."""
-        self.console = console
-        self.bars = Progress(TextColumn("{task.description:<11}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=console)
-        self.ids: dict[str, TaskID] = {}
+    def __init__(self, console: Console, remaining: Remaining, voice: Voice = Voice.NORMAL) -> None:
+        """Nothing is shown before the run starts. `remaining` hears every event before this listener does."""
+        self.console, self.remaining, self.voice = console, remaining, voice
+        columns = (BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(), _Left(remaining))
+        self.bars = Progress(*columns, TextColumn("{task.description}"), console=console)
+        self.bar: TaskID | None = None
+        self.tally = Tally()
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
+        self.tally(event)
+        for line in _told(event, self.voice):
+            self.bars.console.print(line, markup=False, soft_wrap=True, style="red" if isinstance(event, TaskFailed) else None)
         if isinstance(event, RunStarted):
-            for sentence in event.sentences:
-                self.console.print(sentence, markup=False, soft_wrap=True)
-            total = Counter(t.stage for t in event.tasks)
-            self.ids = {s.name: self.bars.add_task(s.name, total=total[s.name], start=False) for s in STAGES if total[s.name]}
+            self.bar = self.bars.add_task("", total=1.0)
             self.bars.start()
-        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
-            bar = self.ids[event.task.stage]
-            self.bars.start_task(bar)
-            self.bars.advance(bar)
-            if isinstance(event, TaskFailed):
-                self.bars.console.print(f"failed: {event.task.sequence} {event.task.label()}: {event.error}", markup=False, style="red")
-        elif isinstance(event, EffectsDecided):
-            for sentence in event.sentences:
-                self.bars.console.print(f"{event.sequence}: {sentence}", markup=False, soft_wrap=True)
-        elif isinstance(event, TaskNeeded):
-            self.bars.advance(self.ids[event.task.stage], -1)
         elif isinstance(event, RunEnded):
+            self._show()
             self.bars.stop()
+        elif isinstance(event, TaskStarted | TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut | TaskNeeded):
+            self._show()
+
+    def _show(self) -> None:
+        if self.bar is not None:
+            over = self.tally.settled == self.tally.total
+            self.bars.update(self.bar, completed=1.0 if over else self.remaining.share_done, description=self.tally.now)
+
+
+class _Left(ProgressColumn):
+    """The time left, looked up whenever the bar is drawn."""
+
+    def __init__(self, remaining: Remaining) -> None:
+        super().__init__()
+        self.remaining = remaining
+
+    def render(self, task: BarTask) -> Text:
+        """Nothing once all is done."""
+        return Text("" if task.finished else f"about {seconds_text(self.remaining.seconds_left)} left")
 
 
 class PlainProgress:
-    """A line now and then, for logs and pipes."""
+    """A line now and then, for logs and pipes: what each stage did when it is through, and how far all is."""
 
-    def __init__(self, write: Callable[[str], None] = print) -> None:
-        """`write` takes one line."""
-        self.write = write
-        self.total: Counter[str] = Counter()
-        self.settled: Counter[str] = Counter()
-        self.ran: Counter[str] = Counter()
-        self.lost: Counter[str] = Counter()
+    def __init__(self, write: Callable[[str], None], remaining: Remaining, voice: Voice = Voice.NORMAL) -> None:
+        """`write` takes one line; `remaining` hears every event before this listener does."""
+        self.write, self.remaining, self.voice = write, remaining, voice
+        self.tally = Tally()
         self.first: dict[str, float] = {}
         self.last = time.monotonic()
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
-        if isinstance(event, RunStarted):
-            for sentence in event.sentences:
-                self.write(sentence)
-            self.total = Counter(t.stage for t in event.tasks)
-        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
-            self._settle(event)
-        elif isinstance(event, EffectsDecided):
-            for sentence in event.sentences:
-                self.write(f"{event.sequence}: {sentence}")
-        elif isinstance(event, TaskNeeded):
-            self.settled[event.task.stage] -= 1
+        self.tally(event)
+        for line in _told(event, self.voice):
+            self.write(line)
+        if isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
+            self._settled(event)
 
-    def _settle(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut) -> None:
-        stage, now = event.task.stage, time.monotonic()
-        self.settled[stage] += 1
+    def _settled(self, event: TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut) -> None:
+        stage, now, tally = event.task.stage, time.monotonic(), self.tally
         if isinstance(event, TaskDone):
-            self.ran[stage] += 1
             self.first.setdefault(stage, now - event.receipt.facts.get("seconds", 0.0))
-        if isinstance(event, TaskFailed):
-            self.write(f"failed: {event.task.sequence} {event.task.label()}: {event.error}")
-        if not isinstance(event, TaskDone | TaskFresh):
-            self.lost[stage] += 1
-        if self.settled[stage] == self.total[stage] and self.ran[stage]:
-            lost = f", {self.lost[stage]} failed, blocked or left out" if self.lost[stage] else ""
-            self.write(f"{stage}: {self.total[stage] - self.lost[stage]} of {self.total[stage]} done{lost}, {now - self.first[stage]:.1f} s")
+        if tally.through(stage) and stage in self.first:
+            lost = f", {tally.lost[stage]} failed, blocked or left out" if tally.lost[stage] else ""
+            self.write(f"{stage}: {tally.totals[stage] - tally.lost[stage]} of {tally.totals[stage]} done{lost}, {now - self.first[stage]:.1f} s")
             self.last = now
-        elif now - self.last > QUIET_SECONDS:
-            lines = [self._line(s, now) for s in self.total if 0 < self.settled[s] < self.total[s]]
-            if lines:
-                self.write("; ".join(lines))
+        elif now - self.last > QUIET_SECONDS and tally.now:
+            self.write(f"{self.remaining.share_done:.0%} done, about {seconds_text(self.remaining.seconds_left)} left; {tally.now}")
             self.last = now
 
-    def _line(self, stage: str, now: float) -> str:
-        left = ""
-        if self.ran[stage]:
-            left = f", about {(now - self.first[stage]) / self.ran[stage] * (self.total[stage] - self.settled[stage]):.0f} s left"
-        return f"{stage} {self.settled[stage]}/{self.total[stage]}{left}"
+
+def _told(event: Event, voice: Voice) -> Iterator[str]:
+    """The lines that an event is worth."""
+    if isinstance(event, RunStarted):
+        yield from event.sentences
+    elif isinstance(event, TaskFailed):
+        yield f"failed: {event.task.sequence} {event.task.label()}: {event.error}"
+    elif isinstance(event, Notice):
+        yield event.sentence
+    elif isinstance(event, EffectsDecided) and voice >= Voice.VERBOSE:
+        yield from (f"{event.sequence}: {sentence}" for sentence in event.sentences)
+    elif isinstance(event, EffectsDecided):
+        on = ", ".join(event.on) or "none"
+        yield f"{event.sequence}: effects switched on by what the frames show: {on}; off: {', '.join(event.off) or 'none'} (why: posegaussian plan -v)"
+
+
+class Tally:
+    """How many tasks of each stage are settled, and which stages are at work."""
+
+    def __init__(self) -> None:
+        """Before the run starts there is nothing to count."""
+        self.totals: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter()
+        self.in_hand: set[Task] = set()
+
+    def __call__(self, event: Event) -> None:
+        """Take one event of the run."""
+        if isinstance(event, RunStarted):
+            self.totals = Counter(t.stage for t in event.tasks)
+        elif isinstance(event, TaskStarted):
+            self.in_hand.add(event.task)
+        elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
+            self.in_hand.discard(event.task)
+            self.counts[event.task.stage] += 1
+            self.lost[event.task.stage] += not isinstance(event, TaskDone | TaskFresh)
+        elif isinstance(event, TaskNeeded):
+            self.counts[event.task.stage] -= 1
+
+    def through(self, stage: str) -> bool:
+        """Whether every task of a stage is settled."""
+        return self.counts[stage] == self.totals[stage]
+
+    @property
+    def total(self) -> int:
+        """Tasks of the run."""
+        return self.totals.total()
+
+    @property
+    def settled(self) -> int:
+        """Tasks that are done, fresh, failed, blocked or left out."""
+        return self.counts.total()
+
+    @property
+    def now(self) -> str:
+        """`depth 3/12, rendering 0/12`: stages of which a worker has a task in hand."""
+        at_work = {t.stage for t in self.in_hand}
+        begun = [s.name for s in STAGES if s.name in at_work]
+        return ", ".join(f"{s} {self.counts[s]}/{self.totals[s]}" for s in begun)
 
 
 class JsonLines:

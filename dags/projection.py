@@ -120,7 +120,7 @@ def project(plan: Plan, history: History) -> list[Projection]:
 
 
 def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Projection:
-    context, loads = plan.context, _Loads(plan.context)
+    context, loads = plan.context, Loads(plan.context)
     of_each = [loads(t) for t in todo]
     ratio = rate.ratio if rate.ratio is not None else 1.0
     disk = sum(load.raw_bytes for load in of_each) * ratio
@@ -140,15 +140,16 @@ def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Project
     )
 
 
-class _Loads:
-    """Loads of tasks, worked out once for every path and length of a partition."""
+class Loads:
+    """Loads of a sequence's tasks, worked out once for every stage, path and length of a partition."""
 
     def __init__(self, context: Context) -> None:
         self.context = context
-        self.known: dict[tuple[str | None, int], Load] = {}
+        self.known: dict[tuple[str, str | None, int], Load] = {}
 
     def __call__(self, task: Task) -> Load:
-        key = (task.path, len(self.context.grid.bounds(task.partition)) if task.partition is not None else 0)
+        """What one task is expected to take."""
+        key = (task.stage, task.path, len(self.context.grid.bounds(task.partition)) if task.partition is not None else 0)
         if key not in self.known:
             self.known[key] = load(self.context, task)
         return self.known[key]

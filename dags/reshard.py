@@ -27,11 +27,10 @@ from dags.results import Results
 from dags.tasks import Product, Task, tasks
 from dags.wording import number
 from stages.registry import stage as stage_named
-from storage.archive import RESHARD, Archive, Sequence
-from storage.errors import ArchiveError
-from storage.files import sync_folder
+from storage.archive import RESHARD, SOURCES, Archive, Sequence
+from storage.errors import ArchiveError, NotWritten
+from storage.files import link_or_copy, link_tree, make_folder, sync_folder
 from storage.lease import SUFFIX, Lease
-from storage.places import files_below
 from storage.receipts import Output, Receipt, write_receipt
 from storage.records import write_record
 from storage.shards import write_array, write_table
@@ -49,6 +48,7 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
 
     Raises:
         ArchiveError: a run is at work on it, something would be given up, bytes were dropped, or the disk is too full.
+        NotWritten: the disk filled up meanwhile; the sequence is as it was.
     """
     sequence = plan.context.sequence
     if frames == sequence.partition_frames:
@@ -60,7 +60,11 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
     _refuse_full_disk(sequence)
     with Lease.take(sequence.receipts / f"_arrays{SUFFIX}", "reshard"):
         presence.refuse_busy(sequence, "reshard")
-        made = _build(plan, frames)
+        try:
+            made = _build(plan, frames)
+        except NotWritten:
+            shutil.rmtree(sequence.root.parent / RESHARD / "new" / sequence.name, ignore_errors=True)
+            raise
         switch(sequence)
     return [f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames}, {number(made, 'task')} keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
 
@@ -95,10 +99,10 @@ def _build(plan: Plan, frames: int) -> int:
     old = plan.context.sequence
     root = _side(old, "new")
     shutil.rmtree(root, ignore_errors=True)
-    root.mkdir(parents=True)
+    make_folder(root)
     write_record(root, {**old.record, "partition_frames": frames})
-    for name in ("source", "_sources"):
-        _link_tree(old.place(name), root / name)
+    for name in ("source", SOURCES):
+        link_tree(old.place(name), root / name)
     context = dataclasses.replace(plan.context, sequence=Sequence(root))
     anew = Plan(context, Book(context), {t: Verdict(t, State.STALE, ()) for t in tasks(context)}, context.unneeded())
     prepare(anew)
@@ -121,7 +125,7 @@ def _sources(old: Context, new: Context, task: Task) -> list[Task]:
 def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
     """What is not partitioned along time, as it is."""
     for file in (f for o in receipt.outputs for f in o.files):
-        _link(results.context.sequence.place(file.key), sequence.place(file.key))
+        link_or_copy(results.context.sequence.place(file.key), sequence.place(file.key))
     return receipt
 
 
@@ -167,26 +171,11 @@ def _side(sequence: Sequence, which: str) -> Path:
     return Archive(sequence.root.parent).place(f"{RESHARD}/{which}/{sequence.name}")
 
 
-def _link_tree(source: Path, target: Path) -> None:
-    for file in map(Path, files_below(source)):
-        _link(file, target / file.relative_to(source))
-
-
-def _link(source: Path, target: Path) -> None:
-    """A hard link, or a copy where the file system has none; files of an archive are replaced, never written in place."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
-
-
 def switch(sequence: Sequence) -> None:
     """Put the new sequence in the old one's place."""
     new, old = _side(sequence, "new"), _side(sequence, "old")
     shutil.rmtree(old, ignore_errors=True)
-    old.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(old.parent)
     for folder in [new, new.parent, old.parent, old.parent.parent]:
         sync_folder(folder)
     os.rename(sequence.root, old)

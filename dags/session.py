@@ -12,9 +12,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, tables, threads
+from dags import contribution, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
+from dags.estimate import Remaining
 from dags.events import Listener, RunEnded, SequenceRefused
 from dags.execute import Terms
 from dags.failures import Kind, failures_table
@@ -22,17 +23,19 @@ from dags.flight import Backend, Rules
 from dags.history import RunLog, retry_command
 from dags.interrupt import STATUS, interruptible
 from dags.keep import Keeper
+from dags.moment import one_moment
 from dags.orders import lacks_cameras
 from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
 from dags.run import Run
+from dags.run_ending import results_and_next
 from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
-from dags.wording import number
+from dags.wording import Voice, number
 from storage.archive import Archive
-from storage.errors import ArchiveError, ConfigError, UserError
+from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
 from storage.files import write_atomically
 from storage.ledger import RUNS
 
@@ -51,6 +54,8 @@ class Outcome:
     """Its folder in the archive."""
     refused: tuple[str, ...]
     """`SEQUENCE: sentence` of every sequence that could not be planned or served."""
+    unwritten: tuple[str, ...] = ()
+    """Sentences about the run's own records, log and ledger, that the disk did not take."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +67,18 @@ class Session:
     console: Console
     machine: bool = False
     """Whether standard output belongs to a machine: events as JSON lines instead of progress."""
+    voice: Voice = Voice.NORMAL
+    """How much is said."""
+    options: tuple[str, ...] = ()
+    """The options that led here, as words of a command: another command with them sees the same archive and settings."""
 
     @classmethod
     def open(cls, config: Path | None, assignments: Sequence[str], archive: str | None, console: Console) -> Session:
         """Read the configuration. Raises ConfigError with all its faults."""
         configuration = load_configuration(config, assignments)
-        return cls(configuration, archive or configuration.default.archive, console)
+        given = (("--archive", archive), ("--config", config), *(("--set", a) for a in assignments))
+        options = tuple(word for option, value in given if value is not None for word in (option, str(value)))
+        return cls(configuration, archive or configuration.default.archive, console, options=options)
 
     @property
     def archive(self) -> Archive:
@@ -137,7 +148,6 @@ class Session:
         if too_much:
             raise ConfigError("\n".join(too_much))
         collector, spending, keeper = WarningCollector(), Spending(), Keeper(plans)
-        progress: Listener = JsonLines() if self.machine else TerminalProgress(self.console) if self.console.is_terminal else PlainProgress(lambda line: self.say([line]))
         backend = self.backend()
         impossible = {p.context.sequence.name: found for p in plans if (found := refusals([p], backend.pools))}
         refused = [*refused, *(f"{name}: {'; '.join(found)}" for name, found in impossible.items())]
@@ -147,33 +157,61 @@ class Session:
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
         folder = self.archive.place(f"{RUNS}/{stamp}")
-        write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml().encode())
-        listeners: list[Listener] = [progress, collector, spending, RunLog(folder), keeper]
+        paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
+        try:
+            write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
+        except NotWritten:
+            backend.close(hard=True)
+            raise
+        remaining = Remaining.of(plans, self.history, sum(pool.workers for pool in backend.pools.values()))
+        log = RunLog(folder)
+        listeners: list[Listener] = [remaining, *self._progress(remaining), collector, spending, log, keeper]
+        self.hint([remaining.sentence])
         for sentence in refused:
             name, _, error = sentence.partition(": ")
             for listener in listeners:
                 listener(SequenceRefused(name, error))
         for p in plans:
-            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is left to it" for other in presence.others(p.context.sequence)), "yellow")
+            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in presence.others(p.context.sequence)), "yellow")
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
-        self._log(folder, collector)
         self.say(keeper.sentences)
+        unwritten = [*log.sentences, *self._record(folder, collector)]
+        self.say(dict.fromkeys(unwritten), "red")
+        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
+        return Outcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
+
+    def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
+        """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk does not take."""
         from storage.ledger import rebuild
 
-        rebuild(self.archive)
-        every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
-        return Outcome(ended, collector, spending, folder, tuple(refused))
+        unwritten = []
+        for write in (lambda: self._log(folder, collector), lambda: rebuild(self.archive)):
+            try:
+                write()
+            except NotWritten as e:
+                unwritten.append(str(e))
+        return unwritten
+
+    def _progress(self, remaining: Remaining) -> list[Listener]:
+        """What tells how far a run is, if anything does."""
+        if self.machine:
+            return [JsonLines()]
+        if self.voice is Voice.QUIET:
+            return []
+        if self.console.is_terminal:
+            return [TerminalProgress(self.console, remaining, self.voice)]
+        return [PlainProgress(lambda line: self.say([line]), remaining, self.voice)]
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
-        """Keep warnings and tracebacks with the run."""
         lines = [f"warning: {w}" for w in collector.warnings]
         for f in collector.failures:
             lines += [f"failed: {f.task.sequence} {f.task.label()}: {f.error}", f.details]
         if lines:
             write_atomically(folder / "log.txt", "\n".join(lines).encode())
 
+    @one_moment()
     def usable(self, names: Sequence[str], paths: tuple[str, ...], selection: Selection) -> tuple[list[Plan], list[str]]:
         """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
         plans, errors = [], []
@@ -188,10 +226,14 @@ class Session:
             raise ConfigError("\n".join(errors))
         return plans, errors
 
-    def run_and_report(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> int:
-        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted."""
+    def run_and_report(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = (), say_next: bool = False) -> int:
+        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted.
+
+        `say_next`: end with where the results lie and what to type next.
+        """
+        self.hint(roles.told(p.context for p in plans))
         for p in plans:
-            self.say([f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()])
+            self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
             for p in plans:
@@ -201,19 +243,22 @@ class Session:
             keeper = Keeper(plans)
             keeper.sweep()
             self.say(keeper.sentences)
+            self.hint(results_and_next(plans, self.options) if say_next else ())
             return 1 if refused else 0
         outcome = self.run(plans, selection, refused)
         ended = outcome.ended
         self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
         if not ended.interrupted and not ended.failed:
-            self.say(contribution.sentences(plans))
-        self.say(outcome.spending.sentences())
+            self.hint(contribution.sentences(plans))
+        self.detail(outcome.spending.sentences())
         self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
         self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
             return STATUS
-        return 1 if ended.failed or ended.blocked or outcome.refused else 0
+        if say_next and not ended.failed and not ended.blocked:
+            self.hint(results_and_next(plans, self.options))
+        return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
     def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
         """A table of what failed, where, of which class and why; then who works on what was left, and the command that retries the rest."""
@@ -227,6 +272,16 @@ class Session:
         names = dict.fromkeys([f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused])
         if names:
             self.say([" ".join(["retry with:", retry_command(self.archive, names, outcome.folder.name), *(f"--only {s}" for s in sorted(selection.only))])])
+
+    def hint(self, lines: Iterable[str]) -> None:
+        """Print sentences unless asked to be quiet."""
+        if self.voice >= Voice.NORMAL:
+            self.say(lines)
+
+    def detail(self, lines: Iterable[str]) -> None:
+        """Print sentences where every reason is asked for."""
+        if self.voice >= Voice.VERBOSE:
+            self.say(lines)
 
     def say(self, lines: Iterable[str], style: str | None = None) -> None:
         """Print sentences as they are."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import json
 import os
-import tempfile
+import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -19,11 +18,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags.importing import find_capture, register
+from dags.replacing import filmed_into, make_room
 from dags.session import Session
 from dags.yaml_marks import Document, Location, load
 from stages.capture.scene import Listed, Scan, Scene, faults, known_fields
 from storage.archive import Archive, Sequence
 from storage.errors import ConfigError, SourceError
+from storage.files import make_folder, scratch_array
 from storage.joints import COCO17
 
 if TYPE_CHECKING:
@@ -112,31 +113,32 @@ def load_scan(scan: Scan, folder: Path) -> Any:
     return Still(scan_mesh(vertices, tris, uv, picture, scan), scan.turn)
 
 
-def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None) -> Sequence:
+def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None, replace: bool = False) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
-    Raises ConfigError for a scene that is wrong and SourceError for a scan that cannot be read.
+    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, NotWritten where the disk is full,
+    and ArchiveError where the name is that of a capture from elsewhere, unless that is to be replaced.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
     archive.check_sequence_name(name)
     folder = output or archive.place(f"_captures/{name}")
     staged = stage_scene(scene, scene_path.parent)
+    if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
+        make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
     console.print(effects_plan(name, scene, staged.rulings))
     start = time.perf_counter()
     truth = film(scene, staged, folder, threads or os.cpu_count() or 1)
     pictures = int(staged.valid.sum())
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
-    settings = folder / "pipeline.yaml"
-    settings.write_text(f"# Settings of the simulated sequence {name}: its held-out cameras are for comparison only.\nsequences:\n  {json.dumps(name)}:\n    views:\n      held_out: {json.dumps(held_out)}\n", encoding="utf-8")
     capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
-    made, said = register(archive, name, capture, session.configuration.for_sequence(name))
+    made, said = register(archive, name, capture, session.configuration.for_sequence(name), replace=replace)
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"sequence {name}: {pictures} pictures of {staged.sources} cameras{f' and {len(held_out)} held out' if held_out else ''} in {seconds:.1f} s, {1000 * seconds / pictures:.0f} ms each, in {folder}", markup=False, soft_wrap=True)
-    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name} --config {settings}", markup=False, soft_wrap=True)
+    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name}", markup=False, soft_wrap=True)
     return made
 
 
@@ -165,13 +167,24 @@ def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, 
     """Shoot every picture and write the capture; returns the truth that goes into the archive.
 
     Pictures do not depend on each other, so neither order nor threads change a byte. Memory holds the joints and SHOTS_AT_ONCE
-    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them.
+    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them. A folder that was
+    not there before goes again where filming does not come to its end. Raises NotWritten.
     """
+    new = not folder.exists()
+    try:
+        return _film(scene, staged, folder, threads)
+    except BaseException:
+        if new:  # half a capture would be taken for a whole one
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, np.ndarray]:
     from storage.exporters.images_layout import write_capture
 
     take, rig = staged.take, staged.written
     take.prepare()
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     truth = _room(scene.frames, staged, folder)
     with ThreadPoolExecutor(max(1, threads)) as pool:
         for v in range(len(rig)):
@@ -185,7 +198,7 @@ def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, 
                 write_capture(folder, rig.subset([v]), color, mask, None, depth, scene.frame_rate, part)
             if found:
                 write_capture(folder, rig.subset([v]), None, joints2d=np.stack(found)[:, None], frame_rate=scene.frame_rate, numbers=numbers)
-    write_capture(folder, rig, None, frame_rate=scene.frame_rate)
+    write_capture(folder, rig, None, frame_rate=scene.frame_rate, held_out=rig.names[staged.sources :])
     return truth
 
 
@@ -195,7 +208,7 @@ def _room(frames: int, staged: Staged, folder: Path) -> dict[str, np.ndarray]:
     views, held_out, joints = len(staged.written), len(staged.written) - staged.sources, len(COCO17)
 
     def pictures(cameras: int, dtype: type, *more: int) -> np.ndarray:
-        return np.memmap(tempfile.TemporaryFile(dir=folder), dtype, "w+", shape=(frames, cameras, *size, *more))
+        return scratch_array(folder, dtype, (frames, cameras, *size, *more))
 
     out = {"normal": pictures(views, np.float16, 3), "mask": pictures(views, np.uint8)}
     if held_out:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dags.code import PACKAGES, ROOT
+from dags.moment import once, one_moment
 from dags.plan import Plan, Selection, State
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
@@ -54,11 +55,24 @@ def standing(session: Session, name: str, failed: Iterable[tuple[Any, ...]] = ()
     if known is not None:
         return known
     plan = session.plan(name, Selection())
+    if texts := rendered_instead(plan):
+        plan = session.plan(name, Selection(), texts)
     found = numbers(plan, frozenset(Task(*key) for key in own))
     if not plan.book.problems:
         shards = {f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files}
         _remember(file, {"basis": basis, "numbers": found, "shards": shards})
     return found
+
+
+def rendered_instead(plan: Plan) -> tuple[str, ...]:
+    """Camera paths, as they were asked for, that the last run rendered where none of the plan's own was rendered; else ()."""
+    rendered = [r for t, r in plan.book.receipts.items() if t.stage == "rendering"]
+    if any(r.path in plan.context.paths for r in rendered):
+        return ()
+    asked = [r for r in rendered if "path_text" in r.facts]
+    latest = max(asked, key=lambda r: str(r.facts.get("started", "")), default=None)
+    texts = {str(r.facts["path_text"]) for r in asked if latest is not None and r.facts.get("run") == latest.facts.get("run")}
+    return tuple(sorted(texts))
 
 
 def numbers(plan: Plan, failed: frozenset[Task] = frozenset()) -> Numbers:
@@ -95,9 +109,10 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
 def _basis(session: Session, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
     """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
     settings = session.configuration.for_sequence(sequence.name)
-    files = [sequence.root / "zarr.json", *_code(), *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    files = [sequence.root / "zarr.json", *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    code = once("stamps of the code", lambda: "".join(map(_stamp, map(str, _code()))))
     told = hashlib.blake2b(json.dumps([sys.version, settings.model_dump(mode="json"), failed]).encode(), digest_size=16)
-    for line in (*map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
+    for line in (code, *map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
         told.update(line.encode())
     return told.hexdigest()
 
@@ -154,6 +169,7 @@ def _remember(file: Path, kept: dict[str, Any]) -> None:
         return  # an archive that can only be read has its status worked out every time
 
 
+@one_moment()
 def every_standing(session: Session, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
     """({sequence: numbers}, a sentence for each that cannot be planned)."""
     from storage import ledger

@@ -76,22 +76,52 @@ MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided"
 """What a cell of the status table says besides done of all, shortened so that ten stages fit a terminal."""
 
 
-SHORTEST_NAME, SHORTEST_COLUMN = 12, 7
-"""Characters that a narrow terminal leaves a sequence's name, and a stage's before it is folded."""
+LONGEST_NAME = 24
+"""Characters of a sequence's name beyond which it is folded."""
+
+BETWEEN = 2
+"""Columns of the terminal between two columns of the status table."""
 
 
-def status_table(standings: Mapping[str, Numbers]) -> Table:
-    """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or dropped."""
+def status_tables(standings: Mapping[str, Numbers], width: int) -> list[Table]:
+    """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or dropped.
+
+    Stages that do not fit `width` columns beside the sequence's name follow in a table of their own: no header and no
+    number is ever broken or cut.
+    """
     used = [word for word in MARKS if any(cell.get(word) for row in standings.values() for cell in row.values())]
     idle = [s.name for s in STAGES if not any(row[s.name] for row in standings.values())]
     said = [", ".join(f"{MARKS[word]} {word}" for word in used), f"no sequence needs {', '.join(idle)}" if idle else ""]
-    table = Table(caption="; ".join(s for s in said if s) or None, caption_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("sequence", overflow="fold", min_width=SHORTEST_NAME)
-    for stage in STAGES:
-        if stage.name not in idle:
-            table.add_column(stage.name, overflow="fold", min_width=SHORTEST_COLUMN)
-    for name, row in standings.items():
-        table.add_row(escape(name), *(_cell(row[s.name]) for s in STAGES if s.name not in idle))
+    cells = {s.name: [_cell(row[s.name]) for row in standings.values()] for s in STAGES if s.name not in idle}
+    longest = max((len(name) for name in standings), default=0)
+    bands = _bands(cells, width - min(LONGEST_NAME, max(longest, len("sequence"))) - 2 * BETWEEN)
+    tables = [_status_band(list(standings), {name: cells[name] for name in band}) for band in bands]
+    tables[-1].caption = "; ".join(s for s in said if s) or None
+    return tables
+
+
+def _bands(cells: Mapping[str, Sequence[str]], width: int) -> list[list[str]]:
+    """Stages, as many a band as fit side by side; at least one."""
+    bands: list[list[str]] = [[]]
+    room = width
+    for name, column in cells.items():
+        wide = max(len(line) for text in (name, *column) for line in text.split("\n")) + BETWEEN
+        if bands[-1] and wide > room:
+            bands.append([])
+            room = width
+        bands[-1].append(name)
+        room -= wide
+    return bands
+
+
+def _status_band(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> Table:
+    """One table of some stages."""
+    table = Table(caption_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("sequence", overflow="fold", max_width=LONGEST_NAME)
+    for stage in columns:
+        table.add_column(stage, no_wrap=True)
+    for i, name in enumerate(names):
+        table.add_row(escape(name), *(column[i] for column in columns.values()))
     return table
 
 

@@ -16,16 +16,18 @@ import yaml
 from dags.training_config import differences, forbidden
 from dags.yaml_marks import load
 from stages.training.config import TrainingConfig
-from storage.archive import write_atomically
 from storage.checkpoints import Checkpoint, read_latest, steps_kept, write_checkpoint
 from storage.errors import ConfigError, UserError
+from storage.files import refusals, write_atomically
 
 
 @contextlib.contextmanager
 def locked(file: Path, held: str) -> Iterator[None]:
     """Within, this process alone holds a file, which is made; a kill frees it. Raises UserError with the sentence `held` where another one does."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w") as handle:
+    with refusals(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle = file.open("w")
+    with handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -93,8 +95,9 @@ class RunFolder:
         """Append a row."""
         assert self._log is not None, "the log is open after resume()"
         self.rows.append(dict(row))
-        self._log.write(_line(row))
-        self._log.flush()
+        with refusals(self.log_file):
+            self._log.write(_line(row))
+            self._log.flush()
 
     def validated_at(self, step: int) -> bool:
         """Whether the log has a validation of this step."""
@@ -103,7 +106,8 @@ class RunFolder:
     def keep(self, step: int, data: bytes, facts: Mapping[str, Any]) -> None:
         """Write a checkpoint; the log up to it is on disk before it is."""
         assert self._log is not None, "the log is open after resume()"
-        os.fsync(self._log.fileno())
+        with refusals(self.log_file):
+            os.fsync(self._log.fileno())
         write_checkpoint(self.checkpoints, step, data, facts)
 
 

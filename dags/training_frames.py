@@ -21,7 +21,8 @@ import numpy as np
 
 from dags.threads import allocator, limit
 from stages.training.config import TrainingConfig
-from storage.errors import UserError
+from storage.errors import NotWritten, UserError
+from storage.files import make_folder, whole_file, write_atomically
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
@@ -85,7 +86,7 @@ class Producers:
         self.deaths: Counter[Item] = Counter()
         self.made = 0
         """Frames made so far."""
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for left in folder.glob(".*.partial"):
             with contextlib.suppress(FileNotFoundError):  # another training may sweep as well
                 if time.time() - left.stat().st_mtime > LEFT_S:
@@ -179,7 +180,9 @@ class Producers:
             return
         why, trace = failure
         file = self.folder / f"{item.file}.failed.txt"
-        file.write_text(trace, encoding="utf-8")
+        if not trace:
+            raise FrameError(f"{item} cannot be made: {why}")
+        write_atomically(file, trace.encode())
         raise FrameError(f"{item} cannot be made: {why}; where it happened is in {file}. Leave that scene out with scenes.first and scenes.count, or mend its cause")
 
 
@@ -271,17 +274,16 @@ def read_frame(file: Path) -> Frame:
 
 
 def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tuple[str, str] | None:
-    """Make one frame into its file; (sentence, traceback) where that fails."""
-    partial = folder / f".{item.file}.{os.getpid()}.partial"
+    """Make one frame into its file; (sentence, traceback) where that fails, without a traceback for what the user can mend."""
     try:
         module = importlib.import_module(frames)
         make = module.make_frame if item.kind == "training" else module.validation_frame
         frame = make(config, item.index)
-        with partial.open("wb") as f:
+        with whole_file(folder / item.file, sum(a.nbytes for a in frame.values())) as partial, open(partial, "wb") as f:
             np.savez(f, allow_pickle=False, **frame)
-        os.replace(partial, folder / item.file)
+    except NotWritten as e:
+        return str(e), ""
     except Exception as e:
-        partial.unlink(missing_ok=True)
         return f"{type(e).__name__}: {e}", traceback.format_exc()
     return None
 

@@ -8,18 +8,15 @@ place, so neither side can change the other's bytes.
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from dags.context import Context, make_context
 from dags.plan import Plan, Selection, State, judge, make_plan
 from dags.tasks import Task
 from storage.archive import Archive, Sequence
-from storage.files import write_atomically
-from storage.places import files_below, folders_in
+from storage.files import link_or_copy, link_tree, write_atomically
+from storage.places import folders_in
 from storage.receipts import Receipt, missing_files, scan_receipts, write_receipt
 from storage.spec import digest
 
@@ -42,8 +39,7 @@ def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: t
     file, record = archive.place(f"{origin.name}/zarr.json"), origin.place("zarr.json").read_bytes()
     if not file.is_file() or file.read_bytes() != record:
         write_atomically(file, record)
-        for source in map(Path, files_below(origin.place("source"))):
-            write_atomically(archive.place(f"{origin.name}/{source.relative_to(origin.root)}"), source.read_bytes())
+        link_tree(origin.place("source"), archive.place(f"{origin.name}/source"))
     return make_context(Sequence(root), settings, paths)
 
 
@@ -101,14 +97,5 @@ def _take(here: Sequence, source: Sequence, receipt: Receipt) -> None:
         if meta.is_file():
             write_atomically(here.place(f"{output.array}/zarr.json"), meta.read_bytes())
         for file in output.files:
-            _link(source.place(file.key), here.place(file.key))
+            link_or_copy(source.place(file.key), here.place(file.key))
     write_receipt(here, receipt)
-
-
-def _link(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)

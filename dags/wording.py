@@ -1,6 +1,19 @@
-"""How numbers of things are said."""
+"""How numbers of things are said, and how much a command says."""
 
 from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Voice(IntEnum):
+    """How much a command says besides its results; errors, warnings and failures are always said."""
+
+    QUIET = 0
+    """No progress, no estimates, no hints."""
+    NORMAL = 1
+    """What was decided and how far it is."""
+    VERBOSE = 2
+    """Every reason, too: of effects that are off, of stages that are not needed."""
 
 
 def number(count: int, noun: str) -> str:

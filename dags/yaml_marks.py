@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from storage.errors import ConfigError
+from storage.documents import shortened
+from storage.errors import ConfigError, SourceError
+from storage.yaml_documents import Loader, compose
 
 Location = tuple[str | int, ...]
-
-class Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with the plain values of YAML 1.2: `1:9` is text and not sixty-nine, `on` and `no` are text too."""
-
-
-_YAML_1_1 = {f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "bool", "timestamp")}
-Loader.yaml_implicit_resolvers = {first: [r for r in resolvers if r[0] not in _YAML_1_1] for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()}
-Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
-Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
-Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^(?:[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN))$"), list("-+0123456789."))
 
 
 def parse_value(text: str) -> Any:
     """One value as a configuration file would have it. Raises yaml.YAMLError."""
-    return yaml.load(text, Loader=Loader)  # a SafeLoader: builds plain values only
-
-
-DEEPEST = 32
-"""Nesting beyond which a document is taken to contain itself through an alias."""
+    return yaml.load(text, Loader=Loader)  # bounded, and a SafeLoader: builds plain values only
 
 
 @dataclass
@@ -56,17 +43,9 @@ class Document:
 def load(path: Path) -> Document:
     """Read a YAML file. Raises ConfigError for a missing file, for broken YAML and for keys given twice."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as e:
-        raise ConfigError(f"cannot read configuration {path}: {e}") from e
-    try:
-        node = yaml.compose(text, Loader=Loader)
-    except yaml.MarkedYAMLError as e:
-        mark = e.problem_mark or e.context_mark
-        at = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise ConfigError(f"{at}: not valid YAML: {e.problem or e}") from e
-    except yaml.YAMLError as e:
-        raise ConfigError(f"{path}: not valid YAML: {e}") from e
+        node = compose(path, "configuration")
+    except SourceError as e:
+        raise ConfigError(str(e)) from e
     document = Document(str(path))
     if node is None:
         return document
@@ -86,9 +65,6 @@ def _at(document: Document, node: yaml.Node) -> str:
 
 def _plain(node: yaml.Node, location: Location, document: Document, errors: list[str]) -> Any:
     """Value of a node; notes the mark of every key on the way, and what YAML itself cannot read as a value."""
-    if len(location) > DEEPEST:
-        errors.append(f"{_at(document, node)} nested more than {DEEPEST} deep; does an alias (*) hold itself?")
-        return None
     if isinstance(node, yaml.MappingNode):
         out: dict[Any, Any] = {}
         for key_node, value_node in node.value:
@@ -114,5 +90,5 @@ def _plain(node: yaml.Node, location: Location, document: Document, errors: list
         return Loader("").construct_object(node)
     except (yaml.YAMLError, ValueError) as e:
         why = e.problem if isinstance(e, yaml.MarkedYAMLError) else e
-        errors.append(f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {node.value!r} as a value ({why}); quote it if it is a text")
+        errors.append(f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {shortened(node.value)} as a value ({why}); quote it if it is a text")
         return None

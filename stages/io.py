@@ -120,11 +120,11 @@ class Inputs(Protocol):
     source_rig: Rig
     """Cameras as calibrated, in our pixel centres."""
     captured_to_calibrated: np.ndarray
-    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy) (`frames.crop`)."""
+    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
     facts: frozenset[str]
-    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated),
+    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated, `segmented`: the estimator segments people),
     the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`storage.joints`); None where the capture has no joints."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +21,8 @@ import numpy as np
 
 from storage.array_metadata import ForeignArray, is_group, is_sealed, read_metadata, refuse_huge, seal, unseal
 from storage.capture import Capture
-from storage.errors import ArchiveError
-from storage.files import sync_folder, write_atomically
+from storage.errors import ArchiveError, NotWritten
+from storage.files import make_folder, refusals, sync_folder, write_atomically
 from storage.places import Unsafe, below, files_below, folders_in, name_fault
 from storage.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
 from storage.rig import Rig
@@ -29,6 +30,9 @@ from storage.spec import BATCH_DIMS, ArraySpec, Shape, array_digest
 
 RESHARD = "_reshard"
 """Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the first rename on."""
+
+SOURCES = "_sources"
+"""Folder of the source files that were copied into a sequence."""
 
 MAX_CHUNK_BYTES = 16 * 2**20
 """Pictures larger than this are tiled into several chunks of one shard."""
@@ -104,7 +108,7 @@ class Archive:
         """Open an archive; ArchiveError says what to do when there is none there."""
         root = local_path(url)
         if create:
-            root.mkdir(parents=True, exist_ok=True)
+            make_folder(root)
         if not root.is_dir():
             raise ArchiveError(f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another")
         _finish_reshards(root)
@@ -132,10 +136,21 @@ class Archive:
     def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
         """Register a capture under a name, replacing an earlier registration but not its results.
 
-        Raises ArchiveError for a name that cannot be a folder.
+        Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a sequence
+        that was not there before is then not there either.
         """
         self.check_sequence_name(name)
         root = self.place(name)
+        new = not root.exists() or {p.name for p in root.iterdir()} <= {SOURCES}
+        try:
+            with refusals(root):
+                return self._registered(root, capture, partition_frames)
+        except NotWritten:
+            if new:
+                shutil.rmtree(root, ignore_errors=True)
+            raise
+
+    def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
         # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken sequence.
         write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
         sequence = Sequence(root)
@@ -225,9 +240,18 @@ class Sequence:
                 seal(folder, digest)
             return
         attributes: Any = {"unit": unit, "meaning": meaning, "digest": digest}
-        array = zarr.create_array(
-            self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in chunk or data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes=attributes, config={"write_empty_chunks": True}
-        )
+        with refusals(folder, data.nbytes):
+            array = zarr.create_array(
+                self.root,
+                name=name,
+                data=np.ascontiguousarray(data),
+                chunks=tuple(max(1, n) for n in chunk or data.shape),
+                compressors=codecs(data.dtype),
+                overwrite=True,
+                dimension_names=dims,
+                attributes=attributes,
+                config={"write_empty_chunks": True},
+            )
         assert array.shape == data.shape
         seal(folder)
 
@@ -269,26 +293,27 @@ class Sequence:
             if not is_sealed(folder):
                 seal(folder)
             return
-        if change in ("grow", "shrink"):
-            unseal(folder)
-            self.open_array(name, "r+").resize(lengths)
+        with refusals(folder):
+            if change in ("grow", "shrink"):
+                unseal(folder)
+                self.open_array(name, "r+").resize(lengths)
+                seal(folder)
+                return
+            zarr.create_array(
+                self.root,
+                name=name,
+                shape=lengths,
+                chunks=chunk,
+                shards=shard,
+                dtype=spec.dtype,
+                compressors=codecs(np.dtype(spec.dtype)),
+                fill_value=0,
+                overwrite=True,
+                dimension_names=spec.dims,
+                attributes=attributes,
+                config={"write_empty_chunks": True},
+            )
             seal(folder)
-            return
-        zarr.create_array(
-            self.root,
-            name=name,
-            shape=lengths,
-            chunks=chunk,
-            shards=shard,
-            dtype=spec.dtype,
-            compressors=codecs(np.dtype(spec.dtype)),
-            fill_value=0,
-            overwrite=True,
-            dimension_names=spec.dims,
-            attributes=attributes,
-            config={"write_empty_chunks": True},
-        )
-        seal(folder)
 
     def _change(self, spec: ArraySpec, shape: Shape, path: str) -> Literal["create", "grow", "shrink", "replace"] | None:
         """What `ensure_array` has to do."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -16,6 +16,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from storage.crop import Crop
+from storage.documents import regular
 from storage.errors import SourceError
 from storage.rig import Rig
 from storage.spec import digest
@@ -46,9 +48,9 @@ class SourceFile:
     @classmethod
     def of(cls, path: str | Path) -> SourceFile:
         """Reference an existing file. Raises SourceError when it is missing or unreadable."""
+        stat = regular(path)
         p = Path(path).resolve()
         try:
-            stat = p.stat()
             return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
         except OSError as e:
             raise SourceError(f"cannot read {p}: {e.strerror}") from e
@@ -150,6 +152,10 @@ class Capture:
     """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand (`depth.method: truth`)."""
     depth_maps: tuple[Stream | None, ...] = ()
     """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per unit of its files."""
+    crops: Mapping[str, Crop] = field(default_factory=dict)
+    """By camera, how captured pixels become calibrated ones where that is no identity, as found or said at import; `frames.crop` overrules it."""
+    held_out: tuple[str, ...] = ()
+    """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
 
@@ -190,6 +196,8 @@ class Capture:
         for kind in PER_VIEW:
             out[kind] = [asdict(s) if s else None for s in self.streams(kind)]
         out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
+        out["crops"] = {name: crop.model_dump() for name, crop in self.crops.items()}
+        out["held_out"] = self.held_out
         return out
 
     @classmethod
@@ -210,4 +218,5 @@ class Capture:
             np.array(r["size"], dtype=np.int64),
         )
         kinds = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
-        return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]
+        crops = {name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()}  # archives of older versions have neither
+        return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), crops=crops, held_out=tuple(data.get("held_out", ())), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from storage.archive import sync_folder
-from storage.errors import UserError
+from storage.documents import read_bytes, read_json
+from storage.errors import NotWritten, SourceError, UserError
+from storage.files import PARTIAL, refusals, sync_folder, write_atomically
 
 FORMAT = 1
 PIECE_BYTES = 15_000_000
@@ -46,26 +47,28 @@ def write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any
     Raises:
         CheckpointError: where the disk does not take it; the ones before are as they were.
     """
+    partial = root / f".{step:08d}{PARTIAL}"
     try:
-        return _write_checkpoint(root, step, data, facts)
-    except OSError as e:
-        raise CheckpointError(f"the checkpoint of step {step} cannot be written to {root}: {e.strerror or e}; free the disk, or move the folder to a larger one") from e
+        with refusals(root / f"{step:08d}", len(data)):
+            return _write_checkpoint(root, partial, step, data, facts)
+    except NotWritten as e:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise CheckpointError(f"the checkpoint of step {step} is not kept, the ones before are as they were: {e}") from e
 
 
-def _write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any]) -> Path:
+def _write_checkpoint(root: Path, partial: Path, step: int, data: bytes, facts: Mapping[str, Any]) -> Path:
     root.mkdir(parents=True, exist_ok=True)
-    for left in root.glob(".*.partial"):
+    for left in root.glob(f".*{PARTIAL}"):
         shutil.rmtree(left)
-    partial = root / f".{step:08d}.partial"
     partial.mkdir()
     pieces = []
     for n, start in enumerate(range(0, max(1, len(data)), PIECE_BYTES)):
         piece = memoryview(data)[start : start + PIECE_BYTES]
         name = f"{n:04d}.bin"
-        _write(partial / name, piece)
+        write_atomically(partial / name, piece)
         pieces.append({"name": name, "bytes": len(piece), "sha256": hashlib.sha256(piece).hexdigest()})
     body = {"format": FORMAT, "step": step, "bytes": len(data), "pieces": pieces, "facts": dict(facts)}
-    _write(partial / MANIFEST, json.dumps({**body, "sha256": _digest(body)}, indent=1).encode())
+    write_atomically(partial / MANIFEST, json.dumps({**body, "sha256": _digest(body)}, indent=1).encode())
     sync_folder(partial)
     place = root / f"{step:08d}"
     if place.exists():
@@ -87,10 +90,10 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
     """Read one checkpoint and check all of it. Raises CheckpointError naming the file and what is wrong with it."""
     place = root / f"{step:08d}"
     try:
-        manifest = json.loads((place / MANIFEST).read_bytes())
+        manifest = read_json(place / MANIFEST, "manifest")
         said = manifest.pop("sha256")
         version = manifest["format"]
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as e:
+    except (SourceError, KeyError, AttributeError, TypeError) as e:
         raise CheckpointError(f"{place / MANIFEST} cannot be read ({e!r})") from e
     if version != FORMAT:
         raise CheckpointError(f"{place / MANIFEST} is of format {version}; this version reads format {FORMAT}")
@@ -100,9 +103,9 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
     for piece in manifest["pieces"]:
         file = place / piece["name"]
         try:
-            part = file.read_bytes()
-        except OSError as e:
-            raise CheckpointError(f"{file} cannot be read ({e.strerror})") from e
+            part = read_bytes(file, "piece of a checkpoint", PIECE_BYTES)
+        except SourceError as e:
+            raise CheckpointError(str(e)) from e
         if (found := hashlib.sha256(part).hexdigest()) != piece["sha256"]:
             raise CheckpointError(f"{file} has {len(part)} bytes and sha256 {found[:12]}, expected {piece['bytes']} and {piece['sha256'][:12]}")
         parts.append(part)
@@ -130,10 +133,3 @@ def read_latest(root: Path) -> tuple[Checkpoint | None, list[str]]:
 
 def _digest(body: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
-
-
-def _write(path: Path, data: bytes | memoryview) -> None:
-    with path.open("wb") as f:
-        f.write(data)
-        f.flush()
-        os.fsync(f.fileno())

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Mapping, Sequence
+
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -11,3 +15,16 @@ class Crop(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
     offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+
+
+def crop_settings(choices: Mapping[str, Sequence[tuple[Crop, str]]]) -> list[str]:
+    """`frames.crop` as lines of YAML to copy: per camera the first of its (crop, meaning) as the value, the others as comments.
+
+    All lines are indented alike, so that they are told from a sentence and are YAML as they stand.
+    """
+    lines = ["  frames:", "    crop:"]
+    for name, (first, *others) in choices.items():
+        # A JSON text is a YAML key whatever the name holds: 01 stays a text.
+        key = name if re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name) else json.dumps(name)
+        lines += [f"      {mark}{key}: {{scale: {c.scale:.6g}, offset: [{c.offset[0]:.6g}, {c.offset[1]:.6g}]}}  # {how}" for mark, (c, how) in [("", first), *(("# ", o) for o in others)]]
+    return lines

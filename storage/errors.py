@@ -55,3 +55,27 @@ class LeaseLost(ArchiveError):
 
 class SchedulerLost(UserError):
     """The scheduler of a run does not answer any more; what is done is kept."""
+
+
+class NotWritten(UserError, OSError):
+    """A file or folder that the system did not take: disk full, read-only, no permission, no such place. An OSError with its number."""
+
+    def __init__(self, number: int, sentence: str) -> None:
+        super().__init__(number, sentence)
+
+    def __str__(self) -> str:
+        return str(self.args[1])
+
+
+class OtherCode(UserError):
+    """A process whose code or libraries are not those of the run, so that its results would not be what their receipts claim."""
+
+    def __init__(self, sentence: str, worker: str = "", versions: dict[str, str] | None = None) -> None:
+        super().__init__(sentence, worker, versions)
+        self.worker = worker
+        """Address of the worker that refused; empty where it is no worker."""
+        self.versions = versions or {}
+        """What that process has: version or digest by name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])

@@ -11,6 +11,7 @@ one atomic write.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -30,6 +31,7 @@ from typing import Any
 import psutil
 
 from storage.errors import LeaseHeld, LeaseLost
+from storage.files import refusals
 from storage.places import files_below, parse_json, read_file
 
 SUFFIX = ".lease"
@@ -228,7 +230,7 @@ class Lease:
 
     @classmethod
     def take(cls, file: Path, run: str, worker: str = "main", seconds: float = 60.0, clock: Callable[[], float] = time.time) -> Lease:
-        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld.
+        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld, and NotWritten.
 
         Args:
             file: where it lies.
@@ -237,7 +239,12 @@ class Lease:
             seconds: how long it holds without renewal.
             clock: seconds since the epoch.
         """
-        file.parent.mkdir(parents=True, exist_ok=True)
+        with refusals(file, LENGTH):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            return cls._take(file, run, worker, seconds, clock)
+
+    @classmethod
+    def _take(cls, file: Path, run: str, worker: str, seconds: float, clock: Callable[[], float]) -> Lease:
         while True:
             now = clock()
             holder = Holder(uuid.uuid4().hex, run, worker, socket.gethostname(), _boot(), os.getpid(), _own_start(os.getpid()), now, now + seconds)
@@ -296,7 +303,8 @@ class Lease:
             if self._handle >= 0:
                 os.close(self._handle)
                 self._handle = -1
-                _remove(self.file, lambda h: h.token == self.holder.token)
+                with contextlib.suppress(OSError):  # a disk that became read-only: the lease then ends by itself
+                    _remove(self.file, lambda h: h.token == self.holder.token)
 
     def __enter__(self) -> Lease:
         """The lease; it is dropped at the end, whatever happens."""

@@ -12,13 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from storage.documents import reader_of, regular
 from storage.errors import SourceError
+from storage.files import ask_why, whole_file
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
 
 NO_TIME = "1970:01:01 00:00:00"
 """Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
+LONGEST_SIDE = 32768
+"""Px of a picture's side."""
+MOST_PIXELS = 2**26
+"""Px of a picture: a header of a few bytes may promise what no memory holds."""
+MOST_CHANNELS = 4
+"""Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -89,30 +97,45 @@ def holds_integers(path: str | Path) -> bool:
 
 
 def write_png(path: str | Path, picture: np.ndarray) -> None:
-    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha."""
+    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha. Raises NotWritten."""
     if picture.dtype != np.uint8:
         raise ValueError(f"a PNG is written from uint8, got {picture.dtype} for {path}")
     _write(path, picture, "uint8", {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4})
 
 
 def write_exr(path: str | Path, picture: np.ndarray) -> None:
-    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes."""
+    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes. Raises NotWritten."""
     kinds = {np.dtype(np.float16): "half", np.dtype(np.float32): "float"}
     if picture.dtype not in kinds:
         raise ValueError(f"an EXR is written from float16 or float32, got {picture.dtype} for {path}")
     _write(path, picture, kinds[picture.dtype], {"compression": "zip", "DateTime": NO_TIME})
 
 
+def _is_whole(path: Path) -> bool:
+    """Whether a file that was just written can be read to its end."""
+    try:
+        _read(path)
+    except SourceError:
+        return False
+    return True
+
+
 def _open(path: str | Path) -> tuple[Any, Any]:
     import OpenImageIO as oiio
 
+    regular(path, "picture")
     hints = oiio.ImageSpec()
     hints["oiio:UnassociatedAlpha"] = 1
-    source = oiio.ImageInput.open(str(path), hints)
-    cause = oiio.geterror()
+    with reader_of(path, "picture"):
+        source = oiio.ImageInput.open(str(path), hints)
+        cause = oiio.geterror()
     if source is None:
-        raise SourceError(f"cannot read picture {path}: {_line(cause)}" if Path(path).is_file() else f"no such file: {path}")
-    return source, source.spec()
+        raise SourceError(f"cannot read picture {path}: {_line(cause)}")
+    spec = source.spec()
+    if not (0 < spec.width <= LONGEST_SIDE and 0 < spec.height <= LONGEST_SIDE and spec.width * spec.height <= MOST_PIXELS):
+        source.close()
+        raise SourceError(f"cannot read picture {path}: it says it is {spec.width}x{spec.height} px; at most {LONGEST_SIDE} px a side and {MOST_PIXELS} px in all are read")
+    return source, spec
 
 
 def _line(cause: str) -> str:
@@ -123,12 +146,14 @@ def _read(path: str | Path) -> np.ndarray:
     """[h, w, c] uint8, uint16 or float32, the tagged orientation applied."""
     source, spec = _open(path)
     kind = str(spec.format)
-    values = source.read_image(kind if kind in ("uint8", "uint16") else "float")
-    cause = source.geterror()
-    source.close()
+    channels = min(spec.nchannels, MOST_CHANNELS)
+    with reader_of(path, "picture"):
+        values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
+        cause = source.geterror()
+        source.close()
     if values is None or cause:
         raise SourceError(f"cannot read picture {path} to its end: {_line(cause)}; it is damaged or cut off")
-    return _oriented(np.asarray(values).reshape(spec.height, spec.width, spec.nchannels), spec.getattribute("Orientation") or 1)
+    return _oriented(np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1)
 
 
 def _oriented(values: np.ndarray, orientation: int) -> np.ndarray:
@@ -158,7 +183,8 @@ def _write(path: str | Path, picture: np.ndarray, kind: str, attributes: dict[st
     out = oiio.ImageOutput.create(str(path))
     if out is None:
         raise ValueError(f"cannot write {path}: {_line(oiio.geterror())}")
-    done = out.open(str(path), spec) and out.write_image(values)
-    cause = out.geterror()
-    if not (out.close() and done):
-        raise SourceError(f"cannot write {path}: {_line(cause)}")
+    with whole_file(path, values.nbytes) as partial:
+        done = out.open(str(partial), spec) and out.write_image(values)
+        cause = out.geterror()
+        if not (out.close() and done and _is_whole(partial)):  # of a full disk the PNG writer says nothing
+            ask_why(partial, values.nbytes, _line(cause))

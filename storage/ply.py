@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from storage.documents import read_bytes
 from storage.errors import SourceError
 
 NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
@@ -38,7 +39,7 @@ def read_ply(path: str | Path) -> Ply:
     Raises SourceError, naming file and line or byte, for what is no PLY, for text, for lists, and for files that are
     shorter or longer than their header says.
     """
-    raw = Path(path).read_bytes()
+    raw = read_bytes(path, largest=None)
     header, types = _header(path, raw)
     elements, at = {}, len(header)
     for name, (count, dtype) in types.items():

@@ -18,7 +18,7 @@ import numpy as np
 
 from storage import checksums
 from storage.archive import Sequence
-from storage.files import sync_folder, write_atomically
+from storage.files import refusals, sync_folder, write_atomically
 from storage.places import Look, Unsafe, files_below, is_word, parse_json, read_file
 
 MOST_BYTES = 2**26
@@ -229,8 +229,9 @@ def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: 
     """Remove and sync: the first act of a task, so that new bytes never lie under an old receipt."""
     file = receipt_file(sequence, stage, partition, view, path)
     if file.exists():
-        file.unlink()
-        sync_folder(file.parent)
+        with refusals(file):
+            file.unlink()
+            sync_folder(file.parent)
 
 
 def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:

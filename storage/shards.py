@@ -14,7 +14,7 @@ import numpy as np
 from storage.archive import Sequence
 from storage.array_metadata import refuse_huge
 from storage.errors import ShardCorrupt, ShardMissing
-from storage.files import sync_folder, write_atomically
+from storage.files import refusals, sync_folder, write_atomically
 from storage.places import Look
 from storage.receipts import Output, ShardFile
 from storage.spec import ArraySpec, TableSpec, array_digest, digest
@@ -31,11 +31,11 @@ def free() -> None:
 def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
     """Sync a shard, its folder, and where folders were made for it; and describe it."""
     path = sequence.place(key)
-    with open(path, "rb") as f:
+    with refusals(path), open(path, "rb") as f:
         data = f.read()
         os.fsync(f.fileno())
-    for folder in (path.parent, *(m.parent for m in made)):
-        sync_folder(folder)
+        for folder in (path.parent, *(m.parent for m in made)):
+            sync_folder(folder)
     return ShardFile(key, len(data), zlib.crc32(data))
 
 
@@ -91,8 +91,9 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         key = "/".join([name, "c", *map(str, where)])
         file = sequence.place(key)
         made = _missing_folders(file)
-        file.unlink(missing_ok=True)
-        array[into] = data[of]
+        with refusals(file, data[of].nbytes):
+            file.unlink(missing_ok=True)
+            array[into] = data[of]
         files.append(_record(sequence, key, made))
     return Output(name, view, array_digest(data), tuple(files))
 

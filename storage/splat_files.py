@@ -6,13 +6,13 @@ is carried along. A compressed file is decoded and may be written as a standard 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from storage.errors import SourceError
+from storage.files import write_atomically
 from storage.ply import Ply, read_ply
 from storage.splat_packing import PACKED, decode
 from storage.splats import Splats
@@ -96,9 +96,7 @@ def write_splats(path: str | Path, splats: Splats, carried: Ply | None = None) -
     for names, values in parts:
         for i, name in enumerate(names):
             table[name] = values[:, i]
-    part = Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
-    part.write_bytes(Ply(ply.header, {**ply.elements, "vertex": table}).tobytes())
-    os.replace(part, path)
+    write_atomically(Path(path), Ply(ply.header, {**ply.elements, "vertex": table}).tobytes())
 
 
 def _standard(splats: Splats) -> Ply:

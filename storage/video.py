@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from storage.documents import regular
 from storage.errors import SourceError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
@@ -52,10 +53,7 @@ class VideoFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        try:
-            stat = self.path.stat()
-        except OSError as e:
-            raise SourceError(f"cannot read video {self.path}: {e.strerror}") from e
+        stat = regular(self.path, "video")
         self._index = _scan(str(self.path), stat.st_size, stat.st_mtime_ns)
 
     @property
@@ -129,10 +127,12 @@ def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
 
     av.logging.set_level(av.logging.PANIC)
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
                 raise SourceError(f"{path} holds no video stream")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise SourceError(f"video {path} is of a codec that is not known here; write it again, for example in H.264")
             stream.codec_context.thread_count = 1
             yield container, stream
     except av.error.FFmpegError as e:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from stages.capture.skeleton import BONES, JOINT_BONES, SIDES
+from storage.files import whole_file
 
 NON_COMMERCIAL = ("smpl", "smplh", "smplx", "mano", "flame")
 """Topologies and rigs of anny whose data is for non-commercial use only."""
@@ -132,7 +133,8 @@ def bake(folder: Path, topology: str = "anny") -> None:
     weights = model.dense_vertex_bone_weights.numpy()
     faces, corners, keep = _outside(model)
     index, share = _merged_weights(weights[keep], labels)
-    np.savez_compressed(folder / "body.npz", faces=faces.astype(np.uint16), corners=corners.astype(np.uint16), uv=np.rint(model.texture_coordinates.numpy() * 65535).astype(np.uint16), bones=index, weights=share)
+    with whole_file(folder / "body.npz") as partial, open(partial, "wb") as f:
+        np.savez_compressed(f, faces=faces.astype(np.uint16), corners=corners.astype(np.uint16), uv=np.rint(model.texture_coordinates.numpy() * 65535).astype(np.uint16), bones=index, weights=share)
     regressor = KeypointsRegressor.coco(model)
     pose = torch.eye(4, dtype=model.dtype)[None, None].repeat(1, model.bone_count, 1, 1)
     for name, given in PHENOTYPES.items():
@@ -145,7 +147,8 @@ def bake(folder: Path, topology: str = "anny") -> None:
         floor = np.array([0.0, 0.0, v[:, 2].min()])
         pivots = np.stack([_pivot(bone, heads) for bone in BONES])
         joints = np.stack([face[j.removeprefix("=")] if j.startswith("=") else pivots[BONES.index(j)] for j in JOINT_BONES])
-        np.savez_compressed(folder / f"{name}.npz", **_quantised(_to_ours(v - floor)), pivots=_to_ours(pivots - floor), joints=_to_ours(joints - floor))
+        with whole_file(folder / f"{name}.npz") as partial, open(partial, "wb") as f:
+            np.savez_compressed(f, **_quantised(_to_ours(v - floor)), pivots=_to_ours(pivots - floor), joints=_to_ours(joints - floor))
         print(f"{name}: {np.ptp(v[:, 2]):.2f} m")
 
 

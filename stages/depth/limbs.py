@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from stages.geometry.hull import foreground, into_views
+from stages.geometry.hull import MOST_POINTS, foreground, into_views
 from stages.geometry.projection import rays
 from storage.joints import COCO17
 from storage.rig import Rig, points_from_integer_centres, to_integer_centres
@@ -192,7 +192,7 @@ def _moved(near: np.ndarray, far: np.ndarray, origin: np.ndarray, directions: np
             continue
         last = min(last, first + FARTHEST)
         into_views(origin, directions[n], projections, start, along)
-        steps = int((last - first) / (pixel * first)) + 1
+        steps = int(min((last - first) / (pixel * first), MOST_POINTS)) + 1
         for i in range(steps + 1):
             z = first + (last - first) * i / steps
             if _alone(z, start, along, unexplained):

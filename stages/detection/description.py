@@ -20,11 +20,12 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from storage.documents import regular
 from storage.errors import ConfigError, SourceError
 from storage.joints import joint_set
+from storage.yaml_documents import read_yaml
 
 Side = Annotated[int, Field(ge=8, le=4096)]
 Three = tuple[float, float, float]
@@ -102,9 +103,9 @@ def read_description(file: Path) -> Description:
     out of bounds, and SourceError for an ONNX file that is missing or has another sha256.
     """
     try:
-        body = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as e:
-        raise ConfigError(f"{file}: cannot be read as YAML ({e}); describe the ONNX model as docs/pose.md shows") from e
+        body = read_yaml(file, "description")
+    except SourceError as e:
+        raise ConfigError(f"{e}; describe the ONNX model as docs/pose.md shows") from e
     if not isinstance(body, dict):
         raise ConfigError(f"{file}: a mapping of settings is expected, found {type(body).__name__}; describe the ONNX model as docs/pose.md shows")
     try:
@@ -117,8 +118,9 @@ def read_description(file: Path) -> Description:
 
 
 def _check_file(file: Path, description: Description) -> None:
-    if not description.path.is_file():
+    if not description.path.exists():
         raise SourceError(f"{file}: no file {description.path}; `file` is relative to the description's folder")
+    regular(description.path, "model")
     if description.sha256 is None:
         return
     with open(description.path, "rb") as f:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +13,24 @@ import numpy as np
 from storage.errors import ConfigError
 
 MISSING = 'LiteRT cannot be imported ({error}), so BlazePose cannot run; install it with "python -m pip install ai-edge-litert", or set detection.estimator to files or onnx'
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Within, nothing reaches standard error: LiteRT writes there, past Python, that it made itself ready.
+
+    What goes wrong it raises as an exception besides.
+    """
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 class Network:
@@ -20,8 +42,9 @@ class Network:
             from ai_edge_litert.interpreter import Interpreter
         except (ImportError, OSError) as e:
             raise ConfigError(MISSING.format(error=e)) from e
-        self._interpreter = Interpreter(str(file), num_threads=1)
-        self._interpreter.allocate_tensors()
+        with _without_log():
+            self._interpreter = Interpreter(str(file), num_threads=1)
+            self._interpreter.allocate_tensors()
         self._input = self._interpreter.get_input_details()[0]["index"]
         self._outputs = [d["index"] for d in sorted(self._interpreter.get_output_details(), key=lambda d: str(d["name"]))]
 

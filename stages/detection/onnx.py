@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -41,13 +43,19 @@ class OnnxEstimator:
 
     def find(self, picture: np.ndarray, most: int) -> Found:
         """At most `most` people in a picture [h, w, 3] uint8 sRGB, sorted by presence."""
-        regions = whole((picture.shape[1], picture.shape[0]))[None] if self._finder is None else self._finder.find(picture, most).region
-        people = self.look(picture, regions)
+        seen = None if self._finder is None else self._finder.find(picture, most)
+        regions = whole((picture.shape[1], picture.shape[0]))[None] if seen is None else seen.region
+        people = self._people(picture, regions, seen)
         return people.pick(np.argsort(-people.presence, kind="stable").tolist())
 
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
         """Landmarks in the given regions [P, 4], one person each in the same order; presence is the mean score of the joints."""
-        return Found.together([self._look(picture, r) for r in np.asarray(regions, dtype=np.float64)], len(joint_set(self.joint_set)))
+        return self._people(picture, regions, None if self._finder is None else self._finder.look(picture, regions))
+
+    def _people(self, picture: np.ndarray, regions: np.ndarray, seen: Found | None) -> Found:
+        """One person a region [P, 4], with the segmentation by whoever finds people, who looked in the same regions."""
+        people = Found.together([self._look(picture, r) for r in np.asarray(regions, dtype=np.float64)], len(joint_set(self.joint_set)))
+        return people if seen is None else replace(people, person=seen.person)
 
     def _look(self, picture: np.ndarray, region: np.ndarray) -> Found:
         d = self._d

@@ -14,6 +14,8 @@ GIVEN_JOINTS = "given_joints"
 """Fact: joints came with the capture, 2D ones of a source view or 3D ones."""
 BLAZEPOSE = "blazepose"
 """Fact: BlazePose's models are in the cache and what runs them is installed."""
+BLAZEPOSE_JOINTS = "blazepose33"
+"""Joint set of what BlazePose finds."""
 ADDED = f"`{FETCH}` adds it"
 """What to do where BlazePose is missing."""
 

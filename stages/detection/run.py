@@ -66,9 +66,11 @@ def _inside(joints: np.ndarray, box: list[float]) -> list[int]:
 
 
 def _blocks(inputs: Inputs, params: DetectionParams, found: list[Found] | None, view: int, joints: int) -> Iterator[Block]:
-    """The four outputs of one view, people padded with nobody."""
+    """The outputs of one view, people padded with nobody; heatmaps only where these joints are the capture's."""
     frames, most = len(inputs.partition), params.people
     shapes = {"joints2d": ((joints, 3), np.float32), "region": ((4,), np.float32), "heatmaps": ((17, 64, 64), np.float16), "person": ((256, 256), np.uint8)}
+    if "detected" not in inputs.facts:
+        del shapes["heatmaps"]
     for name, (tail, dtype) in shapes.items():
         data = np.zeros((frames, most, *tail), dtype=dtype)
         for f, people in enumerate(found or ()):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import DetectionParams, estimator_choice, refusal
 from stages.frames.effects import CROP_SCALE, UNDISTORTION
+from stages.frames.params import SEGMENTED
 from storage.spec import ArraySpec, Shape
 
 ESTIMATED = "detected"
@@ -18,8 +19,8 @@ def needs(shape: Shape, params: DetectionParams) -> Resources:
 
 
 def unneeded(params: DetectionParams, facts: Facts) -> str | None:
-    """Joints that came with the capture, or none at all."""
-    return None if ESTIMATED in facts else estimator_choice(params, facts)[1]
+    """Joints that came with the capture, or none at all, and no matte that a segmentation would help."""
+    return None if facts & {ESTIMATED, SEGMENTED} else estimator_choice(params, facts)[1]
 
 
 STAGE = Stage(
@@ -30,9 +31,9 @@ STAGE = Stage(
     check="stages.detection.run:check",
     reads=(Read.source("pictures", views="sources"), Read.source("estimator")),
     writes=(
-        ArraySpec("detection/joints2d", ("frame", "view", "person", "joint", "uvs"), "float32", "px", "Joints of everybody found, in captured pixels, and their score; all 0 = nobody."),
+        ArraySpec("detection/joints2d", ("frame", "view", "person", "found_joint", "uvs"), "float32", "px", "Joints of everybody found, in captured pixels, and their score; all 0 = nobody."),
         ArraySpec("detection/region", ("frame", "view", "person", "region"), "float32", "px", "Square in which a person was looked at: centre u, v, side in captured pixels, turn in radians; side 0 = nobody."),
-        ArraySpec("detection/heatmaps", ("frame", "view", "person", "coco17", "map_y", "map_x"), "float16", "1", "The estimator's heatmaps over the region, 0..1.", keep="until_done"),
+        ArraySpec("detection/heatmaps", ("frame", "view", "person", "coco17", "map_y", "map_x"), "float16", "1", "The estimator's heatmaps over the region, 0..1; not kept where joints came with the capture.", keep="until_done", when=ESTIMATED),
         ArraySpec("detection/person", ("frame", "view", "person", "hint_y", "hint_x"), "uint8", "1/255", "The estimator's segmentation of the person over the region; 0 where it gives none.", keep="until_done"),
     ),
     over=("sequence", "time"),

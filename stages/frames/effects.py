@@ -55,10 +55,13 @@ def _undistortion(evidence: Evidence, bound: float) -> Decision:
 
 def _crop_scale(evidence: Evidence, bound: float) -> Decision:
     moved = crop_displacement(evidence.rig, evidence.source_rig, evidence.captured_size, evidence.captured_to_calibrated)
+    # Pictures that reach beyond the calibrated one have to be cut though none of their pixels moves.
+    other = np.abs(evidence.captured_size - evidence.source_rig.size) * (evidence.rig.size / evidence.source_rig.size)
+    moved = np.maximum(moved, other.max(axis=1))
     worst = int(moved.argmax())
     if not moved[worst]:
-        return Decision(False, 0.0, bound, "the captured pixels are the calibrated ones: no frames.crop")
-    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"frames.crop moves a corner of {evidence.rig.names[worst]} by up to {moved[worst]:.2f} px")
+        return Decision(False, 0.0, bound, "the captured pixels are the calibrated ones: no crop and no other size")
+    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"crop and scale move a corner of {evidence.rig.names[worst]} by up to {moved[worst]:.2f} px")
 
 
 def _crop_refusal(evidence: Evidence) -> str | None:
@@ -142,7 +145,7 @@ UNDISTORTION = Effect(
 )
 CROP_SCALE = Effect(
     "crop_scale",
-    "Bring captured pixels to the calibrated ones by frames.crop.",
+    "Bring captured pixels to the calibrated ones by the crop that the import found, or frames.crop.",
     "largest displacement by crop and scale",
     0.1,
     "px",

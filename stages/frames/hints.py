@@ -7,6 +7,7 @@ import numpy as np
 
 from stages.detection.regions import to_own
 from stages.frames.layout import captured_positions, switched
+from stages.frames.params import SEGMENTED
 from stages.frames.person_matte import FAINT, Known
 from stages.geometry.projection import pixel_centres, rays
 from stages.geometry.subject import look_at_point
@@ -45,7 +46,7 @@ class Hints:
     def __init__(self, inputs: Inputs, margin: float) -> None:
         """margin: by how much a view's segmentation may be off, share of the side of its region."""
         self._inputs, self._margin = inputs, margin
-        sources = inputs.views.sources if "detected" in inputs.facts else ()
+        sources = inputs.views.sources if SEGMENTED in inputs.facts else ()
         self._person = {v: inputs.read("detection/person", v) for v in sources}
         self._region = {v: inputs.read("detection/region", v) for v in sources}
         self._chosen = {v: inputs.read("pose/chosen", v) for v in sources}

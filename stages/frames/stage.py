@@ -5,7 +5,7 @@ from __future__ import annotations
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import ADDED
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
-from stages.frames.params import GIVEN_DEPTH, FramesParams, matte_choice, resolve_matte
+from stages.frames.params import GIVEN_DEPTH, SEGMENTED, FramesParams, matte_choice, resolve_matte
 from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
 from storage.spec import ArraySpec, Shape
 
@@ -30,8 +30,8 @@ def _person(params: FramesParams, facts: Facts) -> bool:
     return resolve_matte(params, facts) == "person"
 
 
-def _detected(params: FramesParams, facts: Facts) -> bool:
-    return "detected" in facts and _person(params, facts)
+def _segmented(params: FramesParams, facts: Facts) -> bool:
+    return SEGMENTED in facts and _person(params, facts)
 
 
 def _matched(params: FramesParams, facts: Facts) -> bool:
@@ -74,9 +74,9 @@ STAGE = Stage(
         Read.source("depth_maps", when=lambda p, f: GIVEN_DEPTH in f),
         Read("survey/plate", views="own", when=_plate),
         Read("survey/spread", views="own", when=_plate),
-        Read("detection/person", when=_detected),
-        Read("detection/region", when=_detected),
-        Read("pose/chosen", when=_detected),
+        Read("detection/person", when=_segmented),
+        Read("detection/region", when=_segmented),
+        Read("pose/chosen", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
         Read(COLORS, views="sources", when=_matched),

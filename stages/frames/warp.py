@@ -26,20 +26,12 @@ class Warp:
     """
 
     def __init__(self, view: int, captured: tuple[int, int], source_rig: Rig, rig: Rig, crop: np.ndarray) -> None:
-        """Prepare view `view` of captured (width, height) px; crop [3] (scale, dx, dy).
-
-        Raises SourceError when the captured size is not the calibrated one and no crop says how they relate.
-        """
+        """Prepare view `view` of captured (width, height) px; crop [3] (scale, dx, dy)."""
         self.view, self.name = view, source_rig.names[view]
         self.captured = (int(captured[0]), int(captured[1]))
         self.calibrated = (int(source_rig.size[view, 0]), int(source_rig.size[view, 1]))
         self.size = (int(rig.size[view, 0]), int(rig.size[view, 1]))
-        moved = bool(np.any(crop != [1.0, 0.0, 0.0]))
-        if self.captured != self.calibrated and not moved:
-            raise SourceError(
-                f"camera {self.name}: pictures are {self.captured[0]}x{self.captured[1]} px but the calibration is for {self.calibrated[0]}x{self.calibrated[1]}; "
-                f"say how they relate with frames.crop: {{{self.name}: {{scale: ..., offset: [dx, dy]}}}}"
-            )
+        moved = self.captured != self.calibrated or bool(np.any(crop != [1.0, 0.0, 0.0]))
         self._cameras = (rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crop)
         # A captured picture larger than the calibrated one is averaged down first: bilinear sampling would alias.
         self._reduced = tuple(max(1, round(n * min(1.0, float(crop[0])))) for n in self.captured)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from stages.geometry.hull import WITNESSES, Silhouettes, beside, foreground, in_sphere, into_views
+from stages.geometry.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, foreground, in_sphere, into_views
 from stages.geometry.projection import rays
 from storage.rig import Rig, points_from_integer_centres
 
@@ -76,7 +76,7 @@ def _unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes
     origin, directions = rays(points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
     others = np.array([i for i, v in enumerate(silhouettes.views) if v != view], np.int64)
     s = silhouettes
-    found = _explained(origin, directions, others, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, STEP * float(s.pixels.min()))
+    found = _explained(origin, directions, others, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, STEP * s.pixel)
     return 1 - found.mean(axis=0)
 
 
@@ -91,7 +91,9 @@ def _explained(origin: np.ndarray, directions: np.ndarray, others: np.ndarray, d
         z, last = in_sphere(origin - centre, d, radius)
         into_views(origin, d, projections, start, along)
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        while z <= last and not out[n, count]:
+        for _ in range(MOST_POINTS):  # a step that is lost in z's rounding would never end
+            if not z <= last or out[n, count]:
+                break
             seen, against, by, free = 0, 0, -1, np.inf
             for v in others:
                 px, edge, w = beside(z, v, start, along, distance, sizes)

@@ -39,6 +39,8 @@ FARTHEST = 64.0
 """Px outside a silhouette that are told apart."""
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
+MOST_POINTS = 2**15
+"""Points of a ray that are looked at: about as many as a ray has px in the largest pictures. Cameras of another scale than the scene would walk for ever."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -90,6 +92,11 @@ class Silhouettes:
         projections = to_integer_centres(rig.intrinsics[views]) @ rig.world_to_camera[views, :3]
         return cls(tuple(views), distance, projections, boxes, rig.size[views].astype(np.float64), OBLIQUE * rig.intrinsics[views][:, [0, 1], [0, 1]].max(axis=1, initial=0), pixels, centre, radius)
 
+    @property
+    def pixel(self) -> float:
+        """Metres from one point of a ray to the next: a px at the centre of the sharpest view, or more where the sphere would take more than `MOST_POINTS`."""
+        return max(float(self.pixels.min()), 2 * self.radius / MOST_POINTS)
+
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""
         chosen = [i for i, v in enumerate(self.views) if v in views]
@@ -104,7 +111,7 @@ class Silhouettes:
         out = np.zeros((len(directions), 2))
         if self.views and len(directions):
             tries = [(t, 0) for t in dict.fromkeys(tolerance)] + ([(tolerance[1], 1)] if votes and len(self.views) >= OUTVOTED else [])
-            _march(origin, directions, self.distance, self.projections, self.boxes, self.sizes, self.focals, self.centre, self.radius, float(self.pixels.min()), tries, out)
+            _march(origin, directions, self.distance, self.projections, self.boxes, self.sizes, self.focals, self.centre, self.radius, self.pixel, tries, out)
         return out
 
 
@@ -241,7 +248,7 @@ def clip_ray(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.
 @njit(cache=True, nogil=True)
 def _end(z: float, step: float, pixel: float, last: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray, focals: np.ndarray, order: np.ndarray, how: tuple[float, int]) -> float:
     """Depth at which the walk from z by `step` (`pixel` metres) towards `last` enters the hull, refined by bisection; -1 if it never does."""
-    count = int(abs(last - z) / abs(step)) + 2
+    count = int(min(abs(last - z) / abs(step), MOST_POINTS)) + 2
     i = 0
     while i < count:
         here = z + i * step if i < count - 1 else last

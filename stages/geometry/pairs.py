@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -143,9 +144,14 @@ def _inside(pixels: np.ndarray, depth: np.ndarray, size: np.ndarray) -> np.ndarr
 
 def pair_report(rig: Rig, views: Sequence[int] | None = None, max_angle: float = MAX_ANGLE) -> list[PairReport]:
     """The verdict on every pair of the given views (default: all), in the order of the views."""
+    return list(_reports(rig, tuple(range(len(rig)) if views is None else views), max_angle))
+
+
+@lru_cache(maxsize=16)
+def _reports(rig: Rig, views: tuple[int, ...], max_angle: float) -> tuple[PairReport, ...]:
+    """A plan asks for the same pairs more than once: for its notes, the default path and the depth."""
     subject, up = look_at_point(rig), up_direction(rig)
-    chosen = range(len(rig)) if views is None else views
-    return [classify(rig, a, b, max_angle, subject, up) for a, b in combinations(chosen, 2)]
+    return tuple(classify(rig, a, b, max_angle, subject, up) for a, b in combinations(views, 2))
 
 
 def choose_pairs(rig: Rig, sources: Sequence[int], count: int, max_angle: float = MAX_ANGLE, reports: Sequence[PairReport] | None = None) -> dict[int, list[int]]:

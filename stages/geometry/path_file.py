@@ -6,12 +6,11 @@ OpenCV axes, metres. With `frame`, a source frame number, a camera serves that f
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from storage.documents import read_json
 from storage.errors import UserError
 from storage.rig import CameraPath, from_integer_centres, rigid
 
@@ -65,14 +64,7 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
 
 
 def _parse(file: str) -> dict[str, Any]:
-    try:
-        document = json.loads(Path(file).read_text(encoding="utf-8"))
-    except OSError as e:
-        raise UserError(f"camera path {file}: {e.strerror or e}") from None
-    except UnicodeDecodeError:
-        raise UserError(f"camera path {file}: not a text file in UTF-8") from None
-    except json.JSONDecodeError as e:
-        raise UserError(f"{file}:{e.lineno}:{e.colno}: not JSON: {e.msg}") from None
+    document = read_json(file, "camera path")
     if not isinstance(document, dict):
         raise UserError(f"{file}: the top of the file must be an object; the form is {FORM}")
     return document

@@ -1,8 +1,9 @@
 """Camera paths: where pictures are rendered from, over the frames of a sequence.
 
-`orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead, one for each
-step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited too: the far
-side then shows what no camera saw, which is nothing. `sway` stays near a camera: what a single source view has to show.
+`between`, `orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead, one
+for each step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited too: the far
+side then shows what no camera saw, which is nothing. `between` stays where cameras stand side by side, and `sway` near a
+camera: what a single source view has to show.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ import shlex
 
 import numpy as np
 
+from stages.geometry.pairs import MAX_ANGLE
 from stages.geometry.path_file import read_path_file
+from stages.geometry.stretch import Stretch, around, best_stretch, directions
 from stages.geometry.subject import look_at_point, up_direction
 from stages.io import Views
 from storage.errors import CalibrationError, UserError
 from storage.rig import CameraPath, Rig, rigid
 
 STEPS = 48
-"""Cameras of an orbit or arc of a sequence that has one frame only."""
+"""Cameras of a moving path of a sequence that has one frame only."""
 SWAY = 6.0
 """Degrees at the subject by which `sway` swings to both sides."""
 RISE = 1 / 3
@@ -30,11 +33,12 @@ HALF_TURN = 1e-3
 """Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the way."""
 
 
-def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, distance: float | None = None) -> CameraPath:
-    """The target cameras of `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, `sway [CAM [DEGREES]]`, or a file whose name ends in .json.
+def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, distance: float | None = None, max_angle: float = MAX_ANGLE) -> CameraPath:
+    """The target cameras of `between`, `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, `sway [CAM [DEGREES]]`, or a file whose name ends in .json.
 
     Names with spaces are quoted. `rig` holds the cameras of the frames grid, `source_frames` [F] the source frame numbers
-    of the sequence; `distance` is metres from a single source camera to the subject, where they are known. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
+    of the sequence; `distance` is metres from a single source camera to the subject, where they are known, `max_angle` degrees between
+    neighbours that depth can match. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
     """
     frames = len(source_frames)
     if text.strip().endswith(".json"):
@@ -44,11 +48,11 @@ def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, dist
     except ValueError as e:
         raise UserError(f"camera path {text!r}: {e}; put names with spaces in one pair of quotes") from None
     kind, cameras = (words[0], words[1:]) if words else ("", [])
-    wanted = {"held_out": (0,), "orbit": (0,), "arc": (2,), "still": (1,), "sway": (0, 1, 2)}
+    wanted = {"between": (0,), "held_out": (0,), "orbit": (0,), "arc": (2,), "still": (1,), "sway": (0, 1, 2)}
     if kind not in wanted:
         near = difflib.get_close_matches(kind, wanted, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UserError(f'camera path {text!r} is none of "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]" and a .json file{hint}')
+        raise UserError(f'camera path {text!r} is none of "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]" and a .json file{hint}')
     if kind == "sway" and len(cameras) < 3:
         return _sway(rig, views, cameras, text, frames, distance)
     if len(cameras) not in wanted[kind]:
@@ -60,6 +64,8 @@ def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, dist
         return _standing(kind, list(views.held_out), rig, frames)
     if kind == "still":
         return _standing(kind, indices, rig, frames)
+    if kind == "between":
+        return _side_by_side(rig, views, frames, max_angle)
     return _orbit(rig, frames) if kind == "orbit" else _arc(rig, indices[0], indices[1], frames)
 
 
@@ -106,11 +112,54 @@ def _orbit(rig: Rig, frames: int) -> CameraPath:
     angle = 2 * np.pi * np.arange(steps) / steps
     around = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(up, side)
     poses = np.stack([_looking_at(subject, subject + radius * a + height.mean() * up, up) for a in around])
-    sizes, counts = np.unique(rig.size, axis=0, return_counts=True)
-    size = sizes[np.argmax(counts)]
+    size = _common_size(rig)
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean()
     k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return _moving("orbit", np.repeat(k[None], steps, axis=0), poses, size, frames)
+
+
+def _common_size(rig: Rig) -> np.ndarray:
+    """[2] px: the size that most pictures have."""
+    sizes, counts = np.unique(rig.size, axis=0, return_counts=True)
+    return np.asarray(sizes[np.argmax(counts)])
+
+
+def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> CameraPath:
+    """Along the source cameras that stand side by side, upright and with the subject in the middle of the picture.
+
+    All the way around where they do, at even speed, the last frame one step short of the first; else from one end of the
+    stretch to the other and back, slowly at the ends. Height, distance and focal length go from camera to camera without a kink, and
+    never beyond both. Raises UserError where no two source cameras can be matched.
+    """
+    stretch = best_stretch(rig, views.sources, max_angle)
+    if stretch is None:
+        raise UserError(f"camera path 'between': no two of the source cameras {', '.join(rig.names[v] for v in views.sources)} can be matched (see `posegaussian inspect`), so nothing lies between; render sway, orbit, arc, still or a .json file")
+    steps = frames if frames > 1 else STEPS
+    phase = np.arange(steps) / steps
+    subject, up, height, flat = around(rig)
+    size = _common_size(rig.subset(stretch.views))
+    focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1)
+    azimuth, (rise, radius, length) = _along(rig, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal)
+    side, on = directions(rig, stretch.views[0])
+    centres = subject + radius[:, None] * (np.cos(azimuth)[:, None] * side + np.sin(azimuth)[:, None] * on) + rise[:, None] * up
+    k = np.zeros((steps, 3, 3))
+    k[:, 0, 0] = k[:, 1, 1] = length
+    k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
+    return _moving("between", k, np.stack([_looking_at(subject, c, up) for c in centres]), size, frames)
+
+
+def _along(rig: Rig, stretch: Stretch, share: np.ndarray, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Azimuth [S] from the stretch's first camera at shares [S] of the way, and what each of `values` [V] is there: a camera's own beside it, a smooth step between two."""
+    order = [*stretch.views, stretch.views[0]] if stretch.closed else list(stretch.views)
+    subject, (side, on) = around(rig)[0], directions(rig, order[0])
+    offset = rig.centres[order] - subject
+    steps = np.diff(np.arctan2(offset @ on, offset @ side)) % (2 * np.pi)
+    knots = np.concatenate([[0.0], np.cumsum(steps)])
+    azimuth = share * knots[-1]
+    hop = np.clip(np.searchsorted(knots, azimuth, side="right") - 1, 0, len(steps) - 1)
+    t = (azimuth - knots[hop]) / steps[hop]
+    smooth = t * t * (3 - 2 * t)
+    return azimuth, [v[order][hop] + smooth * (v[order][hop + 1] - v[order][hop]) for v in values]
 
 
 def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.ndarray:

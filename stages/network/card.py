@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
+
+from storage.documents import parse_json, regular, shortened
 from storage.errors import UserError
 
 
@@ -54,14 +56,13 @@ def read_card(path: Path) -> Card:
     must_exist(path)
     try:
         with safe_open(path, framework="numpy") as f:
-            found = json.loads((f.metadata() or {})["card"])
-    except (SafetensorError, KeyError) as e:
-        raise WeightsError(f"{path} is no safetensors file with a card ({e!r}); write it with save_weights") from e
-    found["validation"] = tuple(tuple(row) for row in found["validation"])
-    return Card(**{**found, "not_good_for": tuple(found["not_good_for"])})
+            return TypeAdapter(Card).validate_python(parse_json((f.metadata() or {})["card"], f"the card of {path}"))
+    except (SafetensorError, KeyError, UnicodeDecodeError, ValidationError) as e:
+        raise WeightsError(f"{path} is no safetensors file with a card ({shortened(e, 300)}); write it with save_weights") from e
 
 
 def must_exist(path: Path) -> None:
-    """Raise WeightsError for a path that is no file."""
-    if not path.is_file():
+    """Raise WeightsError for a path that is no file, SourceError for what is no regular one."""
+    if not path.exists():
         raise WeightsError(f"{path}: no such file of weights")
+    regular(path, "weights")

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import nn
 
 from stages.network.card import Card, WeightsError, must_exist
+from storage.files import write_atomically
 
 LARGEST = 65504.0
 """Of float16."""
@@ -33,6 +33,7 @@ def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> s
 
     Raises:
         WeightsError: for a value that is not finite or beyond float16, naming the key.
+        NotWritten: where the disk does not take it.
     """
     tensors = {}
     for key, value in sorted(state.items()):
@@ -42,12 +43,10 @@ def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> s
                 raise WeightsError(f"{path}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within {LARGEST:g}")
             value = value.half()
         tensors[key] = value.detach().cpu().contiguous().clone()
-    part = path.with_name(path.name + ".part")
-    save_file(tensors, part, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
-    part.chmod(0o644)  # the library makes it readable for its owner alone
-    os.replace(part, path)
-    digest = sha256(path)
-    path.with_suffix(".md").write_text(card.markdown(digest), encoding="utf-8")
+    data = save(tensors, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
+    write_atomically(path, data)
+    digest = hashlib.sha256(data).hexdigest()
+    write_atomically(path.with_suffix(".md"), card.markdown(digest).encode())
     return digest
 
 

@@ -8,7 +8,9 @@ import numpy as np
 
 from stages.contract import Facts
 from stages.depth.params import SINGLE_SOURCE
+from stages.frames.params import SEGMENTED
 from stages.io import Block, Inputs
+from stages.pose.found import found_subject
 from stages.pose.heatmaps import draw, grid_of
 from stages.pose.model_maps import put_model_maps
 from stages.pose.over_time import Followed, follow, swaps_told
@@ -23,7 +25,7 @@ NEAREST_SUBJECT = 0.5
 
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
-    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; of estimated joints pose/chosen, too.
+    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; where an estimator segments people pose/chosen, too.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
     detections are read, of frames where the view is valid; every other view knows its camera only and gets reprojections.
@@ -34,14 +36,15 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     followed = follow(inputs, params, set_id)
     frames = [_frame(inputs, params, followed, f, set_id) for f in range(len(inputs.partition))]
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
+    chosen = followed.chosen if "detected" in inputs.facts or SEGMENTED not in inputs.facts else found_subject(inputs, joints2d, set_id)
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
     yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*swaps_told(followed, inputs), *unknown))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         told = v in inputs.views.sources or not in_one_picture(inputs.facts)
         yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v, notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else ())
-        if "detected" in inputs.facts:
-            yield Block("pose/chosen", followed.chosen[:, v].astype(np.int32), v)
+        if SEGMENTED in inputs.facts:
+            yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
         if "pose_heatmaps" not in inputs.facts:
             continue
         sigma = np.full(depth[:, v].shape, params.sigma)

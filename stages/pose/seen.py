@@ -41,7 +41,7 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
     numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
     for f in range(frames):
-        people = [_in_frames(inputs, params, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count) if read is None else read[v][f]) for v in sources]
+        people = [in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame) if read is None else in_frames(inputs, v, read[v][f]) for v in sources]
         seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
         if read is not None:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
@@ -53,15 +53,15 @@ def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> n
     return np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3) if valid else np.zeros((0, count, 3))
 
 
-def _in_frames(inputs: Inputs, params: PoseParams, view: int, people: np.ndarray) -> np.ndarray:
-    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0."""
+def in_frames(inputs: Inputs, view: int, people: np.ndarray, joints_frame: str = "video") -> np.ndarray:
+    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0. joints_frame: as of `PoseParams`."""
     people = np.asarray(people, dtype=np.float64)
     if not len(people):
         return people
     sound = np.isfinite(people).all(axis=-1) & (people[..., 2] > 0)
     people = np.where(sound[..., None], people, 0.0)
     source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
-    crop = crops[view] if params.joints_frame == "video" or "detected" in inputs.facts else np.array([1.0, 0.0, 0.0])
+    crop = crops[view] if joints_frame == "video" else np.array([1.0, 0.0, 0.0])
     pixels, mapped = to_frames(people[..., :2], crop, source_rig, inputs.rig, view)
     score = np.minimum(people[..., 2:], 1.0)
     return np.where((sound & mapped)[..., None], np.concatenate([pixels, score], axis=-1), 0.0)

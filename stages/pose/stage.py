@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
 from stages.frames.effects import CROP_SCALE, UNDISTORTION
+from stages.frames.params import SEGMENTED
 from stages.pose.effects import POSE_HEATMAPS
 from stages.pose.params import PoseParams, halo, uses_model_maps
 from storage.spec import ArraySpec, Shape
@@ -27,7 +28,7 @@ STAGE = Stage(
     check="stages.pose.run:check",
     reads=(
         Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f, halo=halo),
-        Read("detection/joints2d", when=lambda p, f: "detected" in f, halo=halo),
+        Read("detection/joints2d", when=lambda p, f: bool(f & {"detected", SEGMENTED}), halo=halo),
         Read("detection/region", when=uses_model_maps),
         Read("detection/heatmaps", when=uses_model_maps),
         Read.source("joints3d", when=lambda p, f: "joints3d" in f),
@@ -36,7 +37,7 @@ STAGE = Stage(
         ArraySpec("pose/joints2d", ("frame", "view", "joint", "uvs"), "float32", "px", "Joints in frames/* pixels and their score; 0 score = unknown."),
         ArraySpec("pose/joints3d", ("frame", "joint", "xyzs"), "float32", "m", "Joints in the world and their score; 0 score = unknown."),
         ArraySpec("pose/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).", keep="until_done", when="pose_heatmaps"),
-        ArraySpec("pose/chosen", ("frame", "view"), "int32", "1", "Which of the people of detection/* is the subject; -1: none of them.", when="detected"),
+        ArraySpec("pose/chosen", ("frame", "view"), "int32", "1", "Which of the people of detection/* is the subject; -1: none of them.", when=SEGMENTED),
     ),
     over=("sequence", "time"),
     params=PoseParams,

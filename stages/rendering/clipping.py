@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from stages.geometry.agreement import agreement
-from stages.geometry.hull import WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
+from stages.geometry.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
 from stages.geometry.projection import rays
 from stages.geometry.subject import look_at_point
 from stages.rendering.scene import Camera
@@ -31,7 +31,7 @@ def cover(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray) -> np.nd
     if silhouettes.views and len(rows):
         origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), camera.intrinsics, camera.world_to_camera)
         s = silhouettes
-        out[rows, columns] = _cover(origin, directions, s.distance, s.projections, s.boxes, s.sizes, s.focals, s.centre, s.radius, FINE * float(s.pixels.min()))
+        out[rows, columns] = _cover(origin, directions, s.distance, s.projections, s.boxes, s.sizes, s.focals, s.centre, s.radius, FINE * s.pixel)
     return out
 
 
@@ -50,7 +50,9 @@ def _cover(origin: np.ndarray, directions: np.ndarray, distance: np.ndarray, pro
         z, last = clip_ray(start, along, boxes, sizes, first, last) if first < last else (first, last)
         length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = 0.0
-        while z <= last and best < 1:
+        for _ in range(int(MOST_POINTS / FINE)):  # a step that is lost in z's rounding would never end
+            if not z <= last or best >= 1:
+                break
             seen, share, free = 0, 1.0, step
             for k in range(count):
                 v = order[k]

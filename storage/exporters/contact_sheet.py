@@ -10,8 +10,9 @@ import numpy as np
 from storage.joints import JOINT_SETS
 from storage.rig import points_to_integer_centres
 
-CELL = 256
-"""Height of one picture on the sheet, px."""
+SOURCE, NOVEL, COMPARED = 128, 512, 352
+"""Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a line), of
+novel views, and of novel views beside the truth (two sets fit a line)."""
 
 LABEL = 18
 """Height of a caption, px."""
@@ -23,8 +24,8 @@ BACKGROUND = 24
 """Grey level between the pictures."""
 
 
-Strip = list[tuple[str, np.ndarray]]
-"""Captioned pictures, [h, w, 3] uint8, that stay side by side."""
+Strip = tuple[int, list[tuple[str, np.ndarray]]]
+"""Height and captioned pictures, [h, w, 3] uint8, that stay side by side."""
 
 
 @dataclass
@@ -45,7 +46,7 @@ class Sheet:
         strip = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
         if joints is not None and self.joint_set is not None:
             strip.append(("joints", draw_joints(color, joints, self.joint_set)))
-        self.sections[-1].append([*strip, (_depth_caption(depth), color_depth(depth))])
+        self.sections[-1].append((SOURCE, [*strip, (_depth_caption(depth), color_depth(depth))]))
 
     def add_novel(self, caption: str, color: np.ndarray, truth: np.ndarray | None) -> None:
         """One rendered picture; beside it, where there is one, the held-out picture and four times the difference."""
@@ -53,7 +54,7 @@ class Sheet:
         if truth is not None:
             difference = np.abs(color.astype(np.int16) - truth).astype(np.uint16) * 4
             strip += [("held out", truth), ("difference x4", difference.clip(0, 255).astype(np.uint8))]
-        self.sections[-1].append(strip)
+        self.sections[-1].append((NOVEL if truth is None else COMPARED, strip))
 
 
 def _depth_caption(depth: np.ndarray) -> str:
@@ -102,14 +103,14 @@ def _side(a: str, b: str) -> tuple[int, int, int]:
     return {"R": (255, 80, 80), "L": (80, 255, 80)}.get(sides.pop() if len(sides) == 1 else "", (255, 220, 60))
 
 
-def _cell(caption: str, picture: np.ndarray) -> np.ndarray:
-    """One captioned picture of the sheet's height."""
+def _cell(caption: str, picture: np.ndarray, height: int) -> np.ndarray:
+    """One captioned picture of a height, px."""
     import cv2
 
-    width = max(1, round(picture.shape[1] * CELL / picture.shape[0]))
-    shrink = picture.shape[0] > CELL
-    scaled = cv2.resize(np.ascontiguousarray(picture), (width, CELL), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST)
-    out = np.full((CELL + LABEL, max(width, 8 * len(caption)), 3), BACKGROUND, np.uint8)
+    width = max(1, round(picture.shape[1] * height / picture.shape[0]))
+    shrink = picture.shape[0] > height
+    scaled = cv2.resize(np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST)
+    out = np.full((height + LABEL, max(width, 7 * len(caption) + 6), 3), BACKGROUND, np.uint8)
     out[LABEL:, :width] = scaled
     cv2.putText(out, caption, (3, LABEL - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1, cv2.LINE_AA)
     return out
@@ -122,15 +123,15 @@ def write_sheet(path: Path, sheet: Sheet) -> None:
     lines: list[list[np.ndarray]] = []
     for section in sheet.sections:
         lines.append([])
-        for strip in section:
-            drawn = np.concatenate([c for caption, p in strip for c in (_cell(caption, p), _gap(6))], axis=1)
+        for height, strip in section:
+            drawn = np.concatenate([c for caption, p in strip for c in (_cell(caption, p, height), _gap(height, 6))], axis=1)
             if lines[-1] and sum(s.shape[1] for s in lines[-1]) + drawn.shape[1] > WIDTH:
                 lines.append([])
-            lines[-1] += [drawn, _gap(14)]
+            lines[-1] += [drawn, _gap(height, 14)]
     drawn_lines = [np.concatenate(line, axis=1) for line in lines if line]
     width = max(line.shape[1] for line in drawn_lines)
     write_png(path, np.concatenate([np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND) for line in drawn_lines]))
 
 
-def _gap(width: int) -> np.ndarray:
-    return np.full((CELL + LABEL, width, 3), BACKGROUND, np.uint8)
+def _gap(height: int, width: int) -> np.ndarray:
+    return np.full((height + LABEL, width, 3), BACKGROUND, np.uint8)

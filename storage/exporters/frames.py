@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-import os
-from collections.abc import Iterable, Mapping, Sequence
+import io
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from storage.errors import UserError
+from storage.files import write_atomically
 from storage.media import write_png
 from storage.places import check_camera_names
 
@@ -26,16 +27,14 @@ def write_frames(
     `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame number,
     [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight colours, as PNG
     demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the sequence's own), `time`.
-    Raises ValueError for an unknown camera or frame, and UserError for a folder with pictures of another export.
+    Raises ValueError for an unknown camera or frame, UserError for a folder with pictures of another export, and NotWritten.
     """
     root = Path(folder)
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
     check_camera_names(cameras)
-    _refuse_strangers(root, cameras, index)
-    for camera in cameras:
-        (root / camera).mkdir(parents=True, exist_ok=True)
+    refuse_strangers(root, cameras, source_frames)
     for camera, number, picture, alpha in pictures:
         if camera not in cameras or int(number) not in index:
             raise ValueError(f"camera {camera!r}, frame {number}: not one of the cameras {list(cameras)} or of the sequence's {len(index)} frames")
@@ -43,18 +42,19 @@ def write_frames(
         write_png(path, picture if alpha is None else _straight(picture, alpha))
         written.add(int(number))
         count += 1
-    part = root / f".frames.csv.{os.getpid()}.part"
-    with open(part, "w", newline="", encoding="utf-8") as f:
-        table = csv.writer(f)
+    with io.StringIO(newline="") as text:
+        table = csv.writer(text)
         table.writerow(["frame", "index", "time"])
         table.writerows([n, index[n], repr(float(time[index[n]]))] for n in sorted(written))
-    os.replace(part, root / "frames.csv")
+        write_atomically(root / "frames.csv", text.getvalue().encode())
     return count
 
 
-def _refuse_strangers(root: Path, cameras: Sequence[str], index: Mapping[int, int]) -> None:
-    """Raise UserError when the folder holds pictures that this export would leave beside its own."""
-    others = [p for p in sorted(root.glob("*/*.png")) if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in index]
+def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence[int] | np.ndarray) -> None:
+    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside its own."""
+    known = {int(n) for n in source_frames}
+    found = sorted(root.glob("*/*.png"))
+    others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]
     if others:
         raise UserError(f"folder {root} holds {len(others)} picture(s) of something else, for example {others[0].relative_to(root)}; empty it or name another folder")
 

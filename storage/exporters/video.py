@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import errno
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from storage.errors import SourceError, UserError
+from storage.errors import UserError
+from storage.files import ask_why, whole_file
 
 _BT709 = 1
 _LIMITED = 1
@@ -23,20 +24,17 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> 
 
     Odd sizes are padded to even ones by repeating the last row or column. The file appears under its name only when it is
     whole. Raises UserError when there are no frames or the path does not end in .mp4, ValueError when a frame has
-    another size than the first, SourceError when the file cannot be written.
+    another size than the first, NotWritten when the disk does not take it.
     """
     path = Path(path)
     if path.suffix.lower() != ".mp4":
         raise UserError(f"video {path}: videos are written as .mp4, not {path.suffix or 'without an ending'}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        count = _encode(part, frames, rate)
+    with whole_file(path) as partial:
+        count = _encode(partial, frames, rate)
         if count == 0:
             raise UserError(f"video {path}: there are no frames to write")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+        if _packets(partial) != count:
+            ask_why(partial, 2 * partial.stat().st_size, "not all frames arrived in the file")
     return count
 
 
@@ -61,9 +59,21 @@ def _encode(part: Path, frames: Iterable[np.ndarray], rate: float) -> int:
                 frame.pts, frame.time_base = count - 1, 1 / stream.codec_context.framerate
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
-    except (av.error.FFmpegError, OSError) as e:
-        raise SourceError(f"cannot write video {part}: {e.strerror or e}") from e
+    except av.error.FFmpegError as e:  # of numbers that Python has no class for, and of FFmpeg's own, it is no OSError
+        raise OSError(e.errno if e.errno in errno.errorcode else errno.EIO, e.strerror or str(e)) from e
     return count
+
+
+def _packets(file: Path) -> int:
+    """Encoded frames that a file holds."""
+    import av
+    import av.error
+
+    try:
+        with av.open(str(file)) as container:
+            return sum(packet.size > 0 for packet in container.demux(video=0))
+    except (av.error.FFmpegError, OSError):
+        return 0
 
 
 def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray]:

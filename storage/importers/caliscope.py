@@ -20,7 +20,7 @@ from storage.capture import Capture, SourceFile, Stream
 from storage.errors import CalibrationError, SourceError
 from storage.importers.caliscope_joints import tracked_joints
 from storage.importers.caliscope_times import Instants, instants
-from storage.importers.cameras import build_rig, check_sizes, rig_notes
+from storage.importers.cameras import build_rig, rig_notes
 from storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
 from storage.importers.toml_cameras import table_camera, toml_tables
 from storage.video import VideoFile
@@ -52,7 +52,6 @@ def find(source: Path, options: CaliscopeOptions) -> Capture:
     rate, more = _rate(options, opened, matched)
     pictures = [_stream(video, opened[_id(name)], matched.frames[_id(name)]) for name, video in videos.items()]
     rig = build_rig([table_camera(name, t) for name, t in tables.items()], [s.size for s in pictures], half=False)
-    check_sizes(rig, pictures, options.crops)
     joints, found = tracked_joints(base, {n: _id(n) for n in rig.names}, matched, pictures, options.tracker, options.joint_set)
     notes = [f"calibration: {shown(base, [path])}", *matched.notes, *more, *picture_gaps(rig.names, pictures), *_turned(tables), *_left_out(base), *found]
     return Capture("caliscope", rig, rate, tuple(pictures), joints=joints, notes=(*notes, *rig_notes(rig)))

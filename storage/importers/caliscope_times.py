@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from storage.documents import read_table, whole
 from storage.errors import SourceError
+from storage.plausible import check_time
 from storage.video import VideoFile
 
 
@@ -56,24 +57,19 @@ def instants(table: Path | None, videos: Mapping[int, VideoFile]) -> Instants:
 def _rows(table: Path) -> dict[int, list[_Row]]:
     """{camera: rows in order of time}. Raises SourceError with file, line and cause."""
     rows: dict[int, list[_Row]] = {}
-    try:
-        with table.open(newline="", encoding="utf-8") as f:
-            reader = csv.DictReader(f)
-            key = next((k for k in ("cam_id", "port") if k in (reader.fieldnames or ())), None)
-            if key is None or "frame_time" not in (reader.fieldnames or ()):
-                raise SourceError(f"{table} has the columns {', '.join(reader.fieldnames or ()) or '(none)'}; it needs cam_id and frame_time")
-            for row in reader:
-                try:
-                    sync = row.get("sync_index")
-                    found = _Row(int(sync) if sync else None, float(row["frame_time"]))
-                    camera = int(row[key])
-                except (TypeError, ValueError) as e:
-                    raise SourceError(f"{table} line {reader.line_num}: {e}") from e
-                if not np.isfinite(found.time):
-                    raise SourceError(f"{table} line {reader.line_num}: frame_time {found.time} must be finite")
-                rows.setdefault(camera, []).append(found)
-    except (OSError, UnicodeDecodeError) as e:
-        raise SourceError(f"cannot read {table}: {e}") from e
+    columns, found = read_table(table)
+    key = next((k for k in ("cam_id", "port") if k in columns), None)
+    if key is None or "frame_time" not in columns:
+        raise SourceError(f"{table} has the columns {', '.join(columns) or '(none)'}; it needs cam_id and frame_time")
+    for line, row in found:
+        try:
+            sync = row.get("sync_index")
+            at = _Row(whole(sync) if sync else None, float(row["frame_time"]))
+            camera = whole(row[key])
+        except (TypeError, ValueError, AttributeError) as e:
+            raise SourceError(f"{table} line {line}: {e}") from e
+        check_time(f"{table} line {line}", at.time)
+        rows.setdefault(camera, []).append(at)
     return {camera: sorted(found, key=lambda r: r.time) for camera, found in rows.items()}
 
 

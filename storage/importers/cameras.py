@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from storage.capture import Stream
-from storage.crop import Crop
 from storage.errors import CalibrationError
 from storage.places import check_camera_names
+from storage.plausible import check_rotation_vector, check_size
 from storage.rig import Rig, from_integer_centres, rigid
 
 DISTORTION = 8
@@ -64,8 +63,11 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
     that are not finite, rotations that are not rigid, skew, and distortion beyond eight coefficients.
     """
     check_camera_names(c.name for c in cameras)
-    for c in cameras:
+    for c, captured in zip(cameras, sizes, strict=True):
         _check_model(c)
+        check_size(c.name, *(c.size or captured))
+        if c.rotation.size == 3 and np.isfinite(c.rotation).all():
+            check_rotation_vector(c.name, c.rotation)
     intrinsics = np.stack([c.intrinsics for c in cameras])
     distortion = np.zeros((len(cameras), DISTORTION))
     world_to_camera = np.tile(np.eye(4), (len(cameras), 1, 1))
@@ -89,29 +91,6 @@ def _check_model(c: RawCamera) -> None:
         raise CalibrationError(f"camera {c.name}: skew {k[0, 1]:g} px must be 0; calibrate without skew")
     if np.any(c.distortion[DISTORTION:]):
         raise CalibrationError(f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3 k4 k5 k6) are read")
-
-
-def check_sizes(rig: Rig, streams: Sequence[Stream], crop: Mapping[str, Crop]) -> None:
-    """Raise CalibrationError for pictures that have no crop and not the calibrated size, and for crops of no camera.
-
-    The sentence gives both sizes and the setting that would centre the picture at the calibrated width.
-    """
-    unknown = [n for n in crop if n not in rig.names]
-    if unknown:
-        raise CalibrationError(f"frames.crop names {', '.join(unknown)}, but the cameras are {', '.join(rig.names)}; correct the name, or move it below sequences: NAME: frames: crop")
-    faults = []
-    for v, (name, stream) in enumerate(zip(rig.names, streams, strict=True)):
-        (w, h), (cw, ch) = (int(rig.size[v, 0]), int(rig.size[v, 1])), stream.size
-        if (w, h) == (cw, ch) or name in crop:
-            continue
-        scale = w / cw
-        offset = (h - scale * ch) / 2
-        faults.append(
-            f"camera {name}: pictures are {cw}x{ch} px, the calibration is for {w}x{h} px; say how captured pixels become calibrated ones, "
-            f"for example (scaled to the calibrated width, centred) frames: crop: {{{name}: {{scale: {scale:.6g}, offset: [0, {offset:.4g}]}}}}"
-        )
-    if faults:
-        raise CalibrationError("\n".join(faults))
 
 
 def rig_notes(rig: Rig) -> list[str]:

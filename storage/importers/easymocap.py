@@ -17,11 +17,13 @@ from pydantic import Field
 
 from storage import media
 from storage.capture import Capture, Stream
+from storage.documents import shortened
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
 from storage.importers.common import ImportOptions, folder, image_stream, mask_streams, numbered, picture_gaps, subfolders, video_streams, videos_in
 from storage.importers.joint_streams import picture_joints
 from storage.joint_files import read_easymocap
+from storage.yaml_documents import BoundedBase, parse
 
 DEFAULT_RATE = 30.0
 """Frames per second of folders of images, which do not say theirs."""
@@ -45,7 +47,6 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     if options.cameras is None:
         notes += [f"calibration {n} has no pictures and is left out" for n in calibrated if n not in names]
     rig = build_rig([_camera(n, intri, extri) for n in names], [s.size for s in pictures], half=False)
-    check_sizes(rig, pictures, options.crops)
     mask_root = next((base / f for f in ("masks", "mask") if (base / f).is_dir()), base / "masks")
     masks, more = mask_streams(names, [mask_root / n for n in names], pictures)
     notes += more
@@ -71,7 +72,7 @@ def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], l
     return names, streams, rate, [*notes, *picture_gaps(names, streams)]
 
 
-class _Loader(yaml.BaseLoader):
+class _Loader(BoundedBase):
     """Every scalar stays text, so that a camera named 01 stays 01 and OpenCV's .Nan is seen."""
 
 
@@ -83,20 +84,23 @@ def _matrix(loader: yaml.BaseLoader, node: yaml.MappingNode) -> np.ndarray:
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
-def _number(text: str) -> float:
+def _number(text: Any) -> float:
+    if not isinstance(text, str):
+        raise ValueError(f"{shortened(text)} is not a number")
     return float(text.replace(".Nan", "nan").replace(".Inf", "inf"))
+
+
+def _without_version(text: str) -> Any:
+    """What the text holds; OpenCV's first line, %YAML:1.0, is none that YAML knows."""
+    return yaml.load("\n".join("" if line.startswith("%YAML") else line for line in text.split("\n")), Loader=_Loader)  # bounded; builds texts and matrices
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
     """The nodes of an OpenCV FileStorage YAML: matrices as float64 arrays, lists, and scalars as text. Raises CalibrationError."""
     try:
-        text = path.read_text(encoding="utf-8")
-        body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
-        data = yaml.load(body, Loader=_Loader)
-    except OSError as e:
-        raise CalibrationError(f"cannot read calibration {path}: {e.strerror}") from e
-    except (yaml.YAMLError, ValueError, KeyError) as e:
-        raise CalibrationError(f"calibration {path} cannot be read: {' '.join(str(e).split())}") from e
+        data = parse(_without_version, path, "calibration")
+    except SourceError as e:
+        raise CalibrationError(str(e)) from e
     if not isinstance(data, dict):
         raise CalibrationError(f"calibration {path} holds no nodes")
     return data

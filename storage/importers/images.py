@@ -5,9 +5,9 @@
 `depth_maps/NAME/<number>.exr|png|tif` to reconstruct from, and a simulator's truth `depth/NAME/<number>.exr`. `cameras.json` is
 
     {"pixel_center": "integer" | "half", "frame_rate": 30,
-     "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?}]}
+     "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?, "held_out"?}]}
 
-world to camera, OpenCV axes, metres.
+world to camera, OpenCV axes, metres; `"held_out": true` marks a camera that only metrics may look at.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from storage import media
 from storage.capture import Capture, Stream
+from storage.documents import read_json
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes, numbers, rig_notes
+from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
 from storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
 from storage.importers.depth_streams import depth_map_streams
 from storage.importers.joint_streams import coco_joints, picture_joints
-from storage.joint_files import read_json, read_openpose
+from storage.joint_files import read_openpose
 
 
 class ImagesOptions(ImportOptions):
@@ -46,6 +47,7 @@ class CameraEntry(BaseModel):
     R: list[Any]
     t: list[Any]
     distortion: list[Any] = []
+    held_out: bool = False
 
 
 class CamerasFile(BaseModel):
@@ -75,13 +77,13 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     if not (options.frame_rate or cameras.frame_rate):
         notes.append("30 frames/s assumed; give frame_rate in cameras.json")
     rig = build_rig([_camera(entries[n]) for n in names], [s.size for s in pictures], cameras.pixel_center == "half")
-    check_sizes(rig, pictures, options.crops)
     masks, more = mask_streams(names, [base / "masks" / n for n in names], pictures)
     joints, joint_notes = _joints(base, names, pictures, options.joint_set)
     depth, depth_notes = _depth(base, names, pictures)
     depth_maps, map_notes = depth_map_streams(names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale)
     notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *map_notes, *rig_notes(rig)]
-    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, notes=tuple(notes))
+    held_out = tuple(n for n in names if entries[n].held_out)
+    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, held_out=held_out, notes=tuple(notes))
 
 
 def _cameras(path: Path) -> CamerasFile:

@@ -14,13 +14,14 @@ from typing import Any
 from pydantic import Field
 
 from storage.capture import Capture, Stream
+from storage.documents import read_json
 from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import build_rig, check_sizes, rig_notes
+from storage.importers.cameras import build_rig, rig_notes
 from storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
 from storage.importers.joint_streams import picture_joints, trc_joints
 from storage.importers.qualisys import is_qualisys, qualisys_tables
 from storage.importers.toml_cameras import table_camera, toml_tables
-from storage.joint_files import read_json, read_openpose
+from storage.joint_files import read_openpose
 
 
 class Pose2SimOptions(ImportOptions):
@@ -54,7 +55,6 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
     pictures, rate, more = video_streams(videos, options.frame_rate)
     notes += [*more, *picture_gaps(names, pictures)]
     rig = build_rig([table_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
-    check_sizes(rig, pictures, options.crops)
     joints, more = _joints(base, options, names, pictures)
     notes += more
     joints3d, more = _joints3d(base, options)

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from storage.errors import CalibrationError
+from storage.documents import read_xml
+from storage.errors import CalibrationError, SourceError
 
 SUBPIXELS = 64
 """Units of the file in a pixel."""
@@ -37,9 +38,9 @@ def qualisys_tables(path: Path) -> dict[str, Mapping[str, Any]]:
     serial, and for pictures that QTM shows turned.
     """
     try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except (OSError, ElementTree.ParseError) as e:
-        raise CalibrationError(f"calibration {path} cannot be read: {e}") from e
+        root = read_xml(path, "calibration")
+    except SourceError as e:
+        raise CalibrationError(str(e)) from e
     tables: dict[str, Mapping[str, Any]] = {}
     for at, camera in enumerate(root.iterfind("cameras/camera")):
         serial = camera.get("serial", "")

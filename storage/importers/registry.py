@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from storage.capture import Capture
 from storage.errors import SourceError
 from storage.importers import caliscope, easymocap, images, pose2sim
 from storage.importers.common import ImportOptions
+from storage.importers.letterbox import fitted
+from storage.plausible import check_rate
 
 
 @dataclass(frozen=True)
@@ -50,4 +52,19 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
     except ValidationError as e:
         faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
         raise SourceError(f"options of {layout}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
-    return importer.find(Path(source).resolve(), checked)
+    capture = importer.find(Path(source).resolve(), checked)
+    check_rate(str(source), capture.frame_rate)
+    return _with_roles(fitted(capture, checked.crops), checked.held_out)
+
+
+def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:
+    """The capture with the cameras held out that the option names, else those that the layout marks. Raises SourceError."""
+    names = capture.rig.names
+    for name in held_out or ():
+        if name not in names:
+            raise SourceError(f"option held_out: there is no camera {name}; there are {', '.join(names)}")
+    chosen = tuple(n for n in names if n in (capture.held_out if held_out is None else held_out))
+    if len(chosen) == len(names):
+        raise SourceError("option held_out: no camera is left as a source; hold fewer out")
+    notes = [f"held out, for metrics alone: {', '.join(chosen)}; views.held_out overrules it"] if chosen else []
+    return replace(capture, held_out=chosen, notes=(*capture.notes, *notes))

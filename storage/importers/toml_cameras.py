@@ -6,21 +6,21 @@ to camera) and, mostly, `size` and `name`. Pixel centres lie at integers.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from storage.errors import CalibrationError
+from storage.documents import read_toml
+from storage.errors import CalibrationError, SourceError
 from storage.importers.cameras import RawCamera, numbers
 
 
 def toml_tables(path: Path) -> dict[str, Mapping[str, Any]]:
     """{key: table} of the cameras at the top of a file or one level below; empty when it holds none. Raises CalibrationError."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as e:
-        raise CalibrationError(f"calibration {path} cannot be read: {e}") from e
+        data = read_toml(path, "calibration")
+    except SourceError as e:
+        raise CalibrationError(str(e)) from e
     nested = {f"{k}.{n}": t for k, v in data.items() if isinstance(v, dict) for n, t in v.items()}
     return {k: t for k, t in {**data, **nested}.items() if isinstance(t, dict) and "matrix" in t}
 

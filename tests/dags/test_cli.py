@@ -10,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.pipeline import NAME, Pipeline, film
@@ -147,7 +149,7 @@ def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: P
     archive = finished.options
     assert_says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
     assert_says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
-    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "PNG")
+    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "sheet.png")
 
 
 def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> None:
@@ -187,3 +189,16 @@ def test_ctrl_c_ends_the_run_with_one_sentence_and_keeps_what_is_done(person_fol
     assert "Traceback" not in out + err, out + err
     pipeline.run()
     assert pipeline.plan().all_fresh
+
+
+def test_settings_that_an_import_prints_can_be_pasted(tmp_path: Path) -> None:
+    """Sizes that nothing explains: every indented line, as printed, is one YAML file, and with it the import works."""
+    film(tmp_path / "capture", views=2, frames=1, held_out=0, masks=False, joints=False, depth=False)
+    for camera in ("cam00", "cam01"):
+        picture = tmp_path / "capture/images" / camera / "000000.png"
+        cv2.imwrite(str(picture), np.maximum(cv2.imread(str(picture)), 90)[:, :40])
+    refused = posegaussian("import", "images", "capture", cwd=tmp_path)
+    assert_says(refused, "camera cam00: pictures are 40x48 px, the calibration is for 48x48 px; that is another shape")
+    (tmp_path / "pipeline.yaml").write_text("\n".join(line for line in refused.stderr.splitlines() if line.startswith(" ")))
+    done = posegaussian("import", "images", "capture", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr

@@ -128,6 +128,23 @@ def test_from_survey_takes_the_measures_anew(decided: Pipeline, tmp_path: Path) 
     assert p.plan().context.effects["temporal_smoothing"].state == "off"
 
 
+def test_the_size_of_the_frames_is_nothing_to_the_survey(decided: Pipeline) -> None:
+    plan = decided.with_settings("frames.size=32").plan()
+    assert set(plan.counts("survey")) == {State.FRESH}
+    assert plan.counts("frames")[State.STALE] > 0
+    assert not plan.context.waits, "what it noted decides at any size"
+
+
+@pytest.mark.parametrize(("worked", "why"), [("0:2", set()), ("1:6", set()), ("4:6", {"frames 4..5 are worked on, survey looked at 0..3"})])
+def test_the_survey_is_taken_anew_for_frames_of_which_it_saw_less_than_half(decided: Pipeline, tmp_path: Path, worked: str, why: set[str]) -> None:
+    p = decided.copy(tmp_path / "archive").with_settings(f"frames.range={worked}")
+    assert reasons(p, "survey") == why
+    if why:
+        p.run(selection=Selection(only=frozenset({"survey"})), expect_failure=True)
+        assert reasons(p, "survey") == set()
+        assert reasons(decided.copy(tmp_path / "other").with_settings(f"frames.range={worked}"), "survey") == why
+
+
 @pytest.mark.parametrize("setting", ["on", "off"])
 def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(decided: Pipeline, tmp_path: Path, setting: str) -> None:
     p = decided.copy(tmp_path / "archive").with_settings(f"effects.left_right_check={setting}", "depth.method=sgbm")

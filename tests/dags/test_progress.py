@@ -9,9 +9,11 @@ import pytest
 from rich.console import Console
 
 from dags import progress
-from dags.events import Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
+from dags.estimate import Remaining
+from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
 from dags.progress import QUIET_SECONDS, PlainProgress, TerminalProgress, WarningCollector
 from dags.tasks import Task
+from dags.wording import Voice
 from storage.receipts import Receipt
 
 DEPTH = [Task("kick", "depth", p) for p in range(4)]
@@ -36,9 +38,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def play(clock: Clock, *events: tuple[float, Event]) -> list[str]:
     lines: list[str] = []
-    listener = PlainProgress(lines.append)
+    remaining = Remaining(dict.fromkeys((*POSE, *DEPTH), 20.0), workers=1)
+    listener = PlainProgress(lines.append, remaining)
     for seconds, event in events:
         clock.now += seconds
+        remaining(event)
         listener(event)
     return lines
 
@@ -54,8 +58,8 @@ def test_a_failure_is_told_at_once_with_sequence_task_and_sentence(clock: Clock)
 
 
 def test_a_long_stage_shows_its_count_and_the_time_left(clock: Clock) -> None:
-    lines = play(clock, (0, RunStarted(tuple(DEPTH), ())), (20, done(DEPTH[0], 20.0)), (20, done(DEPTH[1], 20.0)))
-    assert lines == ["depth 1/4, about 60 s left", "depth 2/4, about 40 s left"]
+    lines = play(clock, (0, RunStarted(tuple(DEPTH), ())), (0, TaskStarted(DEPTH[3])), (20, done(DEPTH[0], 20.0)), (20, done(DEPTH[1], 20.0)))
+    assert lines == ["25% done, about 60.0 s left; depth 1/4", "50% done, about 40.0 s left; depth 2/4"]
 
 
 def test_between_two_lines_there_is_quiet(clock: Clock) -> None:
@@ -70,13 +74,16 @@ def test_no_line_is_empty_when_a_stage_ends_without_work(clock: Clock, settle: o
     assert all(line.strip() for line in lines), lines
 
 
-def test_bars_count_every_settled_task_whatever_became_of_it() -> None:
+def test_one_bar_counts_every_settled_task_whatever_became_of_it() -> None:
     out = io.StringIO()
-    listener = TerminalProgress(Console(file=out, force_terminal=True, width=100))
+    remaining = Remaining(dict.fromkeys((*POSE, *DEPTH), 1.0), workers=1)
+    listener = TerminalProgress(Console(file=out, force_terminal=True, width=100), remaining)
     events: list[Event] = [RunStarted((*POSE, *DEPTH), ("a sentence",)), TaskFresh(POSE[0]), done(POSE[1]), done(DEPTH[0]), TaskFailed(DEPTH[1], "no [disk]", ""), TaskBlocked(DEPTH[2], DEPTH[1]), TaskLeftOut(DEPTH[3]), END]
     for event in events:
+        remaining(event)
         listener(event)
-    assert {t.description: (t.completed, t.total) for t in listener.bars.tasks} == {"pose": (2, 2), "depth": (4, 4)}
+    assert [(t.completed, t.total) for t in listener.bars.tasks] == [(1.0, 1.0)]
+    assert (listener.tally.counts, listener.tally.lost["depth"]) == ({"pose": 2, "depth": 4}, 3)
     text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", out.getvalue())
     assert "a sentence" in text
     assert "failed: kick depth p0001: no [disk]" in text, "brackets of an error are no markup"
@@ -84,7 +91,7 @@ def test_bars_count_every_settled_task_whatever_became_of_it() -> None:
 
 def test_sentences_with_brackets_are_shown_as_they_are() -> None:
     out = io.StringIO()
-    listener = TerminalProgress(Console(file=out, width=200))
+    listener = TerminalProgress(Console(file=out, width=200), Remaining({}, workers=1))
     listener(RunStarted((), ("sequence kick: views.sources [cam01] gives one view; see [/home/x]",)))
     listener(END)
     assert "views.sources [cam01] gives one view; see [/home/x]" in out.getvalue()
@@ -96,3 +103,12 @@ def test_warnings_and_failures_are_collected_with_their_task() -> None:
         collector(event)
     assert collector.warnings == ["kick depth p0000: odd", "kick depth p0000: even"]
     assert [f.task for f in collector.failures] == [DEPTH[1]]
+
+
+@pytest.mark.parametrize(("voice", "lines"), [(Voice.NORMAL, 1), (Voice.VERBOSE, 3)])
+def test_effects_take_one_line_unless_every_reason_is_asked_for(voice: Voice, lines: int) -> None:
+    told: list[str] = []
+    event = EffectsDecided("kick", ("a on (auto): x", "b off (auto): y", "c off (auto): z"), ("a",), ("b", "c"))
+    PlainProgress(told.append, Remaining({}, 1), voice)(event)
+    assert len(told) == lines
+    assert all(any(name in line for line in told) for name in "abc"), "every effect is named"

@@ -11,7 +11,7 @@ import pytest
 from dags import status
 from dags.plan import Selection
 from dags.status import Numbers, numbers, standing
-from storage.archive import write_atomically
+from storage.files import write_atomically
 from tests.pipeline import NAME, Pipeline
 
 

@@ -16,9 +16,6 @@ CONFIG = """
 frames:
   range: "0:4:2"
   size: 320
-  crop:
-    cam01: {scale: 1.00741, offset: [0, -7.06]}
-    cam02: {scale: 1.00741, offset: [0, -7.06]}
 pose: {joints_frame: calibrated}
 survey: {sample: 9}
 run: {scheduler: serial}

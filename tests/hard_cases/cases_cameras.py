@@ -9,10 +9,11 @@ import numpy as np
 
 from stages.geometry.paths import make_path
 from stages.io import Views
-from storage.capture import SourceFile, Stream
-from storage.errors import CalibrationError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes
+from storage.capture import Capture, SourceFile, Stream
+from storage.importers.cameras import RawCamera, build_rig
 from storage.importers.easymocap import _camera, read_opencv_yaml
+from storage.importers.letterbox import fitted
+from storage.media import write_png
 from storage.rig import CameraPath, Rig
 from tests.hard_cases.catalogue import Case, worst
 from tests.stages.geometry.scenes import camera, rig_of
@@ -121,16 +122,21 @@ def naive_doubled() -> float:
     return float(np.abs(k[:2, 2] - rig.intrinsics[0, :2, 2]).max())
 
 
-def doubled() -> float:
-    """Pictures of twice the calibrated size are refused until their scale is said; those of the calibrated size are taken as they are."""
+def as_captured(side: int) -> Capture:
+    """A camera calibrated at 1024 px with pictures of another side, as the import takes it."""
     rig = rig_of([camera(np.array([2.0, 0, 0]), np.zeros(3))])
-    file = SourceFile("/a", "0" * 64, 1, 1)
-    check_sizes(rig, [Stream("images", (file,), (0,), (1024, 1024), {})], {})
-    try:
-        check_sizes(rig, [Stream("images", (file,), (0,), (2048, 2048), {})], {})
-    except CalibrationError:
-        return 0.0
-    return 512.0
+    with tempfile.TemporaryDirectory() as folder:
+        write_png(f"{folder}/0.png", np.full((side, side, 3), 90, np.uint8))
+        stream = Stream("images", (SourceFile.of(f"{folder}/0.png"),), (0,), (side, side), {})
+        return fitted(Capture("images", rig, 30.0, (stream,)), {})
+
+
+def doubled() -> float:
+    """Px of the calibrated picture by which its corners are missed, by pictures of that size and of twice the size; the intrinsics stay."""
+    same, larger = as_captured(1024), as_captured(2048)
+    assert not same.crops
+    crop = larger.crops["cam0"]
+    return max(float(np.abs(crop.scale * corner + np.array(crop.offset) - corner / 2).max()) for corner in np.array([[0.0, 0.0], [2048.0, 2048.0]]))
 
 
 CASES = (
@@ -139,5 +145,5 @@ CASES = (
     Case("K3", "a file whose camera centre was computed wrongly", "the centre from the rotation vector in the matrix's place", "m", naive_centre, lambda: float(np.abs(written(5).centres[0] - [2.0, 0.5, 1.0]).max()), 1e-12, "centres follow from R and t; float64"),
     Case("K4", "lens distortion of 4, 5 or 8 numbers", "five are expected", "of a coefficient", lambda: worst(naive_distortion(c) for c in COUNTS), lambda: worst(distortion_error(c) for c in COUNTS), 0.0, "padded with zeros"),
     Case("K5", "rotations rounded to 10, 6 or 4 digits in text", "the rounded matrix stretches and shears", "of a rotation", lambda: worst(off_rigid(rounded(d)) for d in DIGITS), lambda: worst(off_rigid(read_back(rounded(d))) for d in DIGITS), 1e-14, "projected onto the nearest rotation; float64. Farther than 1e-3 off is refused"),
-    Case("K6", "pictures of twice the calibrated size", "intrinsics are doubled behind everybody's back", "px", naive_doubled, doubled, 0.0, "refused until `frames.crop` says the scale"),
+    Case("K6", "pictures of twice the calibrated size", "intrinsics are doubled behind everybody's back", "px", naive_doubled, doubled, 0.0, "the same shape: the pictures are scaled, the calibration stays, and the import says so; another shape is refused unless black bars explain it"),
 )

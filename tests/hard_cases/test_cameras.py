@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from stages.geometry.subject import look_at_point
-from storage.capture import SourceFile, Stream
-from storage.crop import Crop
 from storage.errors import CalibrationError
-from storage.importers.cameras import RawCamera, build_rig, check_sizes
-from tests.hard_cases.cases_cameras import arc, centres, two, written
-from tests.stages.geometry.scenes import camera, rig_of
+from storage.importers.cameras import RawCamera, build_rig
+from tests.hard_cases.cases_cameras import arc, as_captured, centres, doubled, two, written
+from tests.stages.geometry.scenes import camera
 
 
 @pytest.mark.parametrize("degrees", [22.5, 45, 72, 120, 180])
@@ -47,10 +45,7 @@ def test_k5_rotations_rounded_in_text_become_rigid(digits: int) -> None:
         build_rig([RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), 1.01 * r, exact[:3, 3], (1024, 768))], [(1024, 768)], half=False)
 
 
-def test_k6_pictures_of_twice_the_calibrated_size_are_refused_until_the_scale_is_said() -> None:
-    """Nothing is multiplied by two behind anybody's back."""
-    rig = rig_of([camera(np.array([2.0, 0, 0]), np.zeros(3))])
-    stream = Stream("images", (SourceFile("/a", "0" * 64, 1, 1),), (0,), (2048, 2048), {})
-    with pytest.raises(CalibrationError, match=r"2048x2048.*1024x1024.*scale: 0\.5"):
-        check_sizes(rig, [stream], {})
-    check_sizes(rig, [stream], {"cam0": Crop(scale=0.5)})
+def test_k6_pictures_of_twice_the_calibrated_size_are_scaled_and_the_calibration_stays() -> None:
+    """Nothing is multiplied by two behind anybody's back: the scale is found, said, and kept beside the calibration."""
+    assert doubled() == 0.0
+    assert "2048x2048 px, the calibration is for 1024x1024 px: the same shape" in as_captured(2048).notes[0]

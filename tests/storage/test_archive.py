@@ -239,21 +239,3 @@ def test_a_sequence_is_never_visible_without_its_record(tmp_path: Path, monkeypa
     archive = Archive.open(str(tmp_path))
     assert all(archive.sequence(n).partition_frames == 4 for n in archive.names())
     make_sequence(tmp_path)
-
-
-def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "a" / "f.json"
-    module.write_atomically(file, b"old")
-
-    def killed(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(module.os, "replace", killed)
-    with pytest.raises(KeyboardInterrupt):
-        module.write_atomically(file, b"new")
-    monkeypatch.undo()
-    assert file.read_bytes() == b"old"
-    assert not [p for p in file.parent.iterdir() if p.suffix == ".json" and p != file]
-    module.write_atomically(file, b"new")
-    assert [p.name for p in file.parent.iterdir()] == ["f.json"]
-    assert file.read_bytes() == b"new"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from storage.capture import Capture
-from storage.errors import CalibrationError
+from storage.crop import Crop
 from storage.importers.registry import find_capture
 from storage.rig import to_integer_centres
 from storage.sources import open_source
@@ -41,9 +41,15 @@ def test_balance_is_found(balance):
     assert json.loads(json.dumps(balance.to_json()))["frame_rate"] == 60
 
 
-def test_balance_without_the_crop_says_what_to_set():
-    with pytest.raises(CalibrationError, match=r"camera cam01: pictures are 1080x1920 px.*1088x1920.*crop: \{cam01: \{scale: 1.00741, offset: \[0, -7.111\]\}\}"):
-        find_capture("pose2sim", SHARED / "balance", {})
+def test_the_letterbox_of_balance_is_found(balance):
+    """Scaled by 1080/1088, 7 black rows above and below (README of the captures): 0.5 px at no corner."""
+    found = find_capture("pose2sim", SHARED / "balance", {})
+    assert set(found.crops) == {"cam01", "cam02"}
+    for crop in found.crops.values():
+        for corner in ([0, 0], [1080, 1920]):
+            np.testing.assert_allclose(np.multiply(crop.scale, corner) + crop.offset, np.add(np.multiply(1.00741, corner), (0, -7.11)), atol=0.1)
+    assert any("cam01, cam02" in n and "7 black rows above and 7 black rows below" in n for n in found.notes)
+    assert balance.crops["cam01"] == Crop(**CROP)
 
 
 def test_one_frame_of_h264_and_vp9(balance):

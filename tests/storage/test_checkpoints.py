@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from storage import checkpoints
+from storage import checkpoints, files
 from storage.checkpoints import PIECE_BYTES, CheckpointError, read_checkpoint, read_latest, steps_kept, write_checkpoint
 
 
@@ -104,10 +104,10 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(tmp_path: Pa
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as m:
-        m.setattr(checkpoints, "_write", full)
-        with pytest.raises(CheckpointError, match=r"step 20 cannot be written .* No space left on device; free the disk"):
+        m.setattr(files.os, "fsync", full)
+        with pytest.raises(CheckpointError, match=r"step 20 is not kept, the ones before are as they were: cannot write .* the disk is full: .* are free"):
             write_checkpoint(tmp_path, 20, b"more", {})
-    assert steps_kept(tmp_path) == [10]
+    assert [f.name for f in tmp_path.iterdir()] == ["00000010"]
     assert read_checkpoint(tmp_path, 10).data == b"whole"
 
 

@@ -113,7 +113,7 @@ class Finder:
 
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
         n = len(regions)
-        return Found(np.zeros((n, 17, 3), np.float32), regions.astype(np.float32), np.zeros((n, 17, 64, 64), np.float16), np.zeros((n, 256, 256), np.uint8), np.ones(n, np.float32))
+        return Found(np.zeros((n, 17, 3), np.float32), regions.astype(np.float32), np.zeros((n, 17, 64, 64), np.float16), np.tile(np.rint(regions[:, 2])[:, None, None].astype(np.uint8), (256, 256)), np.ones(n, np.float32))
 
 
 def test_people_come_from_the_finder_or_from_the_whole_picture(tmp_path: Path) -> None:
@@ -124,6 +124,14 @@ def test_people_come_from_the_finder_or_from_the_whole_picture(tmp_path: Path) -
     assert "Finder" in led.where
     assert len(led.find(dots(), 3)) == 2
     assert len(led.find(dots(), 1)) == 1
+
+
+def test_who_finds_the_people_segments_them_too(tmp_path: Path) -> None:
+    alone = estimator(tmp_path, "heatmap")
+    assert not alone.find(dots(), 3).person.any()
+    led = OnnxEstimator(described(tmp_path, HEATMAP), Finder())
+    for found in (led.find(dots(), 3), led.look(dots(), np.stack([REGION, 1.1 * REGION]))):
+        np.testing.assert_array_equal(found.person[:, 0, 0], np.rint(found.region[:, 2]))
 
 
 def test_equal_pictures_give_equal_bytes(tmp_path: Path) -> None:

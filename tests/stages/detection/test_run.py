@@ -85,7 +85,7 @@ def test_a_box_leaves_out_who_stands_outside_and_names_where_to_look() -> None:
 
 def test_pose_takes_the_subject_and_her_own_heatmaps() -> None:
     found = detect(actor(blind=((2, 1),)))
-    out = run_stage(POSE, PoseParams(), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "joints2d"}))
+    out = run_stage(POSE, PoseParams(), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"}))
     np.testing.assert_allclose(out["pose/joints3d"][..., :3], POINTS, atol=2e-3)
     assert (out["pose/chosen"] == 0).all()
     maps = out["pose/heatmaps"].astype(np.float64)
@@ -95,7 +95,7 @@ def test_pose_takes_the_subject_and_her_own_heatmaps() -> None:
     # The bell is sampled on cells of the region, again on those of the view, and cut below 1e-3: a quarter of a 4 px cell.
     np.testing.assert_allclose(centre, SUBJECT[..., :2], atol=1.0)
     assert maps.max(axis=(3, 4)).min() > 0.8
-    drawn = run_stage(POSE, PoseParams(heatmaps="drawn"), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "joints2d"}))
+    drawn = run_stage(POSE, PoseParams(heatmaps="drawn"), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"}))
     assert drawn["pose/joints3d"].tobytes() == out["pose/joints3d"].tobytes()
     assert drawn["pose/heatmaps"].tobytes() != out["pose/heatmaps"].tobytes()
 

@@ -33,7 +33,7 @@ def _run(rig: Rig, params: FramesParams, pictures: Pictures, frames: int, source
     for view in range(len(rig)):
         part = run_stage(
             STAGE, params, more.get("arrays", {}), frames_rig(rig, params), views, frames, length, view=view, source_rig=rig, sources={"pictures": pictures, **(sources or {})},
-            captured_to_calibrated=captured_to_calibrated(rig, params), **{k: v for k, v in more.items() if k != "arrays"},
+            captured_to_calibrated=captured_to_calibrated(rig, params.crop), **{k: v for k, v in more.items() if k != "arrays"},
         )
         for name, data in part.items():
             out.setdefault(name, np.zeros_like(data))[:, view] = data[:, view]
@@ -125,10 +125,15 @@ def test_linear_light_is_encoded_and_clipped() -> None:
     assert to_display(same) is same
 
 
+def test_a_picture_that_reaches_beyond_the_calibrated_one_is_cut() -> None:
+    padded = np.zeros((34, 40, 3), np.uint8)
+    padded[:30] = _smooth((40, 30))
+    out = _run(_rig([(40, 30)]), FramesParams(matte="none"), Pictures([[padded]]), 1)
+    np.testing.assert_array_equal(out["frames/color"][0, 0], padded[:30])
+
+
 def test_sizes_that_contradict_are_refused_with_both_named() -> None:
     rig = _rig([(40, 30)])
-    with pytest.raises(SourceError, match=r"c0.*36x30.*40x30.*frames\.crop"):
-        _run(rig, FramesParams(matte="none"), Pictures([[np.zeros((30, 36, 3), np.uint8)]]), 1)
     picture = Pictures([[np.zeros((30, 40, 3), np.uint8)]])
     with pytest.raises(SourceError, match=r"c0: a mask is 20x15 px but its picture is 40x30"):
         _run(rig, FramesParams(), picture, 1, {"masks": Pictures([[np.zeros((15, 20), np.uint8)]])}, facts=frozenset({"masks"}))

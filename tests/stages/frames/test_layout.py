@@ -24,7 +24,7 @@ def _rig(distortion: np.ndarray = LENS, size: tuple[int, int] = (1088, 1920)) ->
 @given(st.integers(16, 3000), st.floats(0.5, 2.0), st.floats(-40, 40), st.floats(-0.5, 0.5), st.floats(-0.9, 0.9), st.floats(-0.5, 0.5))
 def test_projection_through_the_frames_rig_is_the_warped_captured_position(size: int, scale: float, offset: float, x: float, y: float, z: float) -> None:
     source, params = _rig(), FramesParams(size=size, crop={"a": Crop(scale=scale, offset=(offset, -offset / 2))})
-    rig, crop = frames_rig(source, params), captured_to_calibrated(source, params)
+    rig, crop = frames_rig(source, params), captured_to_calibrated(source, params.crop)
     point = np.array([x, y, z])
     camera = source.world_to_camera[0, :3, :3] @ point + source.world_to_camera[0, :3, 3]
     # What the camera captures, by OpenCV, in the calibrated picture; the video pixel follows by the inverse crop.
@@ -79,4 +79,4 @@ def test_a_lens_that_folds_back_has_no_picture_beyond_the_fold() -> None:
 
 def test_a_crop_of_an_unknown_camera_is_an_error() -> None:
     with pytest.raises(ConfigError, match=r"'c'.*a, b"):
-        captured_to_calibrated(_rig(), FramesParams(crop={"c": Crop(scale=2.0)}))
+        captured_to_calibrated(_rig(), {"c": Crop(scale=2.0)})

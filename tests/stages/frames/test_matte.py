@@ -22,7 +22,7 @@ def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.n
     views, sources = Views(rig.names, (0,), ()), {"pictures": Pictures([list(pictures)]), "joints": None if joints is None else Joints(joints)}
     facts = frozenset({"several_frames"} if joints is None else {"several_frames", "joints2d"})
     survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts | {PLATE, SPREAD})
-    out = run_stage(FRAMES, FramesParams(), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts)
+    out = run_stage(FRAMES, FramesParams(matte="plate"), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts)
     mask = out["frames/mask"][:, 0]
     return mask, check(Block("frames/mask", mask, 0), FramesParams())
 

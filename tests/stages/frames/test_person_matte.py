@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stages.capture.person import PersonCapture, capture_person
-from stages.frames.params import FramesParams, matte_choice
+from stages.frames.params import FramesParams, better_matte, matte_choice
 from stages.frames.person_matte import Known, person_matte
 from stages.frames.stage import STAGE
 from storage.joints import COCO17
@@ -161,12 +161,26 @@ def test_where_nobody_is_known_the_plate_tells_alone_and_says_so() -> None:
 
 def test_auto_takes_given_masks_then_the_person_then_a_plate() -> None:
     auto = FramesParams()
-    wanted = [({"masks", "segmented", "several_frames"}, "given"), ({"segmented", "several_frames"}, "person"), ({"segmented"}, "person"), ({"several_frames", "joints2d"}, "plate"), (set(), "none")]
+    wanted = [
+        ({"masks", "segmented", "several_frames", "joints2d"}, "given"), ({"segmented", "several_frames", "joints2d", "detected"}, "person"), ({"segmented", "joints2d"}, "person"),
+        ({"several_frames", "joints2d"}, "person"), ({"joints3d"}, "person"), ({"several_frames"}, "plate"), (set(), "none"),
+    ]  # fmt: skip
     for facts, matte in wanted:
         answer, why = matte_choice(auto, frozenset(facts))
         assert answer == matte
         assert len(why) > 20
     assert matte_choice(FramesParams(matte="person"), frozenset({"masks"}))[0] == "person"
+
+
+def test_what_would_be_better_is_said_with_its_command_and_only_where_it_is_not_here() -> None:
+    auto = FramesParams()
+    for facts in ({"joints2d", "several_frames"}, {"several_frames"}, set()):
+        said = better_matte(auto, frozenset(facts))
+        assert said is not None
+        assert "posegaussian models fetch blazepose" in said
+        assert better_matte(auto, frozenset(facts) | {"blazepose"}) is None
+    assert better_matte(auto, frozenset({"masks", "joints2d"})) is None
+    assert better_matte(FramesParams(matte="plate"), frozenset({"several_frames"})) is None, "it was asked for"
 
 
 def test_a_person_without_joints_is_refused_with_what_to_do() -> None:

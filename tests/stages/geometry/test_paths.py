@@ -255,7 +255,7 @@ def test_a_faulty_file_gets_a_sentence(tmp_path: Path) -> None:
         from_file(tmp_path, [entry()], pixel_center="corner")
     file = tmp_path / "broken.json"
     file.write_text('{"pixel_center": "half",\n "cameras": [}')
-    with pytest.raises(UserError, match=r"broken\.json:2:14: not JSON"):
+    with pytest.raises(UserError, match=r"broken\.json:2:14: not valid JSON"):
         make(str(file))
     file.write_text("[1]")
     with pytest.raises(UserError, match="must be an object"):

@@ -253,7 +253,7 @@ WRONG = {
     "no table": (lambda b: counting_clip(b / "cam_3.mp4", 5, made.SIZE), r"camera cam_3 has no calibration in .*camera_array\.toml, which holds cameras\.1, cameras\.2, cameras\.10"),
     "ignored": (lambda b: write_calibration(b / "camera_array.toml", ignore="true"), "camera cam_1 is set to ignore"),
     "no extrinsics": (lambda b: write_calibration(b / "camera_array.toml", rotation=""), "camera cam_1: its calibration has no rotation"),
-    "other size": (lambda b: write_calibration(b / "camera_array.toml", size="[128, 96]"), "camera cam_1: pictures are 64x48 px, the calibration is for 128x96 px"),
+    "other size": (lambda b: write_calibration(b / "camera_array.toml", size="[128, 128]"), "camera cam_1: pictures are 64x48 px, the calibration is for 128x128 px"),
     "other recording": (lambda b: counting_clip(b / "cam_2.mp4", 3, made.SIZE), r"timestamps\.csv has 5 rows of camera 2, its video .*cam_2\.mp4 has 3 frames; put the file of this recording there"),
     "columns": (lambda b: (b / "timestamps.csv").write_text("camera,time\n"), r"timestamps\.csv has the columns camera, time; it needs cam_id and frame_time"),
     "empty times": (lambda b: (b / "timestamps.csv").write_text(""), r"has the columns \(none\)"),

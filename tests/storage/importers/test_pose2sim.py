@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from storage.capture import Capture
+from storage.crop import Crop
 from storage.errors import CalibrationError, SourceError, UserError
 from storage.importers.registry import find_capture
 from storage.sources import open_source
@@ -109,11 +111,14 @@ def test_rodrigues_is_opencv_s():
 
 def test_a_size_mismatch_says_both_sizes_and_the_setting(base):
     counting_clip(base / "videos" / "cam2.mp4", 6, (32, 32))
-    with pytest.raises(CalibrationError, match=r"camera cam2: pictures are 32x32 px, the calibration is for 64x48 px.*frames: crop: \{cam2: \{scale: 2, offset: \[0, -8\]\}\}"):
+    with pytest.raises(CalibrationError, match=r"camera cam2: pictures are 32x32 px, the calibration is for 64x48 px; that is another shape") as refused:
         find(base)
+    copied = yaml.safe_load("\n".join(line for line in str(refused.value).splitlines() if line.startswith(" ")))
+    assert copied == {"frames": {"crop": {"cam2": {"scale": 2, "offset": [0, -8]}}}}
     capture = find(base, crop={"cam2": {"scale": 2, "offset": [0, -8]}})
     assert capture.pictures[1].size == (32, 32)
     assert tuple(capture.rig.size[1]) == made.SIZE
+    assert capture.crops == {"cam2": Crop(scale=2, offset=(0, -8))}
     with pytest.raises(CalibrationError, match=r"frames\.crop names cam3, but"):
         find(base, crop={"cam3": {"scale": 2}})
 
@@ -239,9 +244,14 @@ def test_odd_but_valid_rigs_are_told(base):
     (base / "videos" / "cam10.mp4").unlink()
     write_calibration(base)
     assert "calibration int_cam10_img has no video and is left out" in find(base).notes
-    text = "".join(table(v, n, translation=str((made.TRANSLATION[v] * 1000).tolist())) for v, n in enumerate(made.NAMES))
-    (base / "calib" / "Calib.toml").write_text(text)
-    assert any("millimetres" in n for n in find(base).notes)
+    for factor in (200, 1000):
+        text = "".join(table(v, n, translation=str((made.TRANSLATION[v] * factor).tolist())) for v, n in enumerate(made.NAMES))
+        (base / "calib" / "Calib.toml").write_text(text)
+        if factor == 200:
+            assert any("millimetres" in n for n in find(base).notes)
+        else:
+            with pytest.raises(CalibrationError, match="camera cam1: its translation holds 3000 m, .* is it in millimetres"):
+                find(base)
 
 
 def test_a_changed_file_is_noticed(base):
