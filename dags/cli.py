@@ -54,7 +54,7 @@ app = typer.Typer(
 app.add_typer(models, name="models")
 @app.command("import")
 def import_capture(
-    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap or images.")],
+    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
