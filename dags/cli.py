@@ -18,6 +18,7 @@ from dags.cli_inspect import inspect
 from dags.cli_models import models
 from dags.cli_options import (
     ArchiveOption,
+    Commands,
     ConfigOption,
     ForceOption,
     FromOption,
@@ -45,6 +46,7 @@ from dags.wording import number
 from storage.errors import ConfigError, UserError
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",

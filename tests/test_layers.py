@@ -13,7 +13,7 @@ import setuptools
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("dags", "stages", "storage")
 FILES = sorted(f for folder in (*PACKAGES, "tests", "benchmarks") for f in (ROOT / folder).rglob("*.py"))
-DATA_TYPES = {"storage.spec", "storage.rig", "storage.joints", "storage.timegrid", "storage.errors", "storage.capture", "storage.documents", "storage.yaml_documents", "storage.crop", "storage.splats"}
+DATA_TYPES = {"storage.spec", "storage.rig", "storage.joints", "storage.timegrid", "storage.errors", "storage.capture", "storage.documents", "storage.yaml_documents", "storage.crop", "storage.home", "storage.splats"}
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
 SCHEDULERS = {"dask", "distributed"}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,24 +42,24 @@ def _has_images(base: Path) -> bool:
 
 def _has_camera_tables(base: Path) -> bool:
     """A TOML file that cannot be read counts: what is wrong with it is said when it is read for good."""
-    return any(is_qualisys(p) or (p.suffix == ".toml" and _or_broken(lambda p=p: bool(toml_tables(p)))) for p in base.rglob("*") if p.is_file())
+    return any(is_qualisys(p) or (p.suffix == ".toml" and _or_broken(partial(toml_tables, p))) for p in base.rglob("*") if p.is_file())
 
 
-def _or_broken(look: Callable[[], bool]) -> bool:
+def _or_broken(look: Callable[[], object]) -> bool:
     try:
-        return look()
+        return bool(look())
     except UserError:
         return True
 
 
 LAYOUTS: Mapping[str, tuple[Trait, ...]] = {
-    "images": (Trait("cameras.json that lists cameras", lambda b: _or_broken(lambda: _has_cameras_json(b))), Trait("pictures images/NAME/<number>.png, .jpg or .exr", _has_images)),
+    "images": (Trait("cameras.json that lists cameras", lambda b: _or_broken(partial(_has_cameras_json, b))), Trait("pictures images/NAME/<number>.png, .jpg or .exr", _has_images)),
     "easymocap": (
         Trait("intri.yml", lambda b: (b / "intri.yml").is_file()),
         Trait("extri.yml", lambda b: (b / "extri.yml").is_file()),
-        Trait("images/NAME/000000.jpg or videos/NAME.mp4", lambda b: _has_images(b) or _or_broken(lambda: bool(videos_in(b / "videos")))),
+        Trait("images/NAME/000000.jpg or videos/NAME.mp4", lambda b: _has_images(b) or _or_broken(partial(videos_in, b / "videos"))),
     ),
-    "caliscope": (Trait("videos cam_N.mp4", lambda b: _or_broken(lambda: bool(recordings(b)))), Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda b: bool(calibration_files(b)))),
+    "caliscope": (Trait("videos cam_N.mp4", lambda b: _or_broken(partial(recordings, b))), Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda b: bool(calibration_files(b)))),
     "pose2sim": (
         Trait("calibration *.toml with a camera's matrix, or *.qca.txt of Qualisys", _has_camera_tables),
         Trait("videos in the folder or below", lambda b: _or_broken(lambda: any(videos_in(f) for f in (b, *(p for p in b.rglob("*") if p.is_dir()))))),
