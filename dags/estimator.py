@@ -40,7 +40,7 @@ def _described(model: str, stamp: int) -> Description:
 def described(params: DetectionParams) -> Description:
     """The description of the user's model; read again where its file changed. Raises ConfigError, SourceError."""
     assert params.model is not None, "estimator onnx without a model is refused before a plan"
-    file = Path(params.model).expanduser()
+    file = Path(params.model)
     return _described(str(file), file.stat().st_mtime_ns if file.is_file() else 0)
 
 
