@@ -24,7 +24,7 @@ FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
 PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
+SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT or tls://HOST:PORT of a running scheduler.")]
 
 
 def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False) -> Session:
