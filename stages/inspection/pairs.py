@@ -23,9 +23,9 @@ NEIGHBOURS = (50.0, 66.0)
 nothing is matched, see docs/quality.md."""
 REMEDY = {
     Verdict.TOO_WIDE: "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject",
-    Verdict.CLIPPED: "move the cameras closer together, or farther away from the subject; or depth.method: sweep, which compares them all the same",
-    Verdict.ROLLED: "turn the cameras upright; or depth.method: sweep, which compares them all the same",
-    Verdict.VERTICAL: "set the cameras beside each other rather than above; or depth.method: sweep, which compares them all the same",
+    Verdict.CLIPPED: "move the cameras closer together, or farther away from the subject; or try depth.method: sweep, which compares them all the same",
+    Verdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
+    Verdict.VERTICAL: "set the cameras beside each other rather than above; or try depth.method: sweep, which compares them all the same",
     Verdict.COINCIDENT: "move one of the two aside",
     Verdict.BEHIND: "move one of the two aside",
     Verdict.UNSEEN: "turn the camera to the subject, or leave it out with views.sources",
