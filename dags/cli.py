@@ -5,6 +5,7 @@ Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -44,6 +45,7 @@ from dags.plan import Selection
 from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
+from storage.files import FULL
 
 app = typer.Typer(
     cls=Commands,
@@ -417,9 +419,11 @@ def main() -> None:
             errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
         sys.exit(2)
     except OSError as e:
-        if e.filename is None:
+        if e.filename is None and e.errno not in FULL:
             raise
-        errors.print(f"error: {e.filename}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        errors.print(f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        if e.filename is None:  # what is left of the output would be tried once more at the end, and fail with a traceback
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted; what is done is kept, the next run goes on from here")

@@ -40,7 +40,7 @@ ReplaceOption = Annotated[bool, typer.Option("--replace", help="Put this capture
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say warnings, failures and the result alone.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
+SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT or tls://HOST:PORT of a running scheduler.")]
 
 
 def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False, voice: Voice = Voice.NORMAL) -> Session:

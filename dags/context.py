@@ -26,6 +26,7 @@ from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ConfigError
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.rig import CameraPath, Rig
 from storage.timegrid import TimeGrid, select
 
@@ -47,7 +48,7 @@ class Context:
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """What follows from the context and is asked for by every task again: parts of fingerprints, reads of stages."""
+    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages, evidence."""
 
     @cached_property
     def capture(self) -> Capture:
@@ -101,6 +102,12 @@ class Context:
     def rig(self) -> Rig:
         """Cameras of `frames/*`."""
         return frames_rig(self.capture.rig, self.settings.frames)
+
+    def rig_of(self, stage: Stage) -> Rig:
+        """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
+        if stage.longest is None:
+            return self.rig
+        return frames_rig(self.capture.rig, self.settings.frames.model_copy(update={"size": stage.longest}))
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
@@ -176,6 +183,12 @@ class Context:
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
+        key = ("evidence", stage)
+        if key not in self.memo:
+            self.memo[key] = self._evidence(stage)
+        return self.memo[key]
+
+    def _evidence(self, stage: str) -> Evidence:
         capture, sources = self.capture, self.views.sources
         worked, numbers = self.source_frames, capture.numbers
         stride = int(np.diff(worked).min()) // int(np.diff(numbers).min()) if len(worked) > 1 else 1
@@ -226,10 +239,13 @@ class Context:
 
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
-        """{text: cameras}."""
+        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
         depth, frames = self.settings.depth, self.source_frames
         limits = (depth.subject_distance, depth.max_angle)
-        return {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        for path in made.values():
+            check_camera_names(path.names)
+        return made
 
     def path_text(self, name: str) -> str:
         """The text that asked for a path, by the path's name."""
@@ -271,6 +287,11 @@ class Context:
 
     def unneeded(self) -> dict[str, str]:
         """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
+        if "unneeded" not in self.memo:
+            self.memo["unneeded"] = self._unneeded()
+        return self.memo["unneeded"]
+
+    def _unneeded(self) -> dict[str, str]:
         reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}

@@ -15,13 +15,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dags import threads
+from dags import build, threads
 from dags.estimator import estimator_of
 from dags.memory import Peak
 from dags.network_weights import network_of
@@ -41,9 +40,6 @@ from storage.rig import CameraPath, Rig
 from storage.shards import read_array, write_array, write_table
 from storage.sources import open_source
 from storage.spec import ArraySpec, TableSpec, digest
-
-LIBRARIES = ("numpy", "zarr", "torch", "opencv-contrib-python-headless", "av", "numba", "OpenImageIO")
-"""Libraries whose versions go into the receipt."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +118,7 @@ class Order:
     parts: dict[str, Any]
     """Fingerprint parts."""
     source_spans: dict[str, range]
-    """Frame indices for which each declared source may be asked."""
+    """Frame indices that the task works on, by declared source."""
     footage: tuple[int, np.ndarray, np.ndarray]
     """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
     estimator: DetectionParams | None
@@ -212,7 +208,8 @@ def execute(order: Order) -> Receipt:
     """Run one task and return its receipt, which is on disk by then.
 
     Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
-    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over.
+    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when code
+    it imported is not what it was when this process began.
     """
     sequence = Sequence(order.root)
     terms = order.terms
@@ -232,6 +229,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     """Compute and write, from the old receipt's removal to the new one."""
     stage = stage_named(order.stage)
     kernel = resolve(stage.run)
+    build.check_imports()
     threads.limit(order.threads)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
     lease.check()
@@ -249,6 +247,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    build.check_imports()
     lease.check()
     write_receipt(sequence, receipt)
     return receipt
@@ -319,11 +318,6 @@ def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) 
         "device": "cuda" if order.gpu and torch and torch.cuda.is_available() else "cpu",
         "machine": platform.machine(),
         "threads": order.threads,
-        "libraries": _versions(),
+        "libraries": build.libraries(),
         "sources": order.survey_sources,
     }
-
-
-@lru_cache(maxsize=1)
-def _versions() -> dict[str, str]:
-    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dags.code import code_digest
 from dags.context import Context
 from dags.estimator import KERNELS, models_digest
+from dags.moment import once
 from dags.network_weights import weights_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
@@ -24,6 +25,7 @@ def own_parts(context: Context, task: Task) -> dict[str, Any]:
         "bounds": _bounds(context, task),
         "cameras": _cameras(context, task),
         "sources": {} if stage.sequence_wide else _sources(context, stage, task),
+        **({"worked": [context.settings.frames.range, *context.source_frames[[0, -1]].tolist()]} if stage.sequence_wide else {}),
     }
 
 
@@ -31,11 +33,11 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
     """What all tasks of a stage have in common."""
     key = ("parts", stage.name)
     if key not in context.memo:
-        asked = {"asked": sorted(w.name for w in stage.writes_for(context.facts))} if stage.sequence_wide else {}
+        asked = {"asked": sorted(w.name for w in stage.writes_for(context.facts) if w.when in (None, w.name))} if stage.sequence_wide else {}
         context.memo[key] = {
             "stage": stage.name,
             "version": stage.version,
-            "code": code_digest(stage.run),
+            "code": once(("code", stage.run), lambda: code_digest(stage.run)),
             "params": context.params(stage).hashed(),
             "effects": context.effect_states(stage),
             **asked,
@@ -44,8 +46,17 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
 
 
 def kept(parts: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
-    """Fingerprint parts of constants that were taken together with others nobody asks for any more: those stay."""
-    return {**parts, "asked": old["asked"]} if set(parts.get("asked", ["-"])) <= set(old.get("asked", ())) else parts
+    """Fingerprint parts under which constants stay: taken together with others nobody asks for any more, or of frames that are at least half of those worked on now."""
+    asked = {"asked": old["asked"]} if set(parts.get("asked", ["-"])) <= set(old.get("asked", ())) else {}
+    worked = {"worked": old["worked"]} if "worked" in parts and _covers(old.get("worked"), parts["worked"]) else {}
+    return {**parts, **asked, **worked}
+
+
+def _covers(old: Sequence[Any] | None, new: Sequence[Any]) -> bool:
+    """Whether constants of frames (range, first, last) will do for others: of the same range of a source that grew, or of at least half of them."""
+    if old is None:
+        return False
+    return old[0] == new[0] or 2 * (min(old[2], new[2]) - max(old[1], new[1]) + 1) >= new[2] - new[1] + 1
 
 
 def _bounds(context: Context, task: Task) -> list[Any]:
@@ -61,7 +72,7 @@ def _bounds(context: Context, task: Task) -> list[Any]:
 def _cameras(context: Context, task: Task) -> str:
     """Digest of the cameras and roles a task may look at; of its own camera alone where it runs over views and time."""
     if task.path is None:
-        key = ("cameras", task.view, task.partition is None)
+        key = ("cameras", task.view, task.partition is None, stage_named(task.stage).longest)
         if key not in context.memo:
             context.memo[key] = digest(_camera_parts(context, task))
         return context.memo[key]
@@ -74,7 +85,7 @@ def _cameras(context: Context, task: Task) -> str:
 
 def _camera_parts(context: Context, task: Task) -> list[Any]:
     views = list(range(len(context.rig))) if task.view is None or task.partition is None else [task.view]
-    parts: list[Any] = [context.rig.subset(views).digest, context.capture.rig.subset(views).digest, context.captured_to_calibrated[views]]
+    parts: list[Any] = [context.rig_of(stage_named(task.stage)).subset(views).digest, context.capture.rig.subset(views).digest, context.captured_to_calibrated[views]]
     if task.view is None:
         names = context.views.names
         parts += [[names[i] for i in context.views.sources], [names[i] for i in context.views.held_out]]
@@ -129,6 +140,8 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
     out += _effects_changed(old.get("effects", {}), new["effects"])
     out += [f"{name} is asked for" for name in new.get("asked", []) if name not in old.get("asked", [])]
+    if "worked" in new and not _covers(old.get("worked"), new["worked"]):
+        out.append("frames {1}..{2} are worked on".format(*new["worked"]) + (", {3} looked at {1}..{2}".format(*old["worked"], stage) if "worked" in old else ""))
     moved = old.get("bounds") != new["bounds"]
     if moved:
         out.append(_bounds_changed(old.get("bounds"), new["bounds"]))

@@ -20,6 +20,7 @@ from storage.errors import ConfigError, NotWritten, SourceError
 from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.spec import ArraySpec
 
 
@@ -60,12 +61,14 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
     A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where it
     holds another capture, unless that is to be replaced.
     """
+    archive.check_sequence_name(name)
+    check_camera_names(capture.rig.names)
     capture.rig.check()
     said = []
     length = partition_length(capture, settings)
     old = make_room(archive, name, same(capture), "this", replace)
     if copy:
-        capture = _copied_whole(capture, archive.root / name)
+        capture = _copied_whole(capture, archive.place(name))
     if old is not None:
         said.append(_updated(old, capture, length))
         length = old.partition_frames

@@ -233,7 +233,9 @@ class Stage:
     """Whether its settings may leave it out: while it is needed, its name is among the facts, so that later stages read its outputs in place of others."""
     sequence_wide: bool = False
     """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
-    whatever the sources' growth, until a run says `--from` this stage. An output made only when asked for has `when` = its name."""
+    whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than half. An output made only when asked for has `when` = its name, one made with it that name, too."""
+    longest: int | None = None
+    """Longer side, px, of the cameras it sees, whatever `frames.size` says; None: those of `frames/*`."""
 
     def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
         """The inputs that count under these params and facts."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from storage.documents import regular
+from storage.documents import reader_of, regular
 from storage.errors import SourceError
 from storage.files import ask_why, whole_file
 
@@ -126,8 +126,9 @@ def _open(path: str | Path) -> tuple[Any, Any]:
     regular(path, "picture")
     hints = oiio.ImageSpec()
     hints["oiio:UnassociatedAlpha"] = 1
-    source = oiio.ImageInput.open(str(path), hints)
-    cause = oiio.geterror()
+    with reader_of(path, "picture"):
+        source = oiio.ImageInput.open(str(path), hints)
+        cause = oiio.geterror()
     if source is None:
         raise SourceError(f"cannot read picture {path}: {_line(cause)}")
     spec = source.spec()
@@ -146,9 +147,10 @@ def _read(path: str | Path) -> np.ndarray:
     source, spec = _open(path)
     kind = str(spec.format)
     channels = min(spec.nchannels, MOST_CHANNELS)
-    values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
-    cause = source.geterror()
-    source.close()
+    with reader_of(path, "picture"):
+        values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
+        cause = source.geterror()
+        source.close()
     if values is None or cause:
         raise SourceError(f"cannot read picture {path} to its end: {_line(cause)}; it is damaged or cut off")
     return _oriented(np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1)

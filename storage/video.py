@@ -131,6 +131,8 @@ def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
             if not container.streams.video:
                 raise SourceError(f"{path} holds no video stream")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise SourceError(f"video {path} is of a codec that is not known here; write it again, for example in H.264")
             stream.codec_context.thread_count = 1
             yield container, stream
     except av.error.FFmpegError as e:

@@ -66,12 +66,12 @@ def _trusted_joints(evidence: Evidence, bound: float) -> Decision | None:
         return Decision(False, None, bound, "joints came in 3D alone: nothing tells how well they fit the pictures")
     if "survey/joint_fit" not in evidence.noted:
         return None
-    pixels, shares, compared = evidence.noted["survey/joint_fit"].T
+    distances, shares, compared = evidence.noted["survey/joint_fit"].T
     if compared.mean() < FEWEST:
         return Decision(False, None, bound, f"{compared.mean():.1f} joints a view and frame are triangulated, too few for limbs ({FEWEST} needed)")
     weights = compared / compared.sum()
     share = float(shares @ weights)
-    return Decision(bool(share > bound), share, bound, f"joints lie {float(pixels @ weights):.1f} px from the triangulated ones, {share:.0%} of them within 1.5 % of the longer side")
+    return Decision(bool(share > bound), share, bound, f"joints lie {float(distances @ weights):.2%} of the longer side from the triangulated ones, {share:.0%} of them within 1.5 %")
 
 
 def _no_limbs(evidence: Evidence) -> str | None:

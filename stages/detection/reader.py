@@ -42,7 +42,13 @@ class EstimatedJoints:
         wanted = sorted({int(n) for n in numbers} & {int(n) for n in self._pictures.numbers(view)})
         new = [n for n in wanted if self._pictures.identity(view, n) not in self._known]
         for number, picture in zip(new, self._pictures.read(view, new) if new else (), strict=True):
-            self._known[self._pictures.identity(view, number)] = np.asarray(self._estimator.find(to_display(picture), PEOPLE).joints, dtype=np.float64)
+            self.see(view, number, to_display(picture))
+
+    def see(self, view: int, number: int, shown: np.ndarray) -> None:
+        """Estimate the joints of one picture [h, w, 3] uint8 that somebody has read, unless they are known."""
+        identity = self._pictures.identity(view, number)
+        if identity not in self._known:
+            self._known[identity] = np.asarray(self._estimator.find(shown, PEOPLE).joints, dtype=np.float64)
         while len(self._known) > KEPT:
             self._known.popitem(last=False)
 

@@ -12,6 +12,7 @@ from stages.pose.people import subject
 from stages.pose.points import to_frames
 from stages.pose.triangulate import triangulate
 from stages.survey.motion import RUN
+from stages.survey.sample import sample_numbers
 from storage.joints import joint_set, to_set
 
 SCORE = 0.3
@@ -52,23 +53,23 @@ def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.n
 
 
 def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[3]: median distance, px of `frames/*`, of a view's joints from the triangulated ones, the share within FITTING, and how many a frame can be compared.
+    """[3]: median distance, over the picture's longer side, of a view's joints from the triangulated ones, the share within FITTING, and how many a frame can be compared.
 
     Over a few of the sampled source frames `numbers`; a view that is no source, or where nothing can be compared, gets 0.
     """
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
         return np.zeros(3)
-    chosen = np.unique(np.asarray(numbers)[np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), FRAMES))).astype(int)])
+    chosen = sample_numbers(numbers, FRAMES)
     rig, found = inputs.rig.subset(sources), []
     for number in chosen:
         seen = seen_joints(inputs, int(number))
         space, own = triangulate(rig, seen, SCORE, RESIDUAL), sources.index(view)
         found.append(reprojection_residual(rig.subset([own]), seen[own : own + 1], space))
-    off = np.concatenate(found)
+    off = np.concatenate(found) / inputs.rig.size[view].max()
     if not len(off):
         return np.zeros(3)
-    return np.array([np.median(off), (off <= FITTING * inputs.rig.size[view].max()).mean(), len(off) / len(chosen)])
+    return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(chosen)])
 
 
 def _known(joints: np.ndarray) -> np.ndarray:

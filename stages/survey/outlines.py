@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from stages.frames.display import to_display
-from stages.geometry.consistency import silhouette_offset
-from stages.io import Inputs
+from stages.geometry.consistency import REACH, silhouette_offset
 
-FRAMES = 5
-"""Sampled frames that are looked at."""
+BESIDE = round(REACH) + 8
+"""px around the subject in which its outline is compared: as far as edges are looked for, and the blur of the outline's direction."""
 
 
-def outline_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[3]: median distance of the outline outside the picture's edge and its interquartile range, captured px, and how many outline points have an edge.
+def outline_offsets(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """[n] captured px by which the outline of a mask [h, w] lies outside (+) the edge of its picture [h, w, 3] uint8; none where sizes differ.
 
-    Over a few of the sampled source frames `numbers` of a source view; 0 throughout where there is none.
+    At full resolution, in the part around the subject alone: the distances are the whole picture's.
     """
-    if view not in inputs.views.sources or not len(numbers):
-        return np.zeros(3)
-    chosen = [int(n) for n in np.unique(np.asarray(numbers)[np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), FRAMES))).astype(int)])]
-    pictures, masks = (inputs.source(kind).read(view, chosen) for kind in ("pictures", "masks"))
-    found = [silhouette_offset(to_display(p), m) for p, m in zip(pictures, masks, strict=True) if p.shape[:2] == m.shape]
-    offsets = np.concatenate(found) if found else np.zeros(0)
+    rows, columns = (np.flatnonzero((mask > 127).any(axis=axis)) for axis in (1, 0))
+    if picture.shape[:2] != mask.shape or not len(rows):
+        return np.zeros(0)
+    part = tuple(slice(max(0, int(at[0]) - BESIDE), int(at[-1]) + BESIDE + 1) for at in (rows, columns))
+    return silhouette_offset(np.ascontiguousarray(picture[part]), np.ascontiguousarray(mask[part]))
+
+
+def typical_offset(found: Sequence[np.ndarray]) -> np.ndarray:
+    """[3]: median of the offsets of some frames and their interquartile range, captured px, and how many points tell; 0 throughout where none does."""
+    offsets = np.concatenate([*found, np.zeros(0)])
     if not len(offsets):
         return np.zeros(3)
     low, median, high = np.percentile(offsets, [25, 50, 75])

@@ -5,181 +5,178 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 
 from stages.detection.reader import EstimatedJoints, joint_reader
-from stages.frames.display import to_display
 from stages.io import Block, Inputs
-from stages.survey.cover import people_cover
 from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
-from stages.survey.light import light_of_view
+from stages.survey.light import light_beyond_white
 from stages.survey.motion import jitter_and_motion, run_starts
-from stages.survey.noise import noise_of_view
-from stages.survey.outlines import outline_of_view
+from stages.survey.noise import noise_level
+from stages.survey.outlines import outline_offsets, typical_offset
 from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from stages.survey.plate import UNKNOWN, PlateLook, padded
+from stages.survey.sample import FEWEST, Look, look, sample_numbers, worked_numbers
 from stages.survey.silhouettes import agreement_of_view
-from stages.survey.surface import surface_stops
+from stages.survey.surface import SurfaceLook
 
-UNKNOWN = 255
-"""Spread of a pixel whose background was never seen."""
+FEW = 5
+"""Frames of the sample in which light, noise and outlines are measured."""
 FEWER = 3
 """One in so many of the sampled frames begins a run in which estimated joints' motion is measured: looking costs."""
-FEWEST_SHOWN = 3
 UNSTEADY = 12.0
 """Median spread of a whole picture, 1/255, above which camera or light are not static."""
 
 
 def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
-    """Yield sample [S] int64 of one view and, as far as they are asked for, its plate, spread, colors and motion.
+    """Yield sample [S] int64 of one view and, as far as they are asked for, its measures and its plate.
 
-    What is asked for stands in `inputs.facts`. The sample lies evenly over the whole source of the view, first and last
-    frame included, whatever range of frames is worked on; S is `params.sample`, padding is -1. Pictures are decoded only
-    where they are looked at. Colours and motion of a view that is no source are 0: nothing follows from it.
+    What is asked for stands in `inputs.facts`. The sample lies evenly over the frames that are worked on, first and last
+    included, that of the plate over the whole source; S is `params.sample`, padding is -1. Pictures are decoded only where they
+    are looked at, and once. Measures of a view that is no source are 0: nothing follows from it.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"
     numbers = inputs.source("pictures").numbers(view)
-    chosen = sample_numbers(numbers, params.sample)
-    sample = np.full(params.sample, -1, dtype=np.int64)
-    sample[: len(chosen)] = chosen
-    yield Block("survey/sample", sample, view)
+    chosen = sample_numbers(worked_numbers(inputs, view), params.sample)
+    yield Block("survey/sample", padded(chosen, (params.sample,), -1), view)
     runs = run_starts(numbers, chosen if "detected" not in inputs.facts else chosen[::FEWER])
+    looks = list(_looks(inputs, params, view, numbers, chosen))
     if "detected" in inputs.facts:
-        _look_ahead(inputs, view, chosen, runs)
-    plate, colors = bool(inputs.facts & {PLATE, SPREAD}), COLORS in inputs.facts
-    if plate or colors:
-        yield from _of_pictures(inputs, params, view, chosen, plate, colors)
-    if SURFACE in inputs.facts:
-        yield Block(SURFACE, surface_stops(inputs, view, chosen), view)
+        behind = [s.numbers for s in looks if isinstance(s, PlateLook)]
+        looks = _look_ahead(inputs, view, chosen, runs, behind) + looks
+    yield from look(inputs, view, looks)
+    source = view in inputs.views.sources
     if MOTION in inputs.facts:
-        found = jitter_and_motion(runs_of_joints(inputs, view, runs)) if view in inputs.views.sources else (0.0, 0.0, 0)
+        found = jitter_and_motion(runs_of_joints(inputs, view, runs)) if source else (0.0, 0.0, 0)
         yield Block(MOTION, np.array(found, dtype=np.float64), view)
     if SILHOUETTES in inputs.facts:
         yield Block(SILHOUETTES, np.array([agreement_of_view(inputs, view, chosen)]), view)
-    if OUTLINES in inputs.facts:
-        yield Block(OUTLINES, outline_of_view(inputs, view, chosen), view)
     if JOINT_FIT in inputs.facts:
         yield Block(JOINT_FIT, fit_of_view(inputs, view, chosen), view)
+
+
+def _looks(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, chosen: np.ndarray) -> Iterator[Look]:
+    """What is asked for of a view's pictures."""
+    source, few = view in inputs.views.sources, sample_numbers(chosen, FEW)
+    if inputs.facts & {PLATE, SPREAD}:
+        joints = joint_reader(inputs) if "joints2d" in inputs.facts and params.joints_margin > 0 else None
+        yield PlateLook(inputs, view, sample_numbers(numbers, params.sample), params.sample, joints, params.joints_margin)
+    if COLORS in inputs.facts:
+        yield ColorsLook(inputs, view, chosen if source and inputs.facts & {"joints2d", "joints3d"} else chosen[:0])
+    if SURFACE in inputs.facts:
+        yield SurfaceLook(inputs, view, chosen)
+    if OUTLINES in inputs.facts:
+        yield OutlinesLook(inputs, view, few if source else few[:0])
     if LIGHT in inputs.facts:
-        yield Block(LIGHT, light_of_view(inputs, view, chosen), view)
+        yield LightLook(view, few if source else few[:0])
     if NOISE in inputs.facts:
-        yield Block(NOISE, np.array([noise_of_view(inputs, view, chosen)]), view)
+        yield NoiseLook(view, few if source else few[:0])
 
 
-def _look_ahead(inputs: Inputs, view: int, chosen: np.ndarray, runs: list[np.ndarray]) -> None:
-    """Have joints estimated in one pass over each view's pictures, instead of picture by picture."""
+def _look_ahead(inputs: Inputs, view: int, chosen: np.ndarray, runs: list[np.ndarray], behind: list[np.ndarray]) -> list[Look]:
+    """Have joints estimated in one pass over each view's pictures, instead of picture by picture; the view's own pass comes with its measures."""
     estimated, sources = joint_reader(inputs), inputs.views.sources
     assert isinstance(estimated, EstimatedJoints)
-    own = [*(chosen if inputs.facts & {PLATE, SPREAD} else ()), *(n for run in runs for n in run if MOTION in inputs.facts)]
-    if view in sources:
-        estimated.look_at(view, own)
-    for v in sources if inputs.facts & {COLORS, JOINT_FIT} else ():
-        estimated.look_at(v, chosen)
+    compared = chosen if inputs.facts & {COLORS, JOINT_FIT} else chosen[:0]
+    for v in sources:
+        if v != view:
+            estimated.look_at(v, compared)
+    own = [*behind, *([compared, *(runs if MOTION in inputs.facts else [])] if view in sources else [])]
+    return [JointsLook(estimated, view, np.unique(np.concatenate([*own, chosen[:0]])))]
 
 
-def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray, plate: bool, colors: bool) -> Iterator[Block]:
-    """What follows from the sampled pictures [n] of one view.
+class JointsLook:
+    """Estimates the joints that others look up; nothing of its own."""
 
-    survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels; Y and X are the largest captured
-    size of all views, padding is 0. Plate: the median of each channel; spread: the median absolute deviation from it,
-    largest of the three channels. Of an even number of frames the median is the lower middle value, so that it is one that
-    occurred. Where joints are given, frames in which a person may cover a pixel do not count there (`cover.people_cover`).
-    survey/colors [192, 3] float32: `exposure.typical_colors`.
-    """
-    pictures = inputs.source("pictures")
-    width, height = pictures.size(view)
-    joints = joint_reader(inputs) if "joints2d" in inputs.facts and params.joints_margin > 0 else None
-    seen = colors and view in inputs.views.sources and bool(inputs.facts & {"joints2d", "joints3d"})
-    stack = np.empty((len(numbers) if plate else 0, height, width, 3), dtype=np.uint8)
-    covered = np.zeros(stack.shape[:3], dtype=np.uint8)
-    samples = np.zeros((len(numbers), PATCHES, 3))
-    for i, picture in enumerate(pictures.read(view, [int(n) for n in numbers]) if plate or seen else ()):
-        shown = to_display(picture)
-        if seen:
-            samples[i] = patch_colors(shown, joints_in_space(inputs, int(numbers[i])), inputs.rig, inputs.source_rig, inputs.captured_to_calibrated, view)
-        if plate:
-            stack[i] = shown
-            if joints is not None:
-                covered[i] = people_cover(joints.read(view, int(numbers[i])), joints.joint_set, (width, height), params.joints_margin)
-    if colors:
-        yield Block(COLORS, typical_colors(samples), view)
-    if plate:
-        found = median_and_spread(stack, covered)
-        del stack, covered
-        x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(inputs.views.names))]).max(axis=0))
-        if PLATE in inputs.facts:
-            yield Block(PLATE, _padded(found[0], (y, x, 3)), view)
-        if SPREAD in inputs.facts:
-            yield Block(SPREAD, _padded(found[1], (y, x)), view)
+    def __init__(self, estimated: EstimatedJoints, view: int, numbers: np.ndarray) -> None:
+        """Of one view."""
+        self.numbers, self._estimated, self._view = numbers, estimated, view
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Estimate, unless this process has before."""
+        self._estimated.see(self._view, number, shown)
+
+    def blocks(self) -> Iterator[Block]:
+        """None."""
+        return iter(())
 
 
-def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:
-    """[min(n, sample)] of the ascending source frame numbers, evenly, first and last included."""
-    index = np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), sample))).astype(np.int64)
-    return np.asarray(numbers, dtype=np.int64)[index]
+class ColorsLook:
+    """survey/colors [192, 3] float32 of one view: `exposure.typical_colors`."""
+
+    def __init__(self, inputs: Inputs, view: int, numbers: np.ndarray) -> None:
+        """numbers: none for a view that is no source, or without joints."""
+        self.numbers, self._inputs, self._view = numbers, inputs, view
+        self._samples = np.zeros((len(numbers), PATCHES, 3))
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Colours of the patches in one frame."""
+        i, inputs = int(np.searchsorted(self.numbers, number)), self._inputs
+        space = joints_in_space(inputs, number)
+        self._samples[i] = patch_colors(shown, space, inputs.rig, inputs.source_rig, inputs.captured_to_calibrated, self._view)
+
+    def blocks(self) -> Iterator[Block]:
+        """The colours."""
+        yield Block(COLORS, typical_colors(self._samples) if len(self._samples) else np.zeros((PATCHES, 3), np.float32), self._view)
 
 
-def _padded(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    out = np.zeros(shape, dtype=picture.dtype)
-    out[: picture.shape[0], : picture.shape[1]] = picture
-    return out
+class OutlinesLook:
+    """survey/outlines [3] of one view: `outlines.typical_offset`."""
+
+    def __init__(self, inputs: Inputs, view: int, numbers: np.ndarray) -> None:
+        """numbers: none for a view that is no source."""
+        self.numbers, self._masks, self._view = numbers, inputs.source("masks"), view
+        self._offsets: list[np.ndarray] = []
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Offsets along the outline in one frame."""
+        (mask,) = self._masks.read(self._view, [number])
+        self._offsets.append(outline_offsets(shown, mask))
+
+    def blocks(self) -> Iterator[Block]:
+        """Their median and spread."""
+        yield Block(OUTLINES, typical_offset(self._offsets), self._view)
 
 
-@njit(cache=True, nogil=True)
-def _middle(counts: np.ndarray, rank: int) -> int:
-    seen = 0
-    for value in range(256):
-        seen += counts[value]
-        if seen > rank:
-            return value
-    return 255
+class LightLook:
+    """survey/light [2] of one view: the largest of each of `light.light_beyond_white`; (0, 1) without frames."""
+
+    def __init__(self, view: int, numbers: np.ndarray) -> None:
+        """numbers: none for a view that is no source."""
+        self.numbers, self._view, self._found = numbers, view, [np.array([0.0, 1.0])]
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Light of one frame."""
+        self._found.append(light_beyond_white(picture))
+
+    def blocks(self) -> Iterator[Block]:
+        """The brightest frame's."""
+        yield Block(LIGHT, np.max(self._found[1:] or self._found, axis=0), self._view)
 
 
-@njit(cache=True, nogil=True)
-def median_and_spread(stack: np.ndarray, covered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower median [h, w, 3] and largest median absolute deviation of the channels [h, w], uint8, of [n, h, w, 3] uint8.
+class NoiseLook:
+    """survey/noise [1] of one view: the median of `noise.noise_level`; 0 without frames."""
 
-    Samples with `covered` [n, h, w] not 0 do not count; a pixel that fewer than three samples show uncovered takes the
-    median of all and the spread 255 (`UNKNOWN`). Counting sort pixel by pixel: no second copy of the stack.
-    """
-    n, height, width, channels = stack.shape
-    plate, spread = np.zeros((height, width, channels), dtype=np.uint8), np.zeros((height, width), dtype=np.uint8)
-    counts, shown = np.zeros(256, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    for y in range(height):
-        for x in range(width):
-            m = 0
-            for i in range(n):
-                if covered[i, y, x] == 0:
-                    shown[m] = i
-                    m += 1
-            unknown = m < min(FEWEST_SHOWN, n)
-            if unknown:
-                m = n
-                for i in range(n):
-                    shown[i] = i
-            rank = (m - 1) // 2
-            for c in range(channels):
-                counts[:] = 0
-                for i in shown[:m]:
-                    counts[stack[i, y, x, c]] += 1
-                middle = _middle(counts, rank)
-                plate[y, x, c] = middle
-                counts[:] = 0
-                for i in shown[:m]:
-                    counts[abs(np.int64(stack[i, y, x, c]) - middle)] += 1
-                spread[y, x] = max(spread[y, x], _middle(counts, rank))
-            if unknown:
-                spread[y, x] = UNKNOWN
-    return plate, spread
+    def __init__(self, view: int, numbers: np.ndarray) -> None:
+        """numbers: none for a view that is no source."""
+        self.numbers, self._view, self._found = numbers, view, list[float]()
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Noise of one frame."""
+        self._found.append(noise_level(shown))
+
+    def blocks(self) -> Iterator[Block]:
+        """The median."""
+        yield Block(NOISE, np.array([np.median(self._found) if self._found else 0.0]), self._view)
 
 
 def check(block: Block, params: SurveyParams) -> list[str]:
     """Warnings about a small sample and about pictures that are not static."""
     if block.array == "survey/sample":
         found = int((block.data >= 0).sum())
-        return [f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want 5 or more"] if found < 5 else []
-    known = block.data[(block.data > 0) & (block.data < UNKNOWN)] if block.array == "survey/spread" else np.zeros(0)
+        return [f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want {FEWEST} or more"] if found < FEWEST else []
+    known = block.data[(block.data > 0) & (block.data < UNKNOWN)] if block.array == SPREAD else np.zeros(0)
     if len(known):
         typical = float(np.median(known))
         if typical > UNSTEADY:

@@ -10,6 +10,7 @@ from stages.geometry.hull import Silhouettes, foreground, searched_radius
 from stages.geometry.projection import rays
 from stages.geometry.subject import look_at_point
 from stages.io import Inputs
+from stages.survey.sample import sample_numbers
 from storage.rig import Rig, points_from_integer_centres
 
 FRAMES = 5
@@ -20,14 +21,20 @@ TOLERANCE = 0.5
 """Px by which a silhouette may be wider than drawn: exact masks then agree on every rim pixel."""
 
 
-def masks_of(inputs: Inputs, number: int) -> dict[int, np.ndarray]:
-    """[h, w] uint8 masks of one source frame in `frames/*` pixels, padded to the largest, by source view that has a picture of it."""
+def masks_of(inputs: Inputs, number: int, warps: dict[int, Warp] | None = None) -> dict[int, np.ndarray]:
+    """[h, w] uint8 masks of one source frame in pixels of the rig, padded to the largest, by source view that has a picture of it.
+
+    `warps`: kept from one frame to the next, as undoing a lens takes longer than the rest.
+    """
     pictures, reader, found = inputs.source("pictures"), inputs.source("masks"), {}
+    warps = {} if warps is None else warps
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
     for v in inputs.views.sources:
         if number in pictures.numbers(v):
             (given,) = reader.read(v, [number])
-            warped = Warp(v, pictures.size(v), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[v])(given)
+            if v not in warps:
+                warps[v] = Warp(v, pictures.size(v), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[v])
+            warped = warps[v](given)
             found[v] = np.zeros((height, width), np.uint8)
             found[v][: warped.shape[0], : warped.shape[1]] = warped
     return found
@@ -54,7 +61,7 @@ def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> float:
     """Mean over a few of the sampled source frames of `agreeing_share`; -1 where nothing can be compared."""
     if view not in inputs.views.sources or not len(numbers):
         return -1.0
-    chosen = np.unique(np.asarray(numbers)[np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), FRAMES))).astype(int)])
-    shares = [agreeing_share(inputs.rig, masks_of(inputs, int(n)), view) for n in chosen]
+    warps: dict[int, Warp] = {}
+    shares = [agreeing_share(inputs.rig, masks_of(inputs, int(n), warps), view) for n in sample_numbers(numbers, FRAMES)]
     known = [s for s in shares if s is not None]
     return float(np.mean(known)) if known else -1.0

@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from stages.survey.params import (
+    BACKGROUND,
+    COLORS,
+    JOINT_FIT,
+    KEPT_PICTURES,
+    LIGHT,
+    LONGEST,
+    MOTION,
+    NOISE,
+    OUTLINES,
+    PLATE,
+    SILHOUETTES,
+    SPREAD,
+    SURFACE,
+    SurveyParams,
+)
 from storage.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: SurveyParams) -> Resources:
-    """All sampled pictures of one view at once, with where people stand in them, and a few pictures while one is decoded."""
-    return Resources(cpu=1, ram=shape["source_y"] * shape["source_x"] * (4 * params.sample + 40))
+    """All sampled pictures of one view at once, with where people stand in them, a few pictures while one is decoded, and features of other views."""
+    return Resources(cpu=1, ram=shape["source_y"] * shape["source_x"] * (4 * params.sample + 40) + min(KEPT_PICTURES, 2 * shape["view"]) * 2**22)
 
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
@@ -32,7 +47,7 @@ def _joints3d(params: SurveyParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="survey",
     summary="Take the measures and constants of a sequence from a recorded sample of frames.",
-    version=2,
+    version=3,
     run="stages.survey.run:run",
     check="stages.survey.run:check",
     reads=(
@@ -43,7 +58,8 @@ STAGE = Stage(
         Read.source("masks", views="sources", when=lambda p, f: "masks" in f and bool(f & {SILHOUETTES, OUTLINES})),
     ),
     writes=(
-        ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that were looked at; -1 pads."),
+        ArraySpec("survey/sample", ("view", "sample"), "int64", "1", "Source frame numbers that measures were taken of; -1 pads."),
+        ArraySpec(BACKGROUND, ("view", "sample"), "int64", "1", "Source frame numbers whose median is the plate; -1 pads.", when=PLATE),
         ArraySpec(
             PLATE,
             ("view", "source_y", "source_x", "rgb"),
@@ -85,8 +101,8 @@ STAGE = Stage(
             JOINT_FIT,
             ("view", "fit"),
             "float64",
-            "px",
-            "How far a view's joints lie from the triangulated ones: the median in px of frames/*, the share within 1.5 % of the picture's longer side, and how many a frame tell, of 5 frames.",
+            "1",
+            "How far a view's joints lie from the triangulated ones: the median and the share within 1.5 %, over the picture's longer side, and how many a frame tell, of 5 frames.",
             when=JOINT_FIT,
             noted=True,
         ),
@@ -97,4 +113,5 @@ STAGE = Stage(
     params=SurveyParams,
     needs=needs,
     sequence_wide=True,
+    longest=LONGEST,
 )

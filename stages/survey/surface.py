@@ -6,16 +6,20 @@ bear them, and `exposure.match` counts their spread.
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
 from stages.frames.display import to_display, to_linear
 from stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from stages.geometry.features import Features, features, matched
-from stages.io import Inputs
+from stages.io import Block, Inputs
 from stages.pose.points import to_frames
 from stages.survey.exposure import BRIGHTEST, DARKEST
-from stages.survey.params import NONE
+from stages.survey.params import KEPT_PICTURES, NONE, SURFACE
 from storage.rig import points_to_integer_centres
 
 FRAMES = 2
@@ -28,21 +32,63 @@ POINTS = 64
 """Points kept of a pair of cameras."""
 
 
-def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
+class Seen(NamedTuple):
+    """What is compared of a captured picture."""
+
+    light: np.ndarray
+    """[n, 3] linear light around the features; 0 where nearly black or clipped."""
+    features: Features
+    """In px of the reduced picture."""
+    scale: float
+    """Reduced px per captured px."""
+
+
+_KEPT: OrderedDict[str, Seen] = OrderedDict()
+
+
+def compared_numbers(numbers: np.ndarray) -> np.ndarray:
+    """[2] of the sampled source frames, away from the ends."""
+    chosen = np.unique(np.rint(np.linspace(0, len(numbers) - 1, FRAMES + 2)[1:-1]).astype(int))
+    return np.asarray(numbers)[chosen] if len(numbers) else np.zeros(0, np.int64)
+
+
+class SurfaceLook:
+    """survey/surface [V, 64, 3] of one view: `surface_stops`, its own pictures taken from the view's pass."""
+
+    def __init__(self, inputs: Inputs, view: int, sample: np.ndarray) -> None:
+        """sample: the view's sampled source frames."""
+        self._inputs, self._view, self._sample = inputs, view, sample
+        self._own: dict[int, Seen] = {}
+        self.numbers = compared_numbers(sample) if _later(inputs, view) else np.zeros(0, np.int64)
+
+    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
+        """Features of one frame."""
+        self._own[number] = keep(self._inputs.source("pictures").identity(self._view, number), shown)
+
+    def blocks(self) -> Iterator[Block]:
+        """Compared with the later views."""
+        yield Block(SURFACE, surface_stops(self._inputs, self._view, self._sample, self._own), self._view)
+
+
+def _later(inputs: Inputs, view: int) -> list[int]:
+    """Source views behind a source view: each pair is compared once."""
+    return [v for v in inputs.views.sources if v > view] if view in inputs.views.sources else []
+
+
+def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[int, Seen]) -> np.ndarray:
     """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both show.
 
     Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Of more than 64 points those are kept
-    that lie evenly in the order of their brightness, so that medians stay.
+    that lie evenly in the order of their brightness, so that medians stay. `seen`: what is known of the view's own pictures.
     """
     out = np.full((len(inputs.rig), POINTS, 3), NONE, dtype=np.float32)
-    later = [v for v in inputs.views.sources if v > view] if view in inputs.views.sources else []
-    chosen = np.asarray(numbers)[np.unique(np.rint(np.linspace(0, len(numbers) - 1, FRAMES + 2)[1:-1]).astype(int))] if len(numbers) else ()
+    later, chosen = _later(inputs, view), compared_numbers(numbers)
     found: dict[int, list[np.ndarray]] = {v: [] for v in later}
     for number in chosen if later else ():
-        own = _seen(inputs, view, int(number))
+        own = seen[int(number)]
         for v in later:
-            other = _seen(inputs, v, int(number)) if own is not None else None
-            if own is not None and other is not None:
+            other = _seen(inputs, v, int(number))
+            if other is not None:
                 found[v].append(_differences(inputs, (view, v), own, other))
     for v, parts in found.items():
         stops = np.concatenate(parts) if parts else np.zeros((0, 3))
@@ -53,30 +99,42 @@ def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
     return out
 
 
-def _seen(inputs: Inputs, view: int, number: int) -> tuple[np.ndarray, Features, float] | None:
-    """A captured picture, reduced, its features in reduced px, and the factor; None where the view has no such frame."""
+def _seen(inputs: Inputs, view: int, number: int) -> Seen | None:
+    """A picture of another view, decoded unless this process has seen it; None where the view has no such frame."""
     pictures = inputs.source("pictures")
     if number not in pictures.numbers(view):
         return None
+    identity = pictures.identity(view, number)
+    if identity in _KEPT:
+        return _KEPT[identity]
     (picture,) = pictures.read(view, [number])
-    shown = to_display(picture)
-    scale = min(1.0, LONGEST / max(shown.shape[:2]))
-    small = cv2.resize(shown, (round(shown.shape[1] * scale), round(shown.shape[0] * scale)), interpolation=cv2.INTER_AREA) if scale < 1 else shown
-    return small, features(small, np.full(small.shape[:2], 255, np.uint8)), small.shape[1] / shown.shape[1]
+    return keep(identity, to_display(picture))
 
 
-def _differences(inputs: Inputs, views: tuple[int, int], own: tuple[np.ndarray, Features, float], other: tuple[np.ndarray, Features, float]) -> np.ndarray:
+def keep(identity: str, shown: np.ndarray) -> Seen:
+    """Features of a captured picture [h, w, 3] uint8, reduced; kept for whoever asks for the same picture next in this process."""
+    if identity not in _KEPT:
+        scale = min(1.0, LONGEST / max(shown.shape[:2]))
+        small = cv2.resize(shown, (round(shown.shape[1] * scale), round(shown.shape[0] * scale)), interpolation=cv2.INTER_AREA) if scale < 1 else shown
+        found = features(small, np.full(small.shape[:2], 255, np.uint8))
+        _KEPT[identity] = Seen(colors_at(small, found.points), found, small.shape[1] / shown.shape[1])
+    while len(_KEPT) > KEPT_PICTURES:
+        _KEPT.popitem(last=False)
+    return _KEPT[identity]
+
+
+def _differences(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen) -> np.ndarray:
     """[n, 3] stops between two cameras at the features they share."""
-    pairs = matched(own[1], other[1])
-    points = [seen[1].points[pairs[:, i]] for i, seen in enumerate((own, other))]
+    pairs = matched(own.features, other.features)
     ideal, known = [], np.ones(len(pairs), bool)
-    for v, at, (_, _, scale) in zip(views, points, (own, other), strict=True):
-        pixels, mapped = to_frames(at / scale, inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
+    for i, (v, seen) in enumerate(zip(views, (own, other), strict=True)):
+        at = seen.features.points[pairs[:, i]] / seen.scale
+        pixels, mapped = to_frames(at, inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
         ideal.append(pixels)
         known &= mapped
     off = np.abs(signed_epipolar_distance(fundamental(inputs.rig, *views), *ideal))
     right = known & (off <= BESIDE * inputs.rig.size[list(views)].max())
-    light = [colors_at(seen[0], at[right]) for seen, at in zip((own, other), points, strict=True)]
+    light = [seen.light[pairs[right, i]] for i, seen in enumerate((own, other))]
     both = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
     return np.log2(light[0][both]) - np.log2(light[1][both])
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from storage.files import write_atomically
 from storage.media import write_exr, write_png
+from storage.places import check_camera_names
 from storage.rig import Rig
 
 
@@ -35,6 +36,7 @@ def write_capture(
     in parts: pictures of some frames at a time, the joints of a camera at once. `held_out` names cameras that only metrics may
     look at. Raises ValueError when an array is smaller than the rig's pictures, and NotWritten.
     """
+    check_camera_names(rig.names)
     root = Path(folder)
     frames = np.arange(0 if color is None else len(color)) if numbers is None else np.asarray(numbers)
     _write_json(root / "cameras.json", _cameras(rig, frame_rate, held_out))

@@ -38,7 +38,7 @@ def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path,
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (errno.ENOSPC, r"the disk is full: [\d.]+ .?B are free in .*, about 3 bytes are needed; make room there .*`posegaussian gc`.* or name a place on another disk"),
+        (errno.ENOSPC, r"the disk is full: [\d.]+ .?B are free in .*, up to 3 bytes are needed; make room there .*`posegaussian gc`.* or name a place on another disk"),
         (errno.EDQUOT, r"your quota of the disk .* is used up; make room"),
         (errno.EROFS, r"the file system is read-only; choose a folder that can be written"),
         (errno.EACCES, r"there is no permission to write in .*; choose another folder"),
@@ -118,7 +118,7 @@ def test_room_is_taken_before_anything_is_mapped(tmp_path: Path, monkeypatch: py
     if not asked:
         monkeypatch.delattr(files.os, "posix_fallocate")
     monkeypatch.setattr(mmap, "mmap", mapped)
-    with pytest.raises(NotWritten, match=r"the disk is full: .* about 2\.4 MB are needed"):
+    with pytest.raises(NotWritten, match=r"the disk is full: .* up to 2\.4 MB are needed"):
         scratch_array(tmp_path, np.float32, (10, 100, 200, 3))
     assert taken
     monkeypatch.undo()

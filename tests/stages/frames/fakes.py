@@ -1,7 +1,8 @@
 """Readers over arrays, and a person walking before a textured wall with a soft shadow."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from uuid import uuid4
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ class Pictures:
     """[V] lists of pictures (or masks, or depth maps) numbered from 0; None where a view has none, which must not be read."""
 
     views: list[list[np.ndarray | None]]
+    name: str = field(default_factory=lambda: uuid4().hex)
 
     def numbers(self, view: int) -> np.ndarray:
         return np.array([i for i, p in enumerate(self.views[view]) if p is not None])
@@ -23,6 +25,9 @@ class Pictures:
     def size(self, view: int) -> tuple[int, int]:
         picture = next(p for p in self.views[view] if p is not None)
         return picture.shape[1], picture.shape[0]
+
+    def identity(self, view: int, number: int) -> str:
+        return f"{self.name} {view} {number}"
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         for n in numbers:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.survey.noise import noise_level
+from stages.survey.noise import PIXELS, noise_level
 
 
 def ground() -> np.ndarray:
@@ -21,3 +21,12 @@ def test_noise_is_found(sigma: float) -> None:
 def test_a_clean_picture_has_the_noise_of_rounding_and_a_black_one_none() -> None:
     assert noise_level(np.rint(ground()).astype(np.uint8)) < 0.6
     assert noise_level(np.zeros((20, 20, 3), np.uint8)) == 0
+
+
+def test_strips_of_a_large_picture_tell_what_the_whole_does() -> None:
+    """Quiet above, noisy below: the median of the whole, to a few per cent, as strips lie all over it."""
+    rng = np.random.default_rng(1)
+    picture = np.clip(np.rint(128 + rng.normal(0, 1, (1200, 900, 3)) * np.linspace(2, 8, 1200)[:, None, None]), 0, 255).astype(np.uint8)
+    quarters = [noise_level(np.ascontiguousarray(picture[:, c : c + 200])) for c in range(0, 800, 200)]
+    assert 200 * 1200 < PIXELS < 900 * 1200
+    assert noise_level(picture) == pytest.approx(np.median(quarters), rel=0.03)

@@ -13,7 +13,8 @@ from stages.frames.display import to_srgb
 from stages.io import Views
 from stages.survey.exposure import FEWEST_POINTS, match
 from stages.survey.params import NONE
-from stages.survey.surface import surface_stops
+from stages.survey.sample import look
+from stages.survey.surface import SurfaceLook
 from storage.rig import Rig
 from tests.stages.geometry.scenes import camera, rig_of
 
@@ -49,6 +50,9 @@ class Photographs:
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         return (self._pictures[view] for _ in numbers)
 
+    def identity(self, view: int, number: int) -> str:
+        return f"photograph {view} {number}"
+
 
 @pytest.fixture(scope="module")
 def found() -> np.ndarray:
@@ -57,7 +61,8 @@ def found() -> np.ndarray:
     rig = rig_of([camera(p, np.zeros(3)) for p in places], SIZE, FOCAL)
     reader = Photographs([photograph(rig, v, STOPS[v]) for v in range(3)])
     inputs = SimpleNamespace(rig=rig, source_rig=rig, views=Views(("a", "b", "c"), (0, 1, 2), ()), captured_to_calibrated=np.tile([1.0, 0, 0], (3, 1)), source=lambda kind: reader)
-    return np.stack([surface_stops(inputs, v, np.arange(3)) for v in range(3)])  # type: ignore[arg-type]
+    looks = [SurfaceLook(inputs, v, np.arange(3)) for v in range(3)]  # type: ignore[arg-type]
+    return np.stack([block.data for v, seen in enumerate(looks) for block in look(inputs, v, [seen])])  # type: ignore[arg-type]
 
 
 def test_differences_of_pairs_are_those_of_the_gains(found: np.ndarray) -> None:

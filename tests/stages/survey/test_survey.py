@@ -7,7 +7,9 @@ from stages.capture.person import capture_person, ring
 from stages.io import Block, Views
 from stages.survey.cover import people_cover
 from stages.survey.params import PLATE, SPREAD, SurveyParams
-from stages.survey.run import UNKNOWN, check, median_and_spread, sample_numbers
+from stages.survey.plate import UNKNOWN, median_and_spread
+from stages.survey.run import check
+from stages.survey.sample import sample_numbers
 from stages.survey.stage import STAGE
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures
@@ -17,7 +19,7 @@ def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarr
     rig = ring(len(pictures), 16, 0)
     out: dict[str, np.ndarray] = {}
     for view in range(len(pictures)):
-        part = run_stage(STAGE, SurveyParams(sample=sample), {}, rig, Views(rig.names, (0, 1), ()), 1, view=view, sources={"pictures": Pictures(pictures)}, facts=frozenset({PLATE, SPREAD}))
+        part = run_stage(STAGE, SurveyParams(sample=sample), {}, rig, Views(rig.names, (0, 1), ()), len(pictures[0]), view=view, sources={"pictures": Pictures(pictures)}, facts=frozenset({PLATE, SPREAD}))
         for name, data in part.items():
             out.setdefault(name, np.zeros_like(data))[view] = data[view]
     return out

@@ -1,0 +1,87 @@
+"""What the survey looks at: the frames that are worked on, each decoded once whatever is asked of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import cv2
+import numpy as np
+import pytest
+
+from stages.capture.person import PersonCapture, capture_person
+from stages.geometry.consistency import silhouette_offset
+from stages.survey.outlines import outline_offsets
+from stages.survey.params import BACKGROUND, COLORS, LIGHT, NOISE, OUTLINES, PLATE, SPREAD, SURFACE, SurveyParams
+from stages.survey.sample import FEWEST, worked_numbers
+from stages.survey.stage import STAGE
+from tests.memory import MemoryInputs, run_stage
+from tests.stages.frames.fakes import Joints, Pictures
+
+VIEWS, FRAMES = 3, 12
+EVERY = frozenset({PLATE, SPREAD, COLORS, SURFACE, OUTLINES, LIGHT, NOISE, "joints2d", "masks"})
+
+
+class Counted(Pictures):
+    def __init__(self, views: Sequence[Sequence[np.ndarray]]) -> None:
+        super().__init__([list(v) for v in views])
+        self.decoded: Counter[tuple[int, int]] = Counter()
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        for n, picture in zip(numbers, super().read(view, numbers), strict=True):
+            self.decoded[view, int(n)] += 1
+            yield picture
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(VIEWS, 48, FRAMES, 0, "kick")
+
+
+def sources(person: PersonCapture) -> dict[str, object]:
+    """Readers over the person's pictures, masks and the first view's joints."""
+    seen = [[np.ascontiguousarray(p) for p in person.color[:, v]] for v in range(VIEWS)]
+    return {"pictures": Counted(seen), "masks": Pictures([list(person.mask[:, v]) for v in range(VIEWS)]), "joints": Joints(person.joints2d[:, 0])}
+
+
+def test_a_picture_is_decoded_once_for_all_measures(person: PersonCapture) -> None:
+    given = sources(person)
+    for view in range(VIEWS):
+        run_stage(STAGE, SurveyParams(), {}, person.rig, person.views, FRAMES, view=view, sources=given, facts=EVERY)
+    decoded = given["pictures"].decoded  # type: ignore[attr-defined]
+    assert set(decoded) == {(v, n) for v in range(VIEWS) for n in range(FRAMES)}
+    twice = {key for key, times in decoded.items() if times > 1}
+    assert all(v > 0 for v, _ in twice), "only what an earlier view compared itself with"
+    assert len(twice) <= 2 * (VIEWS - 1)
+    assert max(decoded.values()) == 2, "features are kept for the next view's task"
+
+
+def test_measures_look_at_the_frames_that_are_worked_on_and_the_plate_at_all(person: PersonCapture) -> None:
+    given = sources(person)
+    inputs = MemoryInputs(STAGE, SurveyParams(), {}, person.rig, person.views, range(3, 9), FRAMES, view=2, sources=given, facts=EVERY - {PLATE, SPREAD})
+    from stages.survey.run import run
+
+    blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
+    assert [n for n in blocks["survey/sample"] if n >= 0] == list(range(3, 9))
+    assert set(given["pictures"].decoded) == {(2, n) for n in range(3, 9)}  # type: ignore[attr-defined]
+    inputs.facts = inputs.facts | {PLATE}
+    blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
+    assert [n for n in blocks[BACKGROUND] if n >= 0] == list(range(FRAMES))
+
+
+@pytest.mark.parametrize(("worked", "expected"), [(range(2), range(5)), (range(7, 8), range(5, 10)), (range(11, 12), range(7, 12)), (range(2, 9), range(2, 9))])
+def test_around_fewer_than_five_frames_their_neighbours_are_looked_at_too(person: PersonCapture, worked: range, expected: range) -> None:
+    inputs = MemoryInputs(STAGE, SurveyParams(), {}, person.rig, person.views, worked, FRAMES, view=0, sources=sources(person))
+    np.testing.assert_array_equal(worked_numbers(inputs, 0), expected)  # type: ignore[arg-type]
+    assert len(expected) >= FEWEST
+
+
+def test_offsets_in_the_part_around_the_subject_are_those_of_the_whole_picture() -> None:
+    picture, mask = np.full((300, 260, 3), 40, np.uint8), np.zeros((300, 260), np.uint8)
+    cv2.ellipse(picture, (110, 140), (30, 50), 0, 0, 360, (200, 150, 90), -1)
+    cv2.ellipse(mask, (110, 140), (32, 52), 0, 0, 360, 255, -1)
+    expected = silhouette_offset(picture, mask)
+    assert len(expected) > 20
+    np.testing.assert_allclose(np.sort(outline_offsets(picture, mask)), np.sort(expected), atol=1e-4)
+    assert not len(outline_offsets(picture, np.zeros_like(mask)))
+    assert not len(outline_offsets(picture, mask[1:]))
