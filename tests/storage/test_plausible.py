@@ -56,7 +56,7 @@ def test_a_rotation_vector_in_degrees_is_told() -> None:
 @pytest.mark.parametrize("rate", [0.0, 1e-300, 1e9, np.inf, np.nan, -30.0])
 def test_a_rate_that_no_camera_has(rate: float) -> None:
     check_rate("a.mp4", 29.97)
-    with pytest.raises(SourceError, match="a.mp4: .* frames/s are beyond 0.01 to 10000"):
+    with pytest.raises(SourceError, match=r"a\.mp4: .* frames/s are beyond 0.01 to 10000"):
         check_rate("a.mp4", rate)
 
 
@@ -99,13 +99,13 @@ def test_a_trc_in_millimetres_that_says_metres_is_told(tmp_path: Path) -> None:
     assert trc_joints(file, "yzx").options["joint_set"] == "trc21"
     text = file.read_text()
     file.write_text(text.replace("\tm\t", "\tmm\t"))
-    with pytest.raises(SourceError, match="0.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"):
+    with pytest.raises(SourceError, match=r"0\.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"):
         trc_joints(file, "yzx")
     file.write_text(text.replace("\t0.0400", "\t4e7"))
-    with pytest.raises(SourceError, match="a marker lies 4e\\+07 m from the origin, .* millimetres"):
+    with pytest.raises(SourceError, match=r"a marker lies 4e\+07 m from the origin, .* millimetres"):
         read_trc(file)
     file.write_text(text.replace("\n2\t", "\n1e300\t"))
-    with pytest.raises(SourceError, match="line 7: .*301 digits"):
+    with pytest.raises(SourceError, match=r"line 7: .*301 digits"):
         read_trc(file)
 
 
