@@ -24,6 +24,7 @@ from dags.history import RunLog, retry_command
 from dags.interrupt import STATUS, interruptible
 from dags.keep import Keeper
 from dags.moment import one_moment
+from dags.orders import lacks_cameras
 from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
@@ -235,6 +236,9 @@ class Session:
             self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
+            for p in plans:
+                if lacks_cameras(p):
+                    presence.make_arrays(p, self._rules(p.context.sequence.name).terms)
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
             keeper.sweep()

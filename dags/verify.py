@@ -9,7 +9,7 @@ from dags.tasks import Task
 from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ArchiveError, LeaseHeld
-from storage.verify import ARRAY_BROKEN, FOREIGN_RECEIPT, LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair, seal_all
+from storage.verify import ARRAY_BROKEN, FOREIGN_RECEIPT, GIVEN, LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair, seal_all
 
 
 def verify(session: Session, names: Names[str], mend: bool) -> int:
@@ -57,6 +57,8 @@ def remedy(fault: Fault) -> str:
     """What a repair would do."""
     if fault.cause == LEFT_OVER:
         return "harmless; --repair deletes it"
+    if fault.file.startswith(GIVEN):
+        return "no run makes it: film the scene again with `posegaussian simulate`, or put the old files back"
     if fault.cause.startswith(ARRAY_BROKEN):
         return "--repair removes its description, and the next run makes the array anew"
     if fault.cause == RECEIPT_UNREADABLE or fault.cause.startswith(FOREIGN_RECEIPT):
@@ -71,6 +73,8 @@ def _task(fault: Fault) -> str:
 
 
 def _mend(sequence: Sequence, fault: Fault) -> str:
+    if fault.file.startswith(GIVEN):
+        return remedy(fault)
     try:
         repair(sequence, fault)
     except LeaseHeld as e:

@@ -6,6 +6,7 @@ of bytes packed by Blosc (zstd) with a checksum; nothing else is opened. Descrip
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from storage.errors import ArchiveError
 from storage.files import write_atomically
 from storage.places import parse_json, read_file
 from storage.records import FILE
+from storage.spec import array_digest
 
 MOST_BYTES = 2**20
 """Bytes of a description."""
@@ -38,6 +40,9 @@ MOST_SHARDS = 2**22
 
 TYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64")
 """Types of elements."""
+
+PART_BYTES = 2**26
+"""Bytes of an array that are read at a time for its digest."""
 
 KEYS = {"shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs", "attributes", "dimension_names", "zarr_format", "node_type", "storage_transformers"}
 
@@ -69,6 +74,22 @@ def seal(folder: Path, digest: str | None = None) -> None:
 def unseal(folder: Path) -> None:
     """Take the checksum away before zarr changes the description: killed in between, it leaves one without."""
     _write(folder, None, False)
+
+
+def is_sharded(metadata: dict[str, Any]) -> bool:
+    """Whether an array is written shard by shard, each promised by a receipt; else it was written whole."""
+    return metadata["codecs"][0]["name"] == "sharding_indexed"
+
+
+def values_digest(array: Any) -> str:
+    """`array_digest` of an array in the archive, a part of it in memory at a time. Raises ValueError and RuntimeError for damaged chunks."""
+    h = hashlib.blake2b(f"{array.dtype.str}{array.shape}".encode(), digest_size=16)
+    if not array.ndim:
+        return array_digest(np.asarray(array[...]))
+    step = max(1, PART_BYTES // max(1, array.dtype.itemsize * math.prod(array.shape[1:])))
+    for start in range(0, array.shape[0], step):
+        h.update(np.ascontiguousarray(array[start : start + step]).tobytes())
+    return h.hexdigest()
 
 
 def is_sealed(folder: Path) -> bool:
@@ -144,7 +165,7 @@ def _grid_fault(shape: list[int], shard: list[int], codecs: list[Any], size: int
             return f"codecs of the shards' index {json.dumps(inner['index_codecs'])[:120]}"
         codecs = inner["codecs"]
     if len(codecs) != 3 or not _is_bytes(codecs[0]) or not _is_blosc(codecs[1]) or not _is_checksum(codecs[2]):
-        return f"codecs {json.dumps(codecs)[:120]}; bytes, blosc with zstd, and crc32c are read"
+        return f"codecs {json.dumps(codecs)[:240]}; bytes, blosc with zstd, and crc32c are read"
     lengths = [*shape, *shard, *chunk]
     if len(shape) > 8 or not len(shape) == len(shard) == len(chunk) or not all(type(n) is int and 0 <= n < MOST_LENGTH for n in lengths) or 0 in (*shard, *chunk):
         return f"lengths {str(shape)[:60]}, shards {str(shard)[:60]}, chunks {str(chunk)[:60]}"

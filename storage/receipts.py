@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from storage import checksums
 from storage.archive import Sequence
 from storage.files import refusals, sync_folder, write_atomically
@@ -33,6 +35,9 @@ _KEY = re.compile(r"c(/[0-9]{1,10})*|(all|p[0-9]{6,10})\.parquet")
 
 NUMBERS = ("seconds", "cpu_seconds", "work", "raw_bytes", "peak_rss", "projected_ram")
 """Facts that are counted together."""
+
+TEXTS = ("started", "host", "worker", "device", "run", "token")
+"""Facts that are names."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +149,31 @@ def _check_types(receipt: Receipt) -> None:
         raise TypeError("a partition, view or size is no whole number")
     if not all(isinstance(t, str) for t in (receipt.fingerprint, *receipt.warnings, *(o.digest for o in receipt.outputs))) or not all(isinstance(o.dropped, bool) for o in receipt.outputs):
         raise TypeError("a fingerprint, digest or warning is no text")
-    parts, facts = receipt.parts, receipt.facts
-    if not isinstance(parts, dict) or not isinstance(facts, dict) or not all(isinstance(parts.get(k, {}), dict) for k in ("params", "effects", "sources", "inputs")):
-        raise TypeError("parts or facts are no object")
+    _check_parts(receipt.parts)
+    _check_facts(receipt.facts)
+
+
+def _check_parts(parts: dict[str, Any]) -> None:
+    """Raise TypeError for fingerprint parts that cannot be compared with others."""
+    if not isinstance(parts, dict) or not all(isinstance(parts.get(k, {}), dict) for k in ("params", "effects", "sources", "inputs")):
+        raise TypeError("parts are no object")
+    lists = (parts.get("asked", []), parts.get("bounds", []))
+    if not all(isinstance(n, list) for n in (*lists, *lists[1][:1])) or not all(isinstance(n, str) for n in lists[0]):
+        raise TypeError("bounds or what was asked for are no list")
+
+
+def _check_facts(facts: dict[str, Any]) -> None:
+    """Raise TypeError and ValueError for facts that cannot be counted, and for notes that are no arrays of numbers."""
+    if not isinstance(facts, dict) or not all(isinstance(facts.get(k) or {}, dict) for k in ("modules", "noted")) or not isinstance(facts.get("accepted", []), list):
+        raise TypeError("facts are no object")
     counted = [*(facts.get(k) for k in NUMBERS), *(facts.get("modules") or {}).values()]
-    if not all(n is None or (isinstance(n, int | float) and not isinstance(n, bool)) for n in counted) or not isinstance(facts.get("noted", {}), dict):
+    if not all(n is None or (type(n) in (int, float) and abs(n) < 2**62) for n in counted):
         raise TypeError("a fact is no number")
+    if not all(facts.get(k) is None or isinstance(facts[k], str) for k in TEXTS):
+        raise TypeError("a fact is no text")
+    for values in (facts.get("noted") or {}).values():
+        if np.asarray(values).dtype.kind not in "biuf":
+            raise TypeError("a note is no array of numbers")
 
 
 class ReceiptKey(NamedTuple):
