@@ -60,7 +60,7 @@ class BoundedBase(yaml.BaseLoader):
         return 1 + max((self._known[id(n)][1] for n in held), default=0)
 
 
-def _error(event: yaml.Event, problem: str) -> yaml.composer.ComposerError:
+def _error(event: Any, problem: str) -> yaml.composer.ComposerError:
     return yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 

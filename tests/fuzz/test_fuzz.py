@@ -39,7 +39,7 @@ def planting(folder: Path, out: Path) -> None:
 
 
 def hungry(folder: Path, out: Path) -> None:
-    b"x" * 80_000_000
+    _ = b"x" * 80_000_000
 
 
 def silent(folder: Path, out: Path) -> None:
