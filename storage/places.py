@@ -113,6 +113,12 @@ def files_below(folder: Path | str) -> Iterator[str]:
         todo += reversed(folders)
 
 
+def refuse_links(folder: Path) -> None:
+    """Raise Unsafe for a symbolic link anywhere below a folder that may not be there, before it is written into."""
+    for _ in files_below(folder):
+        pass
+
+
 def folders_in(folder: Path) -> list[Path]:
     """The folders directly in a folder that may not be there, sorted. Raises Unsafe for a link among them."""
     try:
