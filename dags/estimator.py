@@ -9,6 +9,8 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from dags.code import code_digest
+from dags.moment import once
 from stages.detection.description import Description, read_description
 from stages.detection.estimator import Estimator
 from stages.detection.models import BLAZEPOSE, model_files
@@ -51,6 +53,12 @@ def models_digest(params: DetectionParams) -> str:
         return digest(blazepose)
     found = described(params)
     return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256, blazepose if blazepose_is_here() else None])
+
+
+def estimator_digest(params: DetectionParams) -> str:
+    """Digest of what a resolved estimator would find: its models and its code."""
+    kernel = KERNELS[params.estimator]
+    return digest([models_digest(params), once(("code", kernel), lambda: code_digest(kernel))])
 
 
 def estimator_of(params: DetectionParams) -> Estimator:
