@@ -8,9 +8,10 @@ from stages.geometry.sync import TimeOffsets
 from stages.inspection.cameras import of_aim, of_frames, of_lens
 from stages.inspection.finding import Finding, Verdict, overall, worst_first
 from stages.inspection.footage import Footage
+from stages.inspection.light import of_light
 from stages.inspection.matching import Matched, matched_pairs, of_matches
 from stages.inspection.pairs import Rectified, every_pair, of_pairs
-from stages.inspection.subject import of_focus, of_joints, of_light, of_masks, of_poses, of_time
+from stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
 
 WORDS = {
     Verdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
@@ -71,6 +72,6 @@ def inspect(footage: Footage, sizes: list[Finding], max_angle: float) -> Report:
     findings = [
         *sizes, *of_frames(footage.names, footage.numbers), *cameras, *of_aim(footage.source_rig),
         *of_matches(footage, pairs, found), *of_joints(footage), *of_poses(footage), *of_masks(footage),
-        *time, *of_light(footage, found), *of_focus(footage), *of_pairs(footage.source_rig, pairs, max_angle),
+        *time, *of_light(footage), *of_focus(footage), *of_pairs(footage.source_rig, pairs, max_angle),
     ]  # fmt: skip
     return Report(tuple(findings), tuple(pairs), tuple(found), offsets)

@@ -11,13 +11,13 @@ from stages.detection.reader import EstimatedJoints, joint_reader
 from stages.frames.display import to_display
 from stages.io import Block, Inputs
 from stages.survey.cover import people_cover
-from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
 from stages.survey.light import light_of_view
 from stages.survey.motion import jitter_and_motion, run_starts
 from stages.survey.noise import noise_of_view
 from stages.survey.outlines import outline_of_view
 from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from stages.survey.patches import PATCHES, patch_colors, typical_colors
 from stages.survey.silhouettes import agreement_of_view
 from stages.survey.surface import surface_stops
 
@@ -85,7 +85,7 @@ def _of_pictures(inputs: Inputs, params: SurveyParams, view: int, numbers: np.nd
     size of all views, padding is 0. Plate: the median of each channel; spread: the median absolute deviation from it,
     largest of the three channels. Of an even number of frames the median is the lower middle value, so that it is one that
     occurred. Where joints are given, frames in which a person may cover a pixel do not count there (`cover.people_cover`).
-    survey/colors [192, 3] float32: `exposure.typical_colors`.
+    survey/colors [192, 3] float32: `patches.typical_colors`.
     """
     pictures = inputs.source("pictures")
     width, height = pictures.size(view)
