@@ -48,7 +48,7 @@ class Context:
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """What follows from the context and is asked for by every task again: parts of fingerprints, reads of stages."""
+    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages, evidence."""
 
     @cached_property
     def capture(self) -> Capture:
@@ -183,6 +183,12 @@ class Context:
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
+        key = ("evidence", stage)
+        if key not in self.memo:
+            self.memo[key] = self._evidence(stage)
+        return self.memo[key]
+
+    def _evidence(self, stage: str) -> Evidence:
         capture, sources = self.capture, self.views.sources
         worked, numbers = self.source_frames, capture.numbers
         stride = int(np.diff(worked).min()) // int(np.diff(numbers).min()) if len(worked) > 1 else 1
@@ -281,6 +287,11 @@ class Context:
 
     def unneeded(self) -> dict[str, str]:
         """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
+        if "unneeded" not in self.memo:
+            self.memo["unneeded"] = self._unneeded()
+        return self.memo["unneeded"]
+
+    def _unneeded(self) -> dict[str, str]:
         reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}

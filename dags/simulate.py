@@ -23,6 +23,7 @@ from dags.session import Session
 from dags.yaml_marks import Document, Location, load
 from stages.capture.scene import Listed, Scan, Scene, faults, known_fields
 from storage.archive import Archive, Sequence
+from storage.documents import read_bytes
 from storage.errors import ConfigError, SourceError
 from storage.files import make_folder, scratch_array
 from storage.joints import COCO17
@@ -104,21 +105,24 @@ def load_scan(scan: Scan, folder: Path) -> Any:
 
     path = folder / scan.obj
     try:
-        vertices, tris, uv, material = parse_obj(path.read_text(encoding="utf-8", errors="replace"))
-        named = texture_name((path.parent / material).read_text(encoding="utf-8", errors="replace")) if material else None
-    except OSError as e:
-        raise SourceError(f"cannot read the scan {e.filename or path}: {e.strerror}") from e
+        vertices, tris, uv, material = parse_obj(_text(path))
+        named = texture_name(_text(path.parent / material)) if material else None
     except ValueError as e:
         raise SourceError(f"{path}: {e}") from e
     picture = read_picture(path.parent / named) if named else None
     return Still(scan_mesh(vertices, tris, uv, picture, scan), scan.turn)
 
 
+def _text(path: Path) -> str:
+    """Text of a scanner's file, whatever its names are encoded in."""
+    return read_bytes(path, "scan", largest=None).decode("utf-8", "replace")
+
+
 def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None, replace: bool = False) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
-    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, NotWritten where the disk is full,
-    and ArchiveError where the name is that of a capture from elsewhere, unless that is to be replaced.
+    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, CalibrationError for
+    cameras that cannot be, NotWritten where the disk is full, and ArchiveError where the name is that of a capture from elsewhere, unless that is to be replaced.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
@@ -127,6 +131,7 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     if output is None:
         refuse_links(folder)
     staged = stage_scene(scene, scene_path.parent)
+    staged.written.check()
     if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
         make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
     console.print(effects_plan(name, scene, staged.rulings))

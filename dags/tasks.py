@@ -120,7 +120,7 @@ def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tup
 def source_spans(context: Context, task: Task) -> dict[str, range]:
     """{source: frame indices that a task works on}, halo included; all of them for a task of the whole sequence."""
     stage = next(s for s in STAGES if s.name == task.stage)
-    params, every = context.params(stage), range(context.grid.length)
+    params, every = context.params(stage), range(context.grid.frames)
     return {r.array: every if task.partition is None else context.grid.span(task.partition, r.halo_for(params)) for r in stage.reads_for(params, context.facts) if r.is_source}
 
 

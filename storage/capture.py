@@ -19,6 +19,7 @@ import numpy as np
 from storage.crop import Crop
 from storage.documents import regular
 from storage.errors import SourceError
+from storage.plausible import check_rate
 from storage.rig import Rig
 from storage.spec import digest
 
@@ -158,6 +159,10 @@ class Capture:
     """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
+
+    def __post_init__(self) -> None:
+        """Raise SourceError for a frame rate that no camera has."""
+        check_rate(f"{self.layout} capture", self.frame_rate)
 
     @property
     def numbers(self) -> np.ndarray:

@@ -15,16 +15,13 @@ import numpy as np
 from storage.documents import reader_of, regular
 from storage.errors import SourceError
 from storage.files import ask_why, whole_file
+from storage.plausible import check_picture
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
 
 NO_TIME = "1970:01:01 00:00:00"
 """Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
-LONGEST_SIDE = 32768
-"""Px of a picture's side."""
-MOST_PIXELS = 2**26
-"""Px of a picture: a header of a few bytes may promise what no memory holds."""
 MOST_CHANNELS = 4
 """Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
@@ -132,9 +129,7 @@ def _open(path: str | Path) -> tuple[Any, Any]:
     if source is None:
         raise SourceError(f"cannot read picture {path}: {_line(cause)}")
     spec = source.spec()
-    if not (0 < spec.width <= LONGEST_SIDE and 0 < spec.height <= LONGEST_SIDE and spec.width * spec.height <= MOST_PIXELS):
-        source.close()
-        raise SourceError(f"cannot read picture {path}: it says it is {spec.width}x{spec.height} px; at most {LONGEST_SIDE} px a side and {MOST_PIXELS} px in all are read")
+    check_picture(f"picture {path}", spec.width, spec.height)
     return source, spec
 
 

@@ -12,6 +12,8 @@ from storage.errors import CalibrationError, SourceError
 
 LONGEST_SIDE = 32768
 """Px of a picture's side."""
+LARGEST_PICTURE = 2**26
+"""Px of a picture: a header of a few bytes may promise what no memory holds."""
 FOCAL = (0.05, 100.0)
 """Focal length over the longer side of the picture: 168 degrees to a third of a degree."""
 ASPECT = 5.0
@@ -24,7 +26,7 @@ FARTHEST = 1000.0
 """Metres from the origin at which a camera or a joint may lie."""
 TURN = 4 * np.pi
 """Radians of a rotation vector; a whole turn is half of it."""
-MOST_PIXELS = 100_000.0
+FARTHEST_PIXEL = 100_000.0
 """Px from the picture's corner at which a joint or a box may lie: three times the largest picture."""
 MOST_SCORE = 100.0
 """A joint's confidence; above 1 it counts as 1."""
@@ -42,6 +44,12 @@ def check_size(name: str, width: float, height: float) -> None:
     """Raise CalibrationError for a picture size that no picture has."""
     if not (1 <= width <= LONGEST_SIDE and 1 <= height <= LONGEST_SIDE and width == int(width) and height == int(height)):
         raise CalibrationError(f"camera {name}: picture size ({width:g}, {height:g}) px must be two whole numbers from 1 to {LONGEST_SIDE}; is it the width and height in pixels?")
+
+
+def check_picture(where: str, width: int, height: int) -> None:
+    """Raise SourceError for a picture or video whose header promises more px than are read."""
+    if not (0 < width <= LONGEST_SIDE and 0 < height <= LONGEST_SIDE and width * height <= LARGEST_PICTURE):
+        raise SourceError(f"cannot read {where}: it says it is {width}x{height} px; at most {LONGEST_SIDE} px a side and {LARGEST_PICTURE} px in all are read")
 
 
 def check_camera(name: str, intrinsics: np.ndarray, distortion: np.ndarray, translation: np.ndarray, size: np.ndarray) -> None:
@@ -74,8 +82,8 @@ def check_rotation_vector(name: str, vector: np.ndarray) -> None:
 
 def check_pixels(where: str, what: str, points: np.ndarray) -> None:
     """Raise SourceError for finite picture coordinates [..., 2] px that lie at no picture."""
-    if (wrong := np.abs(points) > MOST_PIXELS).any():
-        raise SourceError(f"{where}: {what} holds the coordinate {points[wrong][0]:g} px, at most {MOST_PIXELS:g} are plausible; is it in pixels of the picture?")
+    if (wrong := np.abs(points) > FARTHEST_PIXEL).any():
+        raise SourceError(f"{where}: {what} holds the coordinate {points[wrong][0]:g} px, at most {FARTHEST_PIXEL:g} are plausible; is it in pixels of the picture?")
 
 
 def check_scores(where: str, what: str, scores: np.ndarray) -> None:

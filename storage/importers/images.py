@@ -33,7 +33,7 @@ from storage.joint_files import read_openpose
 class ImagesOptions(ImportOptions):
     """The layout leaves little else to choose."""
 
-    depth_scale: float | None = Field(None, gt=0, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
+    depth_scale: float | None = Field(None, gt=0, le=1000, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
 
 
 class CameraEntry(BaseModel):

@@ -14,7 +14,7 @@ from dags.effects_table import effects_reasons, effects_table, seconds
 from dags.events import EffectsDecided, TaskDone
 from dags.plan import Selection, State
 from dags.projection import History
-from dags.tasks import Task, dependencies
+from dags.tasks import Task, dependencies, source_spans
 from storage.archive import Archive
 from storage.errors import ConfigError
 from storage.ledger import rebuild
@@ -126,6 +126,10 @@ def test_from_survey_takes_the_measures_anew(decided: Pipeline, tmp_path: Path) 
     assert plan.context.effects["temporal_smoothing"].state == "undecided", "a survey that will be taken anew decides nothing"
     p.run(selection=Selection(start="survey"))
     assert p.plan().context.effects["temporal_smoothing"].state == "off"
+
+
+def test_the_survey_works_on_all_frames_of_the_range_whatever_a_partition_holds(decided: Pipeline) -> None:
+    assert source_spans(decided.context(), Task(NAME, "survey", None, 0))["pictures"] == range(4)
 
 
 def test_the_size_of_the_frames_is_nothing_to_the_survey(decided: Pipeline) -> None:

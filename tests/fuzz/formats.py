@@ -101,9 +101,9 @@ def configuration(folder: Path, out: Path) -> None:
 
 
 def scene(folder: Path, out: Path) -> None:
-    from dags.simulate import read_scene
+    from dags.simulate import read_scene, stage_scene
 
-    read_scene(folder / "own.yaml")
+    stage_scene(read_scene(folder / "own.yaml"), folder).written.check()
 
 
 def training(folder: Path, out: Path) -> None:

@@ -37,7 +37,9 @@ from tests.fuzz.models import NEVER_WHOLE
 from tests.fuzz.spoil import rename, spoil
 
 SECONDS = 10.0
-"""What a variant may take."""
+"""Processor time that a variant may take: as long as on a quiet machine, whatever else this one does."""
+WAIT = 30.0
+"""Seconds after which one that takes no processor time is taken to wait for ever."""
 MEMORY = 1_000_000_000
 """Bytes by which a worker may grow."""
 PAGE = resource.getpagesize()
@@ -58,6 +60,7 @@ class Outcome:
     said: str
     """The sentence, or the exception and where it was raised."""
     seconds: float
+    """Of processor time."""
     grown: int
     """Bytes."""
 
@@ -73,9 +76,9 @@ def variant(format: Format, index: int, whole: Path, place: Path) -> Outcome:
     if index >= 0:
         damage = rename(inside, random) if not format.files else spoil(random.choice(sorted(p for p in inside.glob(format.files) if p.is_file())), format.kind, outside, random)
     before = _listing(place, out)
-    start, held = time.perf_counter(), _reset_peak()
+    start, held = time.process_time(), _reset_peak()
     how, said = _read(format, inside, out)
-    seconds, grown = time.perf_counter() - start, _peak() - held
+    seconds, grown = time.process_time() - start, _peak() - held
     if added := sorted(_listing(place, out) ^ before):
         how, said = "outside", f"changed outside its folder: {added[:3]}"
     elif grown > MEMORY:
@@ -124,6 +127,15 @@ def _resident(process: int) -> int:
         return 0
 
 
+def _processor(process: int) -> float:
+    """Seconds of processor time that a process has taken."""
+    try:
+        user, system = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError):
+        return 0.0
+
+
 def _work(pipe: Connection, formats: dict[str, Format], wholes: Path, place: Path) -> None:
     silent = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -152,14 +164,14 @@ class _Worker:
         theirs.close()
 
     def give(self, job: tuple[str, int]) -> None:
-        self.job, self.since, self.first = job, time.monotonic(), _resident(self.process.pid)
+        self.job, self.since, self.spent, self.first = job, time.monotonic(), _processor(self.process.pid), _resident(self.process.pid)
         self.pipe.send(job)
 
     def overdue(self, seconds: float) -> Outcome | None:
         """A fault of the variant that is read now, which ends the worker."""
         assert self.job is not None
-        grown, took = _resident(self.process.pid) - self.first, time.monotonic() - self.since
-        if grown <= 2 * MEMORY and took <= seconds:
+        grown, took, waited = _resident(self.process.pid) - self.first, _processor(self.process.pid) - self.spent, time.monotonic() - self.since
+        if grown <= 2 * MEMORY and took <= seconds and waited <= max(seconds, WAIT):
             return None
         return self.replaced("memory" if grown > 2 * MEMORY else "hang", took, grown)
 

@@ -8,6 +8,7 @@ import re
 import shutil
 import struct
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -161,7 +162,7 @@ def json_node(raw: bytes, random: Random) -> bytes:
 
 
 ANCHORS = "abcdefghijklmnopqrstuvwxyz"
-BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip(ANCHORS, ANCHORS[1:], strict=False))
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in pairwise(ANCHORS))
 """YAML of a kilobyte that stands for 9^26 values."""
 
 
@@ -179,7 +180,7 @@ def toml_bomb(raw: bytes, random: Random) -> bytes:
 
 def xml_bomb(raw: bytes, random: Random) -> bytes:
     text = raw.decode("utf-8", "replace")
-    entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip(ANCHORS, ANCHORS[1:], strict=False))
+    entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise(ANCHORS))
     return random.choice((f"<!DOCTYPE x [{entities}]><x>&z;</x>", f'<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>{text}', f"<?xml version='1.0' encoding='no-such'?>{text}", f"<?xml version='1.0' encoding='utf-7'?>{text}", "<a>" * DEEP, text * 3)).encode()
 
 

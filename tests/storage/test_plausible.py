@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import struct
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from storage.errors import CalibrationError, SourceError
+from dags.simulate import read_scene
+from stages.geometry.path_file import read_path_file
+from storage.crop import Crop
+from storage.errors import CalibrationError, ConfigError, SourceError
 from storage.importers.joint_streams import trc_joints
 from storage.joint_files import frame_number, read_coco, read_openpose, read_trc
+from storage.media import picture_size, read_picture, write_png
 from storage.plausible import check_rate, check_rotation_vector, check_time
 from tests.fuzz.captures import trc
 from tests.storage.samples import make_rig
@@ -47,6 +54,42 @@ def test_a_camera_that_cannot_be_is_named_with_what_it_may_be(case: str) -> None
         rig(part, at, value).check()
 
 
+def test_a_header_that_promises_more_than_memory_holds_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "a.png"
+    write_png(file, np.zeros((4, 4, 3), np.uint8))
+    raw = bytearray(file.read_bytes())
+    raw[16:24] = struct.pack(">II", 9_000, 9_000)
+    raw[29:33] = struct.pack(">I", zlib.crc32(raw[12:29]))
+    file.write_bytes(raw)
+    for read in (read_picture, picture_size):
+        with pytest.raises(SourceError, match=r"a\.png: it says it is 9000x9000 px; at most 32768 px a side and 67108864 px in all"):
+            read(file)
+
+
+@pytest.mark.parametrize(("change", "sentence"), [({"K": [[1e12, 0, 20], [0, 50, 15], [0, 0, 1]]}, "focal length fx = 1e.12 px"), ({"t": [0, 0, 4000]}, "its translation holds 4000 m")])
+def test_a_camera_path_that_cannot_be_names_camera_and_file(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
+    camera = {"name": "a", "width": 40, "height": 30, "K": [[50, 0, 20], [0, 50, 15], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0, 0, 3], **change}
+    (tmp_path / "path.json").write_text(json.dumps({"pixel_center": "half", "cameras": [camera]}))
+    with pytest.raises(CalibrationError, match=rf"camera 'a' of .*path\.json: {sentence}"):
+        read_path_file(str(tmp_path / "path.json"), np.arange(3))
+
+
+@pytest.mark.parametrize("crop", [{"scale": 1e300}, {"scale": 1e-300}, {"offset": [1e308, 0]}])
+def test_a_crop_that_no_picture_has(crop: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        Crop.model_validate(crop)
+
+
+def test_numbers_of_a_scene_are_bounded_with_their_place(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text("seed: 3\nrig: {kind: ring, radius: 1.0e+300, roll: 1.0e+9}\n")
+    with pytest.raises(ConfigError) as error:
+        read_scene(tmp_path / "s.yaml")
+    assert [line.partition("s.yaml")[2] for line in str(error.value).splitlines()] == [
+        ":2:19 rig.radius: 1e+300 is beyond 100000; lengths are metres, angles degrees and times seconds",
+        ":2:37 rig.roll: 1e+09 is beyond 100000; lengths are metres, angles degrees and times seconds",
+    ]
+
+
 def test_a_rotation_vector_in_degrees_is_told() -> None:
     check_rotation_vector("cam1", np.array([0.0, 3.1, 0.4]))
     with pytest.raises(CalibrationError, match=r"cam1: the rotation vector has the length 90, .* degrees"):
@@ -56,7 +99,7 @@ def test_a_rotation_vector_in_degrees_is_told() -> None:
 @pytest.mark.parametrize("rate", [0.0, 1e-300, 1e9, np.inf, np.nan, -30.0])
 def test_a_rate_that_no_camera_has(rate: float) -> None:
     check_rate("a.mp4", 29.97)
-    with pytest.raises(SourceError, match="a.mp4: .* frames/s are beyond 0.01 to 10000"):
+    with pytest.raises(SourceError, match=r"a\.mp4: .* frames/s are beyond 0.01 to 10000"):
         check_rate("a.mp4", rate)
 
 
@@ -99,13 +142,13 @@ def test_a_trc_in_millimetres_that_says_metres_is_told(tmp_path: Path) -> None:
     assert trc_joints(file, "yzx").options["joint_set"] == "trc21"
     text = file.read_text()
     file.write_text(text.replace("\tm\t", "\tmm\t"))
-    with pytest.raises(SourceError, match="0.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"):
+    with pytest.raises(SourceError, match=r"0\.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"):
         trc_joints(file, "yzx")
     file.write_text(text.replace("\t0.0400", "\t4e7"))
-    with pytest.raises(SourceError, match="a marker lies 4e\\+07 m from the origin, .* millimetres"):
+    with pytest.raises(SourceError, match=r"a marker lies 4e\+07 m from the origin, .* millimetres"):
         read_trc(file)
     file.write_text(text.replace("\n2\t", "\n1e300\t"))
-    with pytest.raises(SourceError, match="line 7: .*301 digits"):
+    with pytest.raises(SourceError, match=r"line 7: .*301 digits"):
         read_trc(file)
 
 

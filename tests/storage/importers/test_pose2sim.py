@@ -250,7 +250,7 @@ def test_odd_but_valid_rigs_are_told(base):
         if factor == 200:
             assert any("millimetres" in n for n in find(base).notes)
         else:
-            with pytest.raises(CalibrationError, match="camera cam1: its translation holds 3000 m, .* is it in millimetres"):
+            with pytest.raises(CalibrationError, match=r"camera cam1: its translation holds 3000 m, .* is it in millimetres"):
                 find(base)
 
 
