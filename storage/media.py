@@ -14,8 +14,8 @@ import numpy as np
 
 from storage.documents import reader_of, regular
 from storage.errors import SourceError
-from storage.plausible import check_picture
 from storage.files import ask_why, whole_file
+from storage.plausible import check_picture
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
