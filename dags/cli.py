@@ -19,6 +19,7 @@ from dags.cli_inspect import inspect
 from dags.cli_models import models
 from dags.cli_options import (
     ArchiveOption,
+    Commands,
     ConfigOption,
     ForceOption,
     FromOption,
@@ -47,6 +48,7 @@ from storage.errors import ConfigError, UserError
 from storage.files import FULL
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -56,7 +58,7 @@ app = typer.Typer(
 app.add_typer(models, name="models")
 @app.command("import")
 def import_capture(
-    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap or images.")],
+    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,

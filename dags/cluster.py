@@ -11,12 +11,14 @@ ours besides: a worker that is not of this build refuses it, and it goes to one 
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import pickle
 import queue
 import signal
 import time
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -97,8 +99,8 @@ class DaskBackend:
     def __init__(self, settings: RunSettings | None = None, archive: Path | None = None) -> None:
         """Start or reach the cluster.
 
-        Raises ConfigError when the address does not answer, has no workers, or none that can do the work, and OtherCode
-        when files of this process were edited since it began.
+        Raises ConfigError when the address does not answer, has no workers, or none that can do the work, SchedulerLost
+        when workers of our own cannot be started, and OtherCode when files of this process were edited since it began.
         """
         settings = settings or RunSettings()
         self._build, self._archive = build.here(), archive
@@ -127,8 +129,11 @@ class DaskBackend:
     def _meet(self) -> None:
         """Wait for our own workers, or look at those of others."""
         if self._cluster is not None:
-            self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
-            self._client.register_plugin(deafness(), name="posegaussian-ctrl-c")
+            try:
+                self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
+                self._client.register_plugin(deafness(), name="posegaussian-ctrl-c")
+            except OSError as e:
+                raise SchedulerLost(f"the workers of this machine died while they started ({e}); run again") from e
         self._look()
         if not self._workers.pools and self._unfit:
             raise ConfigError("\n".join(f"run.scheduler: {why}" for why in self._unfit.values()))
@@ -137,7 +142,9 @@ class DaskBackend:
 
     def _vet(self, addresses: list[str]) -> None:
         """Ask workers of others who they are; those that do not answer now are asked again at the next look."""
-        said = self._client.run(introduce, str(self._archive) if self._archive else None, workers=addresses, on_error="return") if addresses else {}
+        said: dict[str, Any] = {}
+        with suppress(OSError):  # of the scheduler itself: whether it is lost is told by `_connected`
+            said = self._client.run(introduce, str(self._archive) if self._archive else None, workers=addresses, on_error="return") if addresses else {}
         for address, answer in said.items():
             if isinstance(answer, Introduction):
                 if why := self._objection(f"worker {address} (process {answer.pid} on {answer.host})", answer):
@@ -147,7 +154,7 @@ class DaskBackend:
             elif isinstance(answer, OtherCode):
                 self._leave_out(address, f"worker {address}: {answer}")
             elif not isinstance(answer, OSError):
-                self._leave_out(address, f"worker {address} cannot run this version of posegaussian ({type(answer).__name__}: {answer}); install the same version there")
+                self._leave_out(address, f"worker {address} cannot run this version of posegaussian ({answer}); install the same version there")
 
     def _objection(self, worker: str, answer: Introduction) -> str | None:
         if answer.digest != self._build.digest:
@@ -197,7 +204,7 @@ class DaskBackend:
         alive = frozenset[str]().union(*self._workers.addresses.values())
         for future in [f for f, flown in self._tasks.items() if flown.where and not flown.where & alive]:
             flown = self._tasks.pop(future)
-            self._client.cancel([future], force=True)
+            self._cancel([future])
             self._parked.append((flown.task, flown.order))
         parked, self._parked = self._parked, []
         for task, order in parked:
@@ -300,6 +307,10 @@ class DaskBackend:
         if self._parked and self._cluster is not None and len(self._unfit) >= len(self._cluster.worker_spec):
             self._give_up("")
 
+    def _cancel(self, futures: list[Any]) -> None:
+        with suppress(OSError):  # a scheduler that is lost forgets them by itself
+            self._client.cancel(futures, force=True)
+
     def close(self, hard: bool = False) -> None:
         """Cancel what is in flight and, for a cluster of our own, end its workers: at once where hard.
 
@@ -308,8 +319,9 @@ class DaskBackend:
         if self._cluster is not None and hard:
             self.kill()
         if self._tasks and self._client.status == "running":
-            self._client.cancel(list(self._tasks), force=True)
-        self._client.close(timeout=5)
+            self._cancel(list(self._tasks))
+        with suppress(OSError):
+            self._client.close(timeout=5)
         if self._cluster is not None:
             try:
                 self._cluster.close(timeout=10)
@@ -325,9 +337,18 @@ class DaskBackend:
 
 
 def _connect(to: Any, address: str | None) -> Any:
-    """A client of a cluster of our own, or of the scheduler at an address. Raises ConfigError when nobody answers there."""
-    from distributed import Client
+    """A client of a cluster of our own, or of the scheduler at an address. Raises ConfigError when nobody answers there, or for tls:// without certificates."""
+    from distributed import Client, Security
 
+    for name in ("distributed", "distributed.client"):  # what is lost is told by the run, with its sentence; Dask's own report would say it again with a traceback
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    if address is not None and address.startswith("tls://"):
+        try:
+            context = Security().get_connection_args("client").get("ssl_context")
+        except OSError as e:
+            raise ConfigError(f"run.scheduler: the certificates that Dask's configuration names in distributed.comm.tls cannot be read ({e})") from e
+        if context is None:
+            raise ConfigError(f"run.scheduler: {address} needs certificates: name them in Dask's configuration, distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/runs.md shows")
     try:
         return Client(to, timeout="5s", set_as_default=False)
     except OSError as e:

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 
 from dags import build, threads
-from dags.estimator import estimator_of
+from dags.code import here_is
+from dags.estimator import estimator_digest, estimator_of
 from dags.memory import Peak
-from dags.network_weights import network_of
+from dags.network_weights import network_of, weights_digest
 from dags.stopwatch import Stopwatch
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
@@ -33,7 +34,7 @@ from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
-from storage.errors import ArchiveError
+from storage.errors import ArchiveError, OtherCode
 from storage.lease import Lease
 from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
 from storage.rig import CameraPath, Rig
@@ -200,8 +201,17 @@ class StoreInputs:
         if kind not in declared:
             raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
         if kind == "estimator" and self._order.estimator is not None:
+            self._as_planned(kind, estimator_digest(self._order.estimator))
             return estimator_of(self._order.estimator)
-        return network_of(self._order.params) if kind == NETWORK else open_source(self._capture, kind)
+        if kind == NETWORK:
+            self._as_planned(kind, weights_digest(self._order.params))
+            return network_of(self._order.params)
+        return open_source(self._capture, kind)
+
+    def _as_planned(self, kind: str, found: str) -> None:
+        """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
+        if found != self._order.parts["sources"][kind]:
+            raise OtherCode(f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same files there, then run again")
 
 
 def execute(order: Order) -> Receipt:

@@ -165,7 +165,7 @@ def _arrays(plan: Plan) -> Iterator[Item]:
 
         def pieces(tasks: dict[Task, list[tuple[str, int | None]]] = tasks) -> Iterator[None]:
             kept = (o for task, outputs in tasks.items() for o in plan.book.receipts[task].outputs if (o.array, o.view) in outputs and not o.dropped)
-            return _one_by_one(lambda o: delete_files(sequence.root / f.key for f in o.files), kept)
+            return _one_by_one(lambda o: delete_files(sequence.place(f.key) for f in o.files), kept)
 
         yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop, pieces)
 

@@ -20,7 +20,7 @@ from storage.errors import ConfigError, NotWritten, SourceError
 from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
-from storage.places import check_camera_names
+from storage.places import check_camera_names, refuse_links
 from storage.spec import ArraySpec
 
 
@@ -86,6 +86,7 @@ def _updated(old: Sequence, capture: Capture, length: int) -> str:
 def _copied_whole(capture: Capture, root: Path) -> Capture:
     """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
     new = not root.exists()
+    refuse_links(root / SOURCES)
     try:
         return _copied(capture, root / SOURCES)
     except NotWritten:

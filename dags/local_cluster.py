@@ -10,6 +10,7 @@ from dags import threads
 from dags.config import RunSettings
 from dags.on_worker import deaf
 from dags.pools import CPU, GPU, cpu_workers, gpu_workers, local_pools
+from storage.errors import SchedulerLost
 
 CONFIGURATION = {
     "distributed.scheduler.allowed-failures": 0,
@@ -24,8 +25,24 @@ CONFIGURATION = {
 """What a cluster of our own is started with."""
 
 
+ATTEMPTS = 3
+"""Times a cluster is started before it is given up: a worker may be killed while it starts, for memory or by accident."""
+
+
 def start_local(settings: RunSettings) -> Any:
-    """A cluster of this machine: one process a CPU worker, and one for every GPU, which sees that device alone."""
+    """A cluster of this machine: one process a CPU worker, and one for every GPU, which sees that device alone.
+
+    Raises SchedulerLost when its workers die while they start, every time.
+    """
+    for _ in range(ATTEMPTS):
+        try:
+            return _start(settings)
+        except (RuntimeError, OSError) as e:
+            why = e
+    raise SchedulerLost(f"no workers could be started on this machine in {ATTEMPTS} attempts ({why}): they died while they started, perhaps for memory; use fewer run.workers, or --scheduler serial") from why
+
+
+def _start(settings: RunSettings) -> Any:
     import dask
     from distributed import Nanny, Scheduler, SpecCluster
 

@@ -25,7 +25,7 @@ def shipped() -> dict[str, Path]:
 
 def weights_file(params: NetworkParams) -> Path:
     """The file that the setting means. Raises ConfigError where there is none."""
-    found = shipped().get(params.weights) or Path(params.weights).expanduser()
+    found = shipped().get(params.weights) or Path(params.weights)
     if not found.is_file():
         names = ", ".join(["none", *shipped()])
         raise ConfigError(f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with `posegaussian train`, or use none")

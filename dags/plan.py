@@ -322,12 +322,12 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
     found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
-    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
         (view,), depth = context.views.sources, context.settings.depth
         found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if NETWORK not in context.unneeded():
         found += network_weights.notes(context.settings.network)
     return tuple(found)

@@ -63,7 +63,7 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
         try:
             made = _build(plan, frames)
         except NotWritten:
-            shutil.rmtree(sequence.root.parent / RESHARD / "new" / sequence.name, ignore_errors=True)
+            shutil.rmtree(_side(sequence, "new"), ignore_errors=True)
             raise
         switch(sequence)
     return [f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames}, {number(made, 'task')} keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]

@@ -35,7 +35,7 @@ from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import Voice, number
 from storage.archive import Archive
-from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
+from storage.errors import ArchiveError, ConfigError, NotWritten, SchedulerLost, UserError
 from storage.files import write_atomically
 from storage.ledger import RUNS
 
@@ -120,8 +120,12 @@ class Session:
 
             return SerialBackend(local_pools(run)[CPU].ram)
         from dags.cluster import DaskBackend
+        from dags.unreached import UnreachedBackend
 
-        return DaskBackend(run, self.archive.root)
+        try:
+            return DaskBackend(run, self.archive.root)
+        except SchedulerLost as e:
+            return UnreachedBackend(local_pools(run), e)
 
     def refusals(self, plans: Sequence[Plan]) -> list[str]:
         """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a scheduler given by address nothing is known before it is asked."""

@@ -27,6 +27,7 @@ from storage.documents import read_bytes
 from storage.errors import ConfigError, SourceError
 from storage.files import make_folder, scratch_array
 from storage.joints import COCO17
+from storage.places import refuse_links
 
 if TYPE_CHECKING:
     from stages.capture.effects.base import Ruling
@@ -127,6 +128,8 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     archive = Archive.open(session.archive_url, create=True)
     archive.check_sequence_name(name)
     folder = output or archive.place(f"_captures/{name}")
+    if output is None:
+        refuse_links(folder)
     staged = stage_scene(scene, scene_path.parent)
     staged.written.check()
     if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there

@@ -23,6 +23,7 @@ from storage.array_metadata import ForeignArray, is_group, is_sealed, read_metad
 from storage.capture import Capture
 from storage.errors import ArchiveError, NotWritten
 from storage.files import make_folder, refusals, sync_folder, write_atomically
+from storage.home import at_home
 from storage.places import Unsafe, below, files_below, folders_in, name_fault
 from storage.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
 from storage.rig import Rig
@@ -75,7 +76,7 @@ def local_path(url: str) -> Path:
     """The folder behind an archive's URL. Raises ArchiveError for object stores, which format 1 cannot write safely."""
     scheme, separator, rest = url.partition("://")
     if not separator:
-        return Path(url).expanduser().resolve()
+        return Path(at_home(url)).resolve()
     if scheme == "file":
         return Path(unquote(rest)).resolve()
     raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")

@@ -21,6 +21,9 @@ from storage.errors import ArchiveError, CalibrationError
 MOST_NAME_BYTES = 100
 """Bytes of the name of a camera or a sequence: folders and files are named after them."""
 
+SMALL_BYTES = 2**20
+"""A file of so many bytes is read by one call."""
+
 FORBIDDEN = '/\\:*?"<>|'
 """Characters that no name of a camera or a sequence holds: some file system takes them for something else."""
 
@@ -113,6 +116,12 @@ def files_below(folder: Path | str) -> Iterator[str]:
         todo += reversed(folders)
 
 
+def refuse_links(folder: Path) -> None:
+    """Raise Unsafe for a symbolic link anywhere below a folder that may not be there, before it is written into."""
+    for _ in files_below(folder):
+        pass
+
+
 def folders_in(folder: Path) -> list[Path]:
     """The folders directly in a folder that may not be there, sorted. Raises Unsafe for a link among them."""
     try:
@@ -134,15 +143,20 @@ def read_file(file: Path | str, most: int) -> bytes:
         if e.errno in (errno.ELOOP, errno.ENXIO):
             refuse_link(str(file), os.lstat(file).st_mode)
         raise
-    found = os.fstat(handle)
-    if stat.S_ISDIR(found.st_mode):
-        os.close(handle)
-        raise Unsafe(f"{file} is a folder, where the archive has a file; take it away")
-    with open(handle, "rb") as f:
-        refuse_link(str(file), found.st_mode)
+    try:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            refuse_link(str(file), found.st_mode)
+            raise Unsafe(f"{file} is a folder, where the archive has a file; take it away")
         if found.st_size > most:
             raise Unsafe(f"{file} has {found.st_size} bytes, such a file has at most {most}; it was not made by posegaussian, so take it away")
-        return f.read()
+        data = os.read(handle, found.st_size + 1)
+        if len(data) <= found.st_size <= SMALL_BYTES:
+            return data
+        with open(handle, "rb", closefd=False) as f:  # a large one comes in pieces, and one that grows meanwhile is read on
+            return data + f.read()
+    finally:
+        os.close(handle)
 
 
 def parse_json(text: bytes) -> Any:
@@ -154,23 +168,39 @@ def parse_json(text: bytes) -> Any:
 
 
 class Look:
-    """One look at the files of a folder: the folders on the way to them are looked at once."""
+    """One look at the files of a folder: every folder on the way to them is looked at once. Keys are those of receipts, checked."""
 
     def __init__(self, root: Path) -> None:
         """Nothing is looked at yet."""
-        self._root = root
-        self._known: set[str] = set()
+        self._root = str(root)
+        self._known = {""}
 
     def size(self, key: str) -> int:
-        """Bytes of a file; -1 where there is none. Raises Unsafe like `below`."""
+        """Bytes of a file; -1 where there is none. Raises Unsafe for a link on the way to it or in its place."""
         folder = key.rpartition("/")[0]
-        if folder not in self._known:
-            below(self._root, folder)
-            self._known.add(folder)
+        if folder not in self._known and not self._has(folder):
+            return -1
         place = f"{self._root}/{key}"
         try:
             found = os.lstat(place)
         except FileNotFoundError:
             return -1
+        if stat.S_ISREG(found.st_mode):
+            return found.st_size
         refuse_link(place, found.st_mode)
-        return found.st_size if stat.S_ISREG(found.st_mode) else -1
+        return -1
+
+    def _has(self, folder: str) -> bool:
+        """Whether a folder is there, and those above it; each is then known."""
+        above = folder.rpartition("/")[0]
+        if above not in self._known and not self._has(above):
+            return False
+        place = f"{self._root}/{folder}"
+        try:
+            mode = os.lstat(place).st_mode
+        except FileNotFoundError:
+            return False
+        refuse_link(place, mode)
+        if stat.S_ISDIR(mode):
+            self._known.add(folder)
+        return stat.S_ISDIR(mode)

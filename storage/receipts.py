@@ -11,6 +11,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,12 +130,17 @@ def _check_names(receipt: Receipt) -> None:
         if not is_word(name) and (what == "stage" or name is not None):
             raise Unsafe(f"{what} {_shown(name)} is no name")
     for output in receipt.outputs:
-        if not isinstance(output.array, str) or not all(is_word(part) for part in output.array.split("/")):
+        if not isinstance(output.array, str) or not _is_array(output.array):
             raise Unsafe(f"array {_shown(output.array)} is no name of an array")
+        start = f"{output.array}/"
         for f in output.files:
-            start = f"{output.array}/"
             if not isinstance(f.key, str) or not f.key.startswith(start) or _KEY.fullmatch(f.key, len(start)) is None:
                 raise Unsafe(f"file {_shown(f.key)} is none of array {output.array}")
+
+
+@lru_cache(maxsize=4096)
+def _is_array(name: str) -> bool:
+    return all(is_word(part) for part in name.split("/"))
 
 
 def _shown(value: Any) -> str:
@@ -143,10 +149,13 @@ def _shown(value: Any) -> str:
 
 def _check_types(receipt: Receipt) -> None:
     """Raise TypeError for entries that are not of the type everybody counts on."""
-    whole = [receipt.partition, receipt.view, *(o.view for o in receipt.outputs)]
-    sizes = [n for o in receipt.outputs for f in o.files for n in (f.size, f.crc32)]
-    if not all(n is None or (type(n) is int and 0 <= n < MOST_NUMBER) for n in whole) or not all(type(n) is int and n >= 0 for n in sizes):
-        raise TypeError("a partition, view or size is no whole number")
+    for n in (receipt.partition, receipt.view, *[o.view for o in receipt.outputs]):
+        if n is not None and (type(n) is not int or not 0 <= n < MOST_NUMBER):
+            raise TypeError("a partition or a view is no whole number")
+    for o in receipt.outputs:
+        for f in o.files:
+            if type(f.size) is not int or type(f.crc32) is not int or f.size < 0:
+                raise TypeError("a size or a checksum is no whole number")
     if not all(isinstance(t, str) for t in (receipt.fingerprint, *receipt.warnings, *(o.digest for o in receipt.outputs))) or not all(isinstance(o.dropped, bool) for o in receipt.outputs):
         raise TypeError("a fingerprint, digest or warning is no text")
     _check_parts(receipt.parts)

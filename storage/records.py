@@ -107,6 +107,8 @@ def _fault(capture: Capture) -> str | None:
         streams = capture.streams(kind)
         if len(streams) not in ((count,) if kind == "pictures" else (0, count)) or (kind == "pictures" and None in streams):
             return f"{len(streams)} streams of {kind} for {count} cameras"
+    if not all(isinstance(n, str) for n in capture.held_out):
+        return "held-out cameras without a name"
     every = [s for k in (*PER_VIEW, "joints3d") for s in capture.streams(k) if s is not None]
     return next((why for s in every if (why := _stream_fault(s)) is not None), None)
 

@@ -157,7 +157,7 @@ def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range
     try:
         return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:
-        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1}, view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
+        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
 
 
 def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:

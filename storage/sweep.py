@@ -17,7 +17,7 @@ from storage.archive import Sequence
 from storage.errors import LeaseHeld
 from storage.files import sync_folder
 from storage.lease import Lease
-from storage.places import files_below, refuse_link
+from storage.places import files_below, refuse_link, refuse_links
 from storage.receipts import Receipt, ReceiptKey, ShardFile, lease_file, read_receipt, receipt_file, remove_receipt, write_receipt
 
 SETTLED_SECONDS = 600.0
@@ -123,8 +123,7 @@ def settled(path: Path) -> bool:
 def partial_files(root: Path) -> list[Path]:
     """Files and folders that a killed writer or a killed sweep left half done, outermost first. Raises Unsafe for a link anywhere."""
     found: list[Path] = []
-    for _ in files_below(root):
-        pass
+    refuse_links(root)
     for p in sorted(root.rglob("*.partial")):
         if settled(p) and not any(f in p.parents for f in found):
             found.append(p)

@@ -14,6 +14,7 @@ import yaml
 
 from storage.documents import DEEPEST, LARGEST_SETTINGS, MOST_DIGITS, read_text
 from storage.errors import SourceError
+from storage.home import at_home
 
 MOST_NODES = 30_000
 """Nodes of a document with what its aliases stand for; PyYAML reads about as many in two seconds."""
@@ -77,6 +78,10 @@ class Loader(BoundedBase, yaml.SafeLoader):
             )
         return int(node.value)
 
+    def construct_yaml_str(self, node: yaml.ScalarNode) -> str:
+        """A text; of a path that starts with `~`, the one it stands for."""
+        return at_home(str(self.construct_scalar(node)))
+
 
 _YAML_1_1 = {f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "bool", "timestamp")}
 Loader.yaml_implicit_resolvers = {
@@ -95,6 +100,7 @@ Loader.add_implicit_resolver(
     list("-+0123456789."),
 )
 Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
+Loader.add_constructor("tag:yaml.org,2002:str", Loader.construct_yaml_str)
 
 
 def compose(path: str | Path, what: str = "file") -> yaml.Node | None:

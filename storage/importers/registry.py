@@ -10,10 +10,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from storage.capture import Capture
-from storage.errors import SourceError
+from storage.errors import SourceError, UserError
 from storage.importers import caliscope, easymocap, images, pose2sim
 from storage.importers.common import ImportOptions
 from storage.importers.letterbox import fitted
+from storage.importers.recognise import explained, fitting, recognised
 
 
 @dataclass(frozen=True)
@@ -41,17 +42,34 @@ IMPORTERS: Mapping[str, Importer] = {i.name: i for i in _ALL}
 """All importers by name."""
 
 
+AUTO = "auto"
+"""In place of a layout's name: the one that fits the folder."""
+
+
 def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) -> Capture:
-    """Find a capture with options as plain values. Raises SourceError for an unknown layout or option, and what `find` raises."""
-    if layout not in IMPORTERS:
-        raise SourceError(f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}")
-    importer = IMPORTERS[layout]
+    """Find a capture with options as plain values.
+
+    Raises SourceError for an unknown layout or option, and what `find` raises, with the layout that fits where this one does not.
+    """
+    base = Path(source).resolve()
+    if layout != AUTO and layout not in IMPORTERS:
+        fits = fitting(base)
+        raise SourceError(f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}, and {AUTO}, which takes the one that fits" + (f": here {fits[0]}" if fits else ""))
+    importer = IMPORTERS[recognised(base) if layout == AUTO else layout]
     try:
         checked = importer.options.model_validate(dict(options))
     except ValidationError as e:
         faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
-        raise SourceError(f"options of {layout}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
-    return _with_roles(fitted(importer.find(Path(source).resolve(), checked), checked.crops), checked.held_out)
+        raise SourceError(f"options of {importer.name}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
+    try:
+        capture = importer.find(base, checked)
+    except UserError as e:
+        if why := explained(importer.name, base):
+            raise type(e)(f"{e}\n{why}") from e
+        raise
+    if layout == AUTO:
+        capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
+    return _with_roles(fitted(capture, checked.crops), checked.held_out)
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:

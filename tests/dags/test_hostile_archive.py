@@ -66,6 +66,7 @@ def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
 @pytest.fixture
 def outside(tmp_path: Path) -> Path:
     """What must stay as it is: a folder two above every sequence, where climbing names lead."""
+    (tmp_path / "out").mkdir()  # exports
     folder = tmp_path / "home/outside"
     (folder / "c/0").mkdir(parents=True)
     (folder / "canary").write_text("mine")
@@ -167,6 +168,18 @@ def test_links_among_the_archives_own_folders_are_not_followed(archive: Pipeline
     (archive.root / "ledger.parquet").unlink(missing_ok=True)
     (archive.root / "ledger.parquet").symlink_to(outside / "canary")
     assert_refused(archive, outside, tmp_path, ("status",), "is a symbolic link to")
+
+
+def test_nothing_is_copied_or_filmed_through_a_link(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+    for place in (archive.root / NAME / "_sources/pictures", archive.root / "_captures/filmed/images"):
+        place.parent.mkdir(parents=True)
+        place.symlink_to(outside)
+    before = state(outside)
+    for words in (["import", "images", str(archive.folder), "--sequence", NAME, "--copy"], ["simulate", "single_pair", "--sequence", "filmed"]):
+        done = CliRunner().invoke(app, [*words, "--archive", str(archive.root)])
+        assert isinstance(done.exception, UserError), done.output
+        assert "is a symbolic link to" in str(done.exception)
+        assert state(outside) == before
 
 
 def test_strays_are_not_looked_for_behind_links(archive: Pipeline, outside: Path, tmp_path: Path) -> None:

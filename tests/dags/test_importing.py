@@ -70,7 +70,7 @@ def two(tmp_path: Path) -> tuple[Pipeline, Pipeline]:
     """A sequence with results, and another capture that is to be imported under its name."""
     film(tmp_path / "walk", views=3, frames=2, masks=False, depth=False)
     film(tmp_path / "jump", views=2, frames=5, motion="wave", masks=False, depth=False)
-    old = Pipeline(tmp_path / "archive", tmp_path / "walk", ["frames.range=0:1"])
+    old = Pipeline(tmp_path / "archive", tmp_path / "walk", ["frames.range=0:1", "frames.matte=plate"])
     old.register()
     old.run(selection=Selection(only=frozenset({"survey", "frames"})))
     return old, Pipeline(old.root, tmp_path / "jump", partition=3)

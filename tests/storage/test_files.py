@@ -81,7 +81,7 @@ def test_places_that_cannot_be(tmp_path: Path) -> None:
 
 def test_errors_about_other_files_are_left_as_they_are(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a.png"):
-        open(tmp_path / "source.png")
+        (tmp_path / "source.png").read_bytes()
     with pytest.raises(ValueError, match="of another kind"), whole_file(tmp_path / "b" / "a.png"):
         raise ValueError("of another kind")
     assert list(tmp_path.iterdir()) == []
