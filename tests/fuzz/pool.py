@@ -26,17 +26,17 @@ import OpenImageIO  # noqa: F401
 import safetensors.torch  # noqa: F401
 import zarr  # noqa: F401
 
-import dags.cli  # noqa: F401
-import dags.importing  # noqa: F401
-import dags.models  # noqa: F401
-import dags.network_weights  # noqa: F401
-import dags.simulate  # noqa: F401
-import dags.training_config  # noqa: F401
+import dags.cli
+import dags.importing
+import dags.models
+import dags.network_weights
+import dags.simulate
+import dags.training_config
 import dags.training_state  # noqa: F401
-import stages.detection.onnx  # noqa: F401
-import stages.geometry.agreement  # noqa: F401
-import stages.geometry.path_file  # noqa: F401
-import stages.network.network  # noqa: F401
+import stages.detection.onnx
+import stages.geometry.agreement
+import stages.geometry.path_file
+import stages.network.network
 import stages.rendering.splat_scene  # noqa: F401
 from storage.errors import UserError
 from tests.fuzz.formats import Format
