@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-network | bench-network-time | bench-gpu | crash | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-network | bench-network-time | bench-gpu | crash | fuzz | extreme | stability: each works alone on a machine with Python 3.11 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-network bench-network-time bench-gpu crash extreme stability clean
+.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-network bench-network-time bench-gpu crash fuzz extreme stability clean
 
 demo: $(STAMP)
 	$(BIN)/posegaussian demo --output demo-output
@@ -81,6 +81,10 @@ bench-effects: $(STAMP)
 # Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
 crash: $(STAMP)
 	$(BIN)/python -m pytest -m crash -s tests/crash
+
+# 300 spoilt variants of every kind of file that is read: each works or is refused with a sentence. Some minutes on two cores.
+fuzz: $(STAMP)
+	$(BIN)/python -m tests.fuzz
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.
 $(STAMP): pyproject.toml constraints.txt

@@ -77,7 +77,7 @@ def task(order: Order, seconds: float, sync: bool) -> Receipt:
     return REAL(order)
 
 
-def packed(order: bytes, seconds: float, sync: bool) -> bytes:
+def packed(build: str, order: bytes, seconds: float, sync: bool) -> bytes:
     """`task` as a Dask worker gets it."""
     return pickle.dumps(task(pickle.loads(order), seconds, sync))
 

@@ -136,7 +136,7 @@ def weights_of(given: str | None, config: TrainingConfig, seed: int, folder: Pat
     """
     trained = default_cell(config, seed, folder)
     if given is not None:
-        file = Path(given).expanduser()
+        file = Path(given)
         setting, name = (str(file.resolve()) if file.is_file() else given), given
     elif trained.result() is not None and (config.rotation_head, config.opacity_head) == ("normal", "facing"):
         setting, name = str(RunFolder(trained.folder).weights_file.resolve()), str(trained)

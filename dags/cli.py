@@ -5,6 +5,7 @@ Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +13,13 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from dags import tables
+from dags import roles, tables
 from dags.cli_ablate import ablate
 from dags.cli_inspect import inspect
 from dags.cli_models import models
 from dags.cli_options import (
     ArchiveOption,
+    Commands,
     ConfigOption,
     ForceOption,
     FromOption,
@@ -25,6 +27,7 @@ from dags.cli_options import (
     OnlyOption,
     PathOption,
     QuietOption,
+    ReplaceOption,
     SchedulerOption,
     SequenceOption,
     SetOption,
@@ -42,8 +45,10 @@ from dags.plan import Selection
 from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError
+from storage.files import FULL
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -53,11 +58,12 @@ app = typer.Typer(
 app.add_typer(models, name="models")
 @app.command("import")
 def import_capture(
-    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap or images.")],
+    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
     option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")] = False,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -73,7 +79,7 @@ def import_capture(
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)
-    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy)
+    made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy, replace)
     say([*capture.notes, *said])
     numbers = capture.numbers
     console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
@@ -85,6 +91,7 @@ def simulate(
     sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
     output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
     threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -99,7 +106,7 @@ def simulate(
     if output is not None:
         output_folder("simulate --output", output)
     path = scene_file(scene)
-    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads)
+    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace)
 
 
 @app.command()
@@ -139,6 +146,7 @@ def plan(
 
         tell_plans(plans, failed)
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
+    say(roles.told(p.context for p in plans))
     for p in plans:
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
@@ -197,6 +205,7 @@ def status(
         from dags.history import report_failed
 
         raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from dags.context import Context
     from dags.spending import Spending
     from dags.status import every_standing
 
@@ -204,6 +213,7 @@ def status(
     standings, failed = every_standing(session, names)
     for table in tables.status_tables(standings, console.width):
         console.print(table)
+    say(roles.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)
@@ -410,9 +420,11 @@ def main() -> None:
             errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
         sys.exit(2)
     except OSError as e:
-        if e.filename is None:
+        if e.filename is None and e.errno not in FULL:
             raise
-        errors.print(f"error: {e.filename}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        errors.print(f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        if e.filename is None:  # what is left of the output would be tried once more at the end, and fail with a traceback
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted; what is done is kept, the next run goes on from here")

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from typer.core import TyperGroup
 
 from dags.plan import Selection
 from dags.session import Session
 from dags.wording import Voice
 from storage.errors import ConfigError
+from storage.home import word_at_home
 
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
+
+
+class Commands(TyperGroup):
+    """The commands, in whose words `~` is the home folder even where quotes kept it from the shell."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The words for the command that is named."""
+        return super().parse_args(ctx, [word_at_home(a) for a in args])
+
 
 ArchiveOption = Annotated[str | None, typer.Option("--archive", help="Folder of the archive; default: `archive` of the configuration.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration laid over the packaged default; default: ./pipeline.yaml where it exists.")]
@@ -25,10 +36,11 @@ OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch thes
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
 PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
+ReplaceOption = Annotated[bool, typer.Option("--replace", help="Put this capture in the place of another one of that name, and delete what was computed from that.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say warnings, failures and the result alone.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT of a running scheduler.")]
+SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT or tls://HOST:PORT of a running scheduler.")]
 
 
 def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False, voice: Voice = Voice.NORMAL) -> Session:

@@ -3,6 +3,9 @@
 Futures and not collections, because resource tags on collections are lost when tasks are fused. Attempts are counted
 by the run and not by the scheduler: `allowed-failures` is 0, and a task's lease tells whether it was running when its
 worker died, or only waiting there.
+
+Workers of others are asked for their code and libraries before they get anything, and every task carries the digest of
+ours besides: a worker that is not of this build refuses it, and it goes to one that is.
 """
 
 from __future__ import annotations
@@ -15,21 +18,24 @@ import queue
 import signal
 import time
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from dags import threads
+from dags import build
 from dags.config import RunSettings
-from dags.execute import Order, execute
+from dags.execute import Order
 from dags.failures import Failure, Kind, failure
-from dags.pools import CPU, GPU, Pool, cpu_workers, gpu_workers, local_pools, pool_for
+from dags.local_cluster import deafness, start_local
+from dags.on_worker import Introduction, execute_packed, introduce
+from dags.pools import CPU, GPU, Pool, pool_for
 from dags.tasks import Task
 from dags.window import Window
 from dags.wording import number
 from storage.archive import Sequence
-from storage.errors import ConfigError, SchedulerLost
+from storage.errors import ConfigError, OtherCode, SchedulerLost
 from storage.lease import read_lease
 from storage.receipts import Receipt, lease_file
 
@@ -45,53 +51,6 @@ ABANDONED = 60.0
 RECONNECTION = 30.0
 """Seconds a lost connection to the scheduler has to come back."""
 
-CONFIGURATION = {
-    "distributed.scheduler.allowed-failures": 0,
-    "distributed.scheduler.worker-ttl": "30 minutes",  # a kernel that is being compiled may hold the interpreter for long
-    "distributed.worker.daemon": True,
-    "distributed.worker.memory.target": False,  # nothing is kept on workers that could be spilt,
-    "distributed.worker.memory.spill": False,
-    "distributed.worker.memory.pause": False,  # and a paused worker would wait for ever: over the limit it ends
-    "distributed.worker.memory.terminate": 0.95,
-    "logging.distributed": "critical",
-}
-"""What a cluster of our own is started with."""
-
-
-def start_local(settings: RunSettings) -> Any:
-    """A cluster of this machine: one process a CPU worker, and one for every GPU, which sees that device alone."""
-    import dask
-    from distributed import Nanny, Scheduler, SpecCluster
-
-    # A failed task is reported by the run, with its sentence; Dask's own report would say it again with a traceback.
-    common = {**threads.environment(settings.threads), "DASK_LOGGING__DISTRIBUTED": "critical"}
-    dask.config.set({**CONFIGURATION, "distributed.nanny.pre-spawn-environ": {**common, **threads.allocator()}})
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # for good: while it closes, the cluster's own silence is over, and a late message ends in a traceback
-    os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:multiprocessing.resource_tracker")  # it counts what killed workers leave
-    pools = local_pools(settings)
-    devices = {f"cpu-{i}": None for i in range(cpu_workers(settings))} | gpu_workers(settings.gpus)
-    spec: dict[str, Any] = {}
-    for name, device in devices.items():
-        pool = CPU if device is None else GPU
-        environment = {**common, "CUDA_VISIBLE_DEVICES": device or ""}
-        options = {"name": name, "nthreads": 1, "memory_limit": pools[pool].ram, "resources": {pool: 1}, "env": environment, "dashboard": False, "silence_logs": logging.CRITICAL}
-        spec[name] = {"cls": Nanny, "options": options}
-    return SpecCluster(workers=spec, scheduler={"cls": Scheduler, "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}}, silence_logs=logging.CRITICAL)
-
-
-def deaf() -> None:
-    """Have this worker ignore Ctrl-C: a terminal sends it to the workers too, and the driver alone decides what it means."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def look(folder: str) -> tuple[bool, str]:
-    """Asked of a worker: (whether it sees the archive, digest of its code of all stages)."""
-    from dags.code import code_digest
-    from stages.registry import STAGES
-    from storage.spec import digest
-
-    return Path(folder).is_dir(), digest([code_digest(s.run) for s in STAGES])
-
 
 @dataclass(frozen=True)
 class _Workers:
@@ -100,8 +59,8 @@ class _Workers:
     pools: dict[str, Pool]
     tagged: bool
     """Whether all CPU workers declare the CPU resource, so that a tag keeps CPU work off the GPU workers."""
-    cpu: tuple[str, ...]
-    """Addresses of the workers without a GPU."""
+    addresses: dict[str, frozenset[str]]
+    """Of the workers of each pool."""
 
     @classmethod
     def of(cls, found: dict[str, Any]) -> _Workers:
@@ -109,13 +68,13 @@ class _Workers:
         gpu = {a: w for a, w in found.items() if w["resources"].get(GPU, 0) >= 1}
         cpu = {a: w for a, w in found.items() if a not in gpu}
         pools = {}
-        if cpu or gpu:
-            chosen = cpu or gpu  # a cluster of GPU workers alone does the CPU work too
+        chosen = cpu or gpu  # a cluster of GPU workers alone does the CPU work too
+        if chosen:
             pools[CPU] = Pool(sum(w["nthreads"] for w in chosen.values()), 0, _limit(chosen))
         if gpu:
             devices = [int(w["resources"][GPU]) for w in gpu.values()]
             pools[GPU] = Pool(sum(min(d, w["nthreads"]) for d, w in zip(devices, gpu.values(), strict=True)), max(devices), _limit(gpu))
-        return cls(pools, bool(cpu) and all(w["resources"].get(CPU, 0) >= 1 for w in cpu.values()), tuple(cpu))
+        return cls(pools, bool(cpu) and all(w["resources"].get(CPU, 0) >= 1 for w in cpu.values()), {CPU: frozenset(chosen), GPU: frozenset(gpu)})
 
 
 def _limit(workers: dict[str, Any]) -> int | None:
@@ -123,52 +82,98 @@ def _limit(workers: dict[str, Any]) -> int | None:
     return max(limits) if all(limits) else None
 
 
+@dataclass(frozen=True)
+class _Flown:
+    """A task that was handed to the scheduler."""
+
+    task: Task
+    order: Order
+    pool: str
+    where: frozenset[str]
+    """Addresses of the workers it may run on; empty for all of the pool."""
+
+
 class DaskBackend:
     """`dags.flight.Backend` over a Dask scheduler: a local cluster of our own, or one given by address."""
 
     def __init__(self, settings: RunSettings | None = None, archive: Path | None = None) -> None:
-        """Start or reach the cluster. Raises ConfigError when the address does not answer, has no workers, or has workers that cannot do the work."""
-        from distributed import Client
+        """Start or reach the cluster.
 
+        Raises ConfigError when the address does not answer, has no workers, or none that can do the work, SchedulerLost
+        when workers of our own cannot be started, and OtherCode when files of this process were edited since it began.
+        """
         settings = settings or RunSettings()
+        self._build, self._archive = build.here(), archive
         self._address = None if settings.scheduler in ("local", "serial") else settings.scheduler
         self._windows: defaultdict[str, Window] = defaultdict(partial(Window, settings.window))
-        self._tasks: dict[Any, tuple[Task, Order, str]] = {}
+        self._tasks: dict[Any, _Flown] = {}
+        self._parked: list[tuple[Task, Order]] = []
+        """Tasks that no worker can be given now."""
+        self._fit: set[str] = set()
+        """Addresses of workers of others that introduced themselves as of this build."""
+        self._unfit: dict[str, str] = {}
+        """Why a worker is given nothing, by address."""
+        self._news: list[str] = []
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._attempts = 0
         self._served = time.monotonic()
         self._cluster = start_local(settings) if self._address is None else None
+        self._client = _connect(self._cluster or self._address, self._address)
         try:
-            self._client = Client(self._cluster or self._address, timeout="5s", set_as_default=False)
-        except OSError as e:
-            raise ConfigError(f"run.scheduler: no scheduler answers at {self._address} ({e}); start one with `dask scheduler`, or use --scheduler local") from e
-        try:
-            self._meet(archive)
+            self._meet()
         except BaseException:
             self.close(hard=True)
             raise
-        self.sentences: tuple[str, ...] = (self._sentence(),)
+        self.sentences: tuple[str, ...] = (self._sentence(), *self.news())
 
-    def _meet(self, archive: Path | None) -> None:
+    def _meet(self) -> None:
         """Wait for our own workers, or look at those of others."""
         if self._cluster is not None:
-            self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
-            self._client.register_plugin(_deafness(), name="posegaussian-ctrl-c")
+            try:
+                self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
+                self._client.register_plugin(deafness(), name="posegaussian-ctrl-c")
+            except OSError as e:
+                raise SchedulerLost(f"the workers of this machine died while they started ({e}); run again") from e
         self._look()
+        if not self._workers.pools and self._unfit:
+            raise ConfigError("\n".join(f"run.scheduler: {why}" for why in self._unfit.values()))
         if not self._workers.pools:
             raise ConfigError(f"run.scheduler: {self._address} has no workers; start some with `dask worker {self._address}`")
-        if self._cluster is not None or archive is None:
-            return
-        try:
-            found = self._client.run(look, str(archive))
-        except Exception as e:
-            raise ConfigError(f"run.scheduler: the workers of {self._address} cannot run posegaussian ({type(e).__name__}: {e}); install the same version there") from e
-        own = look(str(archive))[1]
-        for worker, (sees, code) in found.items():
-            if not sees:
-                raise ConfigError(f"run.scheduler: worker {worker} does not see the archive {archive}; mount it there at the same path")
-            if code != own:
-                raise ConfigError(f"run.scheduler: worker {worker} has another version of the stages than this process; install the same version there")
+
+    def _vet(self, addresses: list[str]) -> None:
+        """Ask workers of others who they are; those that do not answer now are asked again at the next look."""
+        said: dict[str, Any] = {}
+        with suppress(OSError):  # of the scheduler itself: whether it is lost is told by `_connected`
+            said = self._client.run(introduce, str(self._archive) if self._archive else None, workers=addresses, on_error="return") if addresses else {}
+        for address, answer in said.items():
+            if isinstance(answer, Introduction):
+                if why := self._objection(f"worker {address} (process {answer.pid} on {answer.host})", answer):
+                    self._leave_out(address, why)
+                else:
+                    self._fit.add(address)
+            elif isinstance(answer, OtherCode):
+                self._leave_out(address, f"worker {address}: {answer}")
+            elif not isinstance(answer, OSError):
+                self._leave_out(address, f"worker {address} cannot run this version of posegaussian ({answer}); install the same version there")
+
+    def _objection(self, worker: str, answer: Introduction) -> str | None:
+        if answer.digest != self._build.digest:
+            return self._other_code(worker, answer.versions)
+        return None if answer.sees else f"{worker} does not see the archive {self._archive}; mount it there at the same path"
+
+    def _other_code(self, worker: str, versions: dict[str, str]) -> str:
+        advice = "files were edited since the run began: run again" if self._cluster is not None else "install the same there and start the worker again"
+        return f"{worker} has other code or libraries than this run: {build.differences(versions)}; {advice}"
+
+    def _leave_out(self, address: str, why: str) -> None:
+        if address not in self._unfit:
+            self._unfit[address] = why
+            self._news.append(f"{why}; it is given nothing")
+
+    def news(self) -> list[str]:
+        """What the user should know, since it was last asked for."""
+        said, self._news = self._news, []
+        return said
 
     def _sentence(self) -> str:
         cpu, gpu = self._workers.pools.get(CPU), self._workers.pools.get(GPU)
@@ -181,19 +186,39 @@ class DaskBackend:
         return self._workers.pools
 
     def _look(self) -> None:
-        self._workers = _Workers.of(self._client.scheduler_info(n_workers=-1)["workers"])
+        """See which workers there are now, and which of them may be given something."""
+        found = self._client.scheduler_info(n_workers=-1)["workers"]
+        self._unfit = {a: why for a, why in self._unfit.items() if a in found}
+        self._fit &= found.keys()
+        if self._cluster is None:  # our own are asked by the tasks alone
+            self._vet([a for a in found if a not in self._unfit and a not in self._fit])
+        self._workers = _Workers.of({a: w for a, w in found.items() if a not in self._unfit and (a in self._fit or self._cluster is not None)})
         self._looked = time.monotonic()
 
     def _look_again(self) -> None:
-        """Workers of an external scheduler may come and go. Raises SchedulerLost when those that are needed stay away."""
-        if self._cluster is not None or time.monotonic() - self._looked < LOOK_AGAIN:
+        """Workers come and go: give what cannot run any more to others. Raises SchedulerLost or OtherCode when those that are needed stay away."""
+        if not (self._cluster is None or self._unfit) or time.monotonic() - self._looked < LOOK_AGAIN:
             return
         self._connected()
         self._look()
-        missing = {pool for _, _, pool in self._tasks.values()} - self._workers.pools.keys()
-        self._served = self._served if missing else time.monotonic()
+        alive = frozenset[str]().union(*self._workers.addresses.values())
+        for future in [f for f, flown in self._tasks.items() if flown.where and not flown.where & alive]:
+            flown = self._tasks.pop(future)
+            self._cancel([future])
+            self._parked.append((flown.task, flown.order))
+        parked, self._parked = self._parked, []
+        for task, order in parked:
+            self._place(task, order)
+        self._served = self._served if self._parked else time.monotonic()
         if time.monotonic() - self._served > ABANDONED:
-            raise SchedulerLost(f"{self._address} has had no {' and no '.join(sorted(missing))} worker for {ABANDONED:.0f} s; what is done is kept, start workers and run again")
+            self._give_up(f"for {ABANDONED:.0f} s")
+
+    def _give_up(self, since: str) -> NoReturn:
+        """Raise OtherCode or SchedulerLost: nobody is there for what is parked."""
+        if self._unfit:
+            raise OtherCode("no worker fits this run any more: " + "; ".join(self._unfit.values()))
+        missing = " and no ".join(sorted({self.pool(order.gpu) for _, order in self._parked}))
+        raise SchedulerLost(f"{self._address} has had no {missing} worker {since}; what is done is kept, start workers and run again")
 
     def pool(self, gpu: int) -> str:
         """The GPU pool for what asks for a GPU, where there is one."""
@@ -203,7 +228,8 @@ class DaskBackend:
         """Room in a pool's window."""
         self._look_again()
         workers = self._workers.pools[pool].workers if pool in self._workers.pools else 1
-        return workers * self._windows[pool].tasks - sum(p == pool for _, _, p in self._tasks.values())
+        taken = sum(f.pool == pool for f in self._tasks.values()) + sum(self.pool(order.gpu) == pool for _, order in self._parked)
+        return workers * self._windows[pool].tasks - taken
 
     def _connected(self) -> None:
         """Wait for a lost connection to come back. Raises SchedulerLost."""
@@ -216,18 +242,24 @@ class DaskBackend:
     def submit(self, task: Task, order: Order) -> None:
         """One future; the key groups by stage on Dask's dashboard. Raises SchedulerLost."""
         self._connected()
+        self._place(task, order)
+
+    def _place(self, task: Task, order: Order) -> None:
+        """Hand a task to the scheduler for the workers of its pool; without any it waits for the next look.
+
+        Our own workers are told apart by resources alone while all of them fit: a worker that is started anew has a new address.
+        """
         pool = self.pool(order.gpu)
+        where = self._workers.addresses[pool] if self._cluster is None or self._unfit else frozenset[str]()
+        if pool not in self._workers.pools:
+            self._parked.append((task, order))
+            return
         self._attempts += 1
-        where: dict[str, Any] = {}
-        if pool == GPU:
-            where = {"resources": {GPU: order.gpu}}
-        elif self._workers.tagged:
-            where = {"resources": {CPU: 1}}
-        elif GPU in self._workers.pools:
-            where = {"workers": self._workers.cpu, "allow_other_workers": True}
-        future = self._client.submit(execute_packed, pickle.dumps(order), key=f"{task.stage}-{order.terms.run}-{self._attempts:08d}", pure=False, **where)
-        self._tasks[future] = (task, order, pool)
-        self._client.loop.add_callback(self._await, future)  # type: ignore[union-attr]  # it has a loop while it is open
+        resources = {GPU: order.gpu} if pool == GPU else {CPU: 1} if self._workers.tagged else None
+        key = f"{task.stage}-{order.terms.run}-{self._attempts:08d}"
+        future = self._client.submit(execute_packed, self._build.digest, pickle.dumps(order), key=key, pure=False, workers=sorted(where) or None, resources=resources)
+        self._tasks[future] = _Flown(task, order, pool, where)
+        self._client.loop.add_callback(self._await, future)
 
     async def _await(self, future: Any) -> None:
         """Fetch a result on the client's own thread as soon as it is there: asked for by `next_done`, one after the other, fetching took longer than the work around a task."""
@@ -238,26 +270,46 @@ class DaskBackend:
         self._ended.put((future, outcome))
 
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
-        """The next finished future, its result or its error; raises SchedulerLost when nobody answers any more."""
+        """The next finished future, its result or its error; raises SchedulerLost when nobody answers any more, OtherCode when no worker fits."""
         end = None if seconds is None else time.monotonic() + seconds
         while True:
             left = PATIENCE if end is None else min(PATIENCE, end - time.monotonic())
             try:
                 future, outcome = self._ended.get(timeout=max(0.0, left))
-                break
             except queue.Empty:
                 self._connected()
                 self._look_again()
                 if end is not None and time.monotonic() >= end:
                     return None
-        task, order, pool = self._tasks.pop(future)
+                continue
+            flown = self._tasks.pop(future, None)
+            if flown is None:
+                continue  # it was given to another worker meanwhile
+            if not isinstance(outcome, OtherCode):
+                return flown.task, self._result(flown, future.status, outcome)
+            self._refused(flown, outcome)
+
+    def _result(self, flown: _Flown, status: str, outcome: Any) -> Receipt | Failure:
         if isinstance(outcome, bytes):
-            receipt = pickle.loads(outcome)
-            self._windows[pool].note(receipt.facts["seconds"])
-            return task, receipt
-        if future.status in ("cancelled", "lost"):
-            return task, Failure("the connection to the scheduler was lost while it ran", kind=Kind.TRANSIENT)
-        return task, _death(order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
+            receipt: Receipt = pickle.loads(outcome)
+            self._windows[flown.pool].note(receipt.facts["seconds"])
+            return receipt
+        if status in ("cancelled", "lost"):
+            return Failure("the connection to the scheduler was lost while it ran", kind=Kind.TRANSIENT)
+        return _death(flown.order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
+
+    def _refused(self, flown: _Flown, by: OtherCode) -> None:
+        """A worker is not of this build: the task goes to another one. Raises OtherCode when all of our own are like that."""
+        who = f"worker {by.worker}"
+        self._leave_out(by.worker, self._other_code(who, by.versions) if by.versions else f"{who}: {by}")
+        self._look()
+        self._place(flown.task, flown.order)
+        if self._parked and self._cluster is not None and len(self._unfit) >= len(self._cluster.worker_spec):
+            self._give_up("")
+
+    def _cancel(self, futures: list[Any]) -> None:
+        with suppress(OSError):  # a scheduler that is lost forgets them by itself
+            self._client.cancel(futures, force=True)
 
     def close(self, hard: bool = False) -> None:
         """Cancel what is in flight and, for a cluster of our own, end its workers: at once where hard.
@@ -267,10 +319,14 @@ class DaskBackend:
         if self._cluster is not None and hard:
             self.kill()
         if self._tasks and self._client.status == "running":
-            self._client.cancel(list(self._tasks), force=True)
-        self._client.close(timeout=5)
+            self._cancel(list(self._tasks))
+        with suppress(OSError):
+            self._client.close(timeout=5)
         if self._cluster is not None:
-            self._cluster.close(timeout=10)
+            try:
+                self._cluster.close(timeout=10)
+            except TimeoutError:  # a machine with much else to do
+                self.kill()
 
     def kill(self) -> None:
         """End our own workers in the middle of what they do; their leases end with them."""
@@ -280,19 +336,23 @@ class DaskBackend:
                 os.kill(nanny.pid, signal.SIGKILL)
 
 
-def execute_packed(order: bytes) -> bytes:
-    """`execute` between pickles: as one piece of bytes an order is a message of one part; as an object Dask would send each of its arrays as a part of its own."""
-    return pickle.dumps(execute(pickle.loads(order)))
+def _connect(to: Any, address: str | None) -> Any:
+    """A client of a cluster of our own, or of the scheduler at an address. Raises ConfigError when nobody answers there, or for tls:// without certificates."""
+    from distributed import Client, Security
 
-
-def _deafness() -> Any:
-    from distributed import WorkerPlugin
-
-    class Deafness(WorkerPlugin):
-        def setup(self, worker: Any) -> None:
-            deaf()
-
-    return Deafness()
+    for name in ("distributed", "distributed.client"):  # what is lost is told by the run, with its sentence; Dask's own report would say it again with a traceback
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    if address is not None and address.startswith("tls://"):
+        try:
+            context = Security().get_connection_args("client").get("ssl_context")
+        except OSError as e:
+            raise ConfigError(f"run.scheduler: the certificates that Dask's configuration names in distributed.comm.tls cannot be read ({e})") from e
+        if context is None:
+            raise ConfigError(f"run.scheduler: {address} needs certificates: name them in Dask's configuration, distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/runs.md shows")
+    try:
+        return Client(to, timeout="5s", set_as_default=False)
+    except OSError as e:
+        raise ConfigError(f"run.scheduler: no scheduler answers at {address} ({e}); start one with `dask scheduler`, or use --scheduler local") from e
 
 
 def _death(order: Order) -> Failure:

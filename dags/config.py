@@ -48,7 +48,7 @@ class ViewSettings(Params):
     """Roles of the cameras."""
 
     sources: list[str] | None = setting(None, "Cameras to reconstruct from; null: all that are not held out.")
-    held_out: list[str] = setting([], "Cameras that only metrics may look at.")
+    held_out: list[str] | None = setting(None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none.")
 
 
 class RunSettings(Params):

@@ -26,6 +26,7 @@ from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ConfigError
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names
 from storage.rig import CameraPath, Rig
 from storage.timegrid import TimeGrid, select
 
@@ -47,7 +48,7 @@ class Context:
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """What follows from the context and is asked for by every task again: parts of fingerprints, reads of stages."""
+    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages, evidence."""
 
     @cached_property
     def capture(self) -> Capture:
@@ -68,21 +69,29 @@ class Context:
         return getattr(self.settings, stage.name)
 
     @cached_property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that are set to be sources."""
+        roles = self.settings.views
+        if roles.held_out is not None:
+            return tuple(roles.held_out)
+        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in (roles.sources or ()))
+
+    @cached_property
     def views(self) -> Views:
         """Roles of the cameras. Raises ConfigError for names that the capture does not have or that play both roles."""
         names = self.capture.rig.names
-        roles = self.settings.views
-        for key, chosen in (("sources", roles.sources or []), ("held_out", roles.held_out)):
+        roles, held_out = self.settings.views, self.held_out
+        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out)):
             for name in chosen:
                 if name not in names:
                     raise ConfigError(f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
-        sources = roles.sources if roles.sources is not None else [n for n in names if n not in roles.held_out]
-        both = sorted(set(sources) & set(roles.held_out))
+        sources = roles.sources if roles.sources is not None else [n for n in names if n not in held_out]
+        both = sorted(set(sources) & set(held_out))
         if both:
             raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
         if not sources:
             raise ConfigError(f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out")
-        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in roles.held_out))
+        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in held_out))
 
     @cached_property
     def active_views(self) -> tuple[int, ...]:
@@ -174,6 +183,12 @@ class Context:
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
+        key = ("evidence", stage)
+        if key not in self.memo:
+            self.memo[key] = self._evidence(stage)
+        return self.memo[key]
+
+    def _evidence(self, stage: str) -> Evidence:
         capture, sources = self.capture, self.views.sources
         worked, numbers = self.source_frames, capture.numbers
         stride = int(np.diff(worked).min()) // int(np.diff(numbers).min()) if len(worked) > 1 else 1
@@ -224,10 +239,13 @@ class Context:
 
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
-        """{text: cameras}."""
+        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
         depth, frames = self.settings.depth, self.source_frames
         limits = (depth.subject_distance, depth.max_angle)
-        return {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        for path in made.values():
+            check_camera_names(path.names)
+        return made
 
     def path_text(self, name: str) -> str:
         """The text that asked for a path, by the path's name."""
@@ -269,6 +287,11 @@ class Context:
 
     def unneeded(self) -> dict[str, str]:
         """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
+        if "unneeded" not in self.memo:
+            self.memo["unneeded"] = self._unneeded()
+        return self.memo["unneeded"]
+
+    def _unneeded(self) -> dict[str, str]:
         reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}

@@ -38,6 +38,9 @@ TRUST = 2.0
 SLOWEST = 0.25
 """Workers that are taken to be busy at least: while the first tasks start, hardly any work is done yet."""
 
+LEAST = 0.1
+"""Share of the time left that stays until the next task is done, however long that takes."""
+
 
 class Remaining:
     """A listener that knows how much of a run is done and how long the rest takes."""
@@ -50,6 +53,8 @@ class Remaining:
         self._took: dict[str, tuple[float, float, int]] = {}
         """By stage: (seconds expected, seconds taken, number) of the tasks that ran."""
         self._start: float | None = None
+        self._heard: float | None = None
+        """When a task was settled last."""
 
     @classmethod
     def of(cls, plans: Iterable[Plan], history: History, workers: int) -> Remaining:
@@ -81,7 +86,7 @@ class Remaining:
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         if isinstance(event, RunStarted):
-            self._start = time.monotonic()
+            self._start = self._heard = time.monotonic()
             self._open = {t: self.expected.get(t, 0.0) for t in event.tasks}
             for task, seconds in self._open.items():
                 self._left[task.stage] += seconds
@@ -92,6 +97,7 @@ class Remaining:
             self._left[event.task.stage] += self._open[event.task]
 
     def _settle(self, task: Task, seconds: float | None) -> None:
+        self._heard = time.monotonic()
         expected = self._open.pop(task, 0.0)
         self._left[task.stage] -= expected
         if seconds is None:
@@ -119,10 +125,13 @@ class Remaining:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the end, at the pace of the run so far."""
-        passed = time.monotonic() - self._start if self._start is not None else 0.0
+        """Seconds until the end, at the pace of the run so far; they run down while tasks are in hand, but not to nothing."""
+        if self._start is None or self._heard is None:
+            return self.work_left / self.workers
+        passed = self._heard - self._start
         pace = self._work_done / passed if self._work_done and passed > 0 else float(self.workers)
-        return self.work_left / min(max(pace, SLOWEST), float(self.workers))
+        then = self.work_left / min(max(pace, SLOWEST), float(self.workers))
+        return max(then - (time.monotonic() - self._heard), LEAST * then)
 
     @property
     def _work_done(self) -> float:

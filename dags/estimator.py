@@ -9,6 +9,8 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from dags.code import code_digest
+from dags.moment import once
 from stages.detection.description import Description, read_description
 from stages.detection.estimator import Estimator
 from stages.detection.models import BLAZEPOSE, model_files
@@ -40,7 +42,7 @@ def _described(model: str, stamp: int) -> Description:
 def described(params: DetectionParams) -> Description:
     """The description of the user's model; read again where its file changed. Raises ConfigError, SourceError."""
     assert params.model is not None, "estimator onnx without a model is refused before a plan"
-    file = Path(params.model).expanduser()
+    file = Path(params.model)
     return _described(str(file), file.stat().st_mtime_ns if file.is_file() else 0)
 
 
@@ -51,6 +53,12 @@ def models_digest(params: DetectionParams) -> str:
         return digest(blazepose)
     found = described(params)
     return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256, blazepose if blazepose_is_here() else None])
+
+
+def estimator_digest(params: DetectionParams) -> str:
+    """Digest of what a resolved estimator would find: its models and its code."""
+    kernel = KERNELS[params.estimator]
+    return digest([models_digest(params), once(("code", kernel), lambda: code_digest(kernel))])
 
 
 def estimator_of(params: DetectionParams) -> Estimator:

@@ -162,6 +162,13 @@ class TaskLeftOut:
 
 
 @dataclass(frozen=True)
+class Notice:
+    """Something to know while a run goes: whom it waits for, or a worker that is given nothing."""
+
+    sentence: str
+
+
+@dataclass(frozen=True)
 class RunEnded:
     """A run is over."""
 
@@ -177,7 +184,7 @@ class RunEnded:
     """Fresh tasks whose results were taken over from an earlier run with these settings."""
 
 
-Event = TaskPlanned | StageUnneeded | EffectPlanned | SequenceRefused | RunStarted | EffectsDecided | TaskStarted | TaskFresh | TaskNeeded | TaskDone | TaskRetried | TaskFailed | TaskBlocked | TaskLeftOut | RunEnded
+Event = TaskPlanned | StageUnneeded | EffectPlanned | SequenceRefused | RunStarted | EffectsDecided | TaskStarted | TaskFresh | TaskNeeded | TaskDone | TaskRetried | TaskFailed | TaskBlocked | TaskLeftOut | Notice | RunEnded
 Listener = Callable[[Event], None]
 
 FACTS = ("started", "seconds", "cpu_seconds", "host", "worker", "device", "peak_rss", "modules")

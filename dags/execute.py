@@ -15,16 +15,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dags import threads
-from dags.estimator import estimator_of
+from dags import build, threads
+from dags.code import here_is
+from dags.estimator import estimator_digest, estimator_of
 from dags.memory import Peak
-from dags.network_weights import network_of
+from dags.network_weights import network_of, weights_digest
 from dags.stopwatch import Stopwatch
 from dags.watchdog import time_limit, worker_name
 from stages.contract import Facts, Stage, resolve
@@ -34,16 +34,13 @@ from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
-from storage.errors import ArchiveError
+from storage.errors import ArchiveError, OtherCode
 from storage.lease import Lease
 from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
 from storage.rig import CameraPath, Rig
 from storage.shards import read_array, write_array, write_table
 from storage.sources import open_source
 from storage.spec import ArraySpec, TableSpec, digest
-
-LIBRARIES = ("numpy", "zarr", "torch", "opencv-contrib-python-headless", "av", "numba", "OpenImageIO")
-"""Libraries whose versions go into the receipt."""
 
 
 @dataclass(frozen=True)
@@ -206,15 +203,25 @@ class StoreInputs:
         if kind not in declared:
             raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
         if kind == "estimator" and self._order.estimator is not None:
+            self._as_planned(kind, estimator_digest(self._order.estimator))
             return estimator_of(self._order.estimator)
-        return network_of(self._order.params) if kind == NETWORK else open_source(self._capture, kind)
+        if kind == NETWORK:
+            self._as_planned(kind, weights_digest(self._order.params))
+            return network_of(self._order.params)
+        return open_source(self._capture, kind)
+
+    def _as_planned(self, kind: str, found: str) -> None:
+        """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
+        if found != self._order.parts["sources"][kind]:
+            raise OtherCode(f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same files there, then run again")
 
 
 def execute(order: Order) -> Receipt:
     """Run one task and return its receipt, which is on disk by then.
 
     Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
-    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over.
+    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when code
+    it imported is not what it was when this process began.
     """
     sequence = Sequence(order.root)
     terms = order.terms
@@ -234,6 +241,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     """Compute and write, from the old receipt's removal to the new one."""
     stage = stage_named(order.stage)
     kernel = resolve(stage.run)
+    build.check_imports()
     threads.limit(order.threads)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
     lease.check()
@@ -251,6 +259,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    build.check_imports()
     lease.check()
     write_receipt(sequence, receipt)
     return receipt
@@ -321,11 +330,6 @@ def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) 
         "device": "cuda" if order.gpu and torch and torch.cuda.is_available() else "cpu",
         "machine": platform.machine(),
         "threads": order.threads,
-        "libraries": _versions(),
+        "libraries": build.libraries(),
         "sources": order.survey_sources,
     }
-
-
-@lru_cache(maxsize=1)
-def _versions() -> dict[str, str]:
-    return {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()}

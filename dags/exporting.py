@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from dags.tasks import Product
 from stages.network.params import depth_array
 from storage.errors import UserError
 from storage.rig import CameraPath
+
+if TYPE_CHECKING:
+    from storage.exporters.contact_sheet import Sheet
 
 
 def pictures(results: Results, path: CameraPath, backdrop: Backdrop = BLACK) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
@@ -70,8 +74,8 @@ def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool,
     return write_frames(folder, path.names, numbers, times, items)
 
 
-SHEET_FRAMES, SHEET_VIEWS = 3, 4
-"""Frames of a contact sheet, and source views and novel views of each."""
+SHEET_FRAMES, SHEET_VIEWS, SHEET_MOMENTS = 3, 4, 6
+"""Frames of a contact sheet, source views and novel views of each, and frames of a path that has one camera only."""
 
 
 def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
@@ -79,49 +83,67 @@ def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
     return [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))] if len(items) else []
 
 
+def _novel_frames(context: Context, path: CameraPath) -> list[int]:
+    """Frames whose novel views a contact sheet shows."""
+    return _spread(range(len(context.source_frames)), SHEET_FRAMES if len(path.names) > 1 else SHEET_MOMENTS)
+
+
 def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
     """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep` says."""
-    found = {Product(f"rendering/{name}/{kind}", p, None) for name in context.paths for kind in ("color", "alpha") for p in context.grid.partitions} if pictures else set()
-    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES) if sheet else []:
-        partition = frame // context.grid.length
+    found: set[Product] = set()
+    if pictures:
+        arrays = [f"rendering/{name}/{kind}" for name in context.paths for kind in ("color", "alpha")]
+        found |= {Product(a, p, None) for a in arrays for p in context.grid.partitions}
+    return frozenset(found | _needed_by_sheet(context)) if sheet else frozenset(found)
+
+
+def _needed_by_sheet(context: Context) -> set[Product]:
+    length, found = context.grid.length, set()
+    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
         views = _spread(context.views.sources, SHEET_VIEWS)
-        found |= {Product(a, partition, v) for a in ("pose/joints2d", "frames/color", "frames/mask", depth_array(context.facts)) for v in views}
-        for name, path in context.paths.items():
-            found.add(Product(f"rendering/{name}/color", partition, None))
+        shown = ("pose/joints2d", "frames/color", "frames/mask", depth_array(context.facts))
+        found |= {Product(a, frame // length, v) for a in shown for v in views}
+    for name, path in context.paths.items():
+        for frame in _novel_frames(context, path):
+            found.add(Product(f"rendering/{name}/color", frame // length, None))
             if path.kind == "held_out":
-                shown = [context.rig.index(path.names[c]) for c in _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)]
-                found |= {Product(a, partition, v) for a in ("frames/color", "frames/mask") for v in shown}
-    return frozenset(found)
+                cameras = _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)
+                views = [context.rig.index(path.names[c]) for c in cameras]
+                found |= {Product(a, frame // length, v) for a in ("frames/color", "frames/mask") for v in views}
+    return found
 
 
-def export_sheet(results: Results, path: CameraPath, file: Path, frames: int = SHEET_FRAMES, views: int = SHEET_VIEWS) -> None:
-    """Write a contact sheet: for a few frames and source views the picture, mask, joints, depth; below them novel views."""
+def export_sheet(results: Results, path: CameraPath, file: Path) -> None:
+    """Write a contact sheet: novel views large, below them a strip of sources a frame: picture, mask, joints, depth."""
     from storage.exporters.contact_sheet import Sheet, write_sheet
 
     context = results.context
-    picked = _spread(context.views.sources, views)
     sheet = Sheet(context.joint_set)
-    for frame in _spread(range(len(context.source_frames)), frames):
-        one = range(frame, frame + 1)
-        sheet.begin()
-        for view in picked:
-            width, height = context.rig.size[view]
-            crop = (slice(height), slice(width))
-            joints = results.read("pose/joints2d", one, view)[0] if results.has("pose/joints2d") else None
-            sheet.add_source(
-                f"{context.views.names[view]} frame {context.source_frames[frame]}",
-                results.read("frames/color", one, view)[0][crop],
-                results.read("frames/mask", one, view)[0][crop],
-                joints,
-                results.read(depth_array(context.facts), one, view)[0][crop],
-            )
-        sheet.begin()
-        color = results.read(f"rendering/{path.name}/color", one)[0]
-        for c in _spread(np.flatnonzero(path.served[frame]), views):
+    sheet.begin()
+    for frame in _novel_frames(context, path):
+        color = results.read(f"rendering/{path.name}/color", range(frame, frame + 1))[0]
+        for c in _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS):
             w, h = path.size[c]
-            truth = _truth(results, path, c, one)
+            truth = _truth(results, path, c, range(frame, frame + 1))
             sheet.add_novel(f"{path.names[c]} frame {context.source_frames[frame]}", color[c, :h, :w], truth)
+    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
+        sheet.begin()
+        for view in _spread(context.views.sources, SHEET_VIEWS):
+            _add_source(sheet, results, frame, view)
     write_sheet(file, sheet)
+
+
+def _add_source(sheet: Sheet, results: Results, frame: int, view: int) -> None:
+    context, one = results.context, range(frame, frame + 1)
+    width, height = context.rig.size[view]
+    crop = (slice(height), slice(width))
+    sheet.add_source(
+        f"{context.views.names[view]} frame {context.source_frames[frame]}",
+        results.read("frames/color", one, view)[0][crop],
+        results.read("frames/mask", one, view)[0][crop],
+        results.read("pose/joints2d", one, view)[0] if results.has("pose/joints2d") else None,
+        results.read(depth_array(context.facts), one, view)[0][crop],
+    )
 
 
 def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.ndarray | None:

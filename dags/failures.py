@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from storage.errors import LeaseHeld, LeaseLost, NotWritten, ShardCorrupt, ShardMissing, UserError
+from storage.errors import LeaseHeld, LeaseLost, NotWritten, OtherCode, SchedulerLost, ShardCorrupt, ShardMissing, UserError
 
 if TYPE_CHECKING:
     from dags.events import TaskFailed
@@ -33,9 +33,13 @@ class Kind(Enum):
     LOST = "lease lost"
     """It was suspended past its lease: tried again, which finds out what came of it in the meantime."""
     HELD = "held by another run"
-    """Another run works on it: looked at again when all else is done, then left to that run."""
+    """Another run works on it: waited for, and done here if that run gives it up."""
     CORRUPT = "damaged input"
     """It read a shard that is missing or damaged: the shard is made again, then it is tried once more."""
+    UNFIT = "other code"
+    """No worker has the code and the libraries of the run: it fails at once, what comes of it would not be what was asked for."""
+    UNREACHED = "scheduler lost"
+    """Nobody is there any more who could run it: the run ends, the next one goes on."""
     SPARED = "spared"
     """It waited on a worker that died of another task: handed out again, as if nothing had happened."""
 
@@ -79,6 +83,10 @@ def classify(error: BaseException) -> Kind:
         return Kind.LOST
     if isinstance(error, ShardCorrupt | ShardMissing):
         return Kind.CORRUPT
+    if isinstance(error, OtherCode):
+        return Kind.UNFIT
+    if isinstance(error, SchedulerLost):
+        return Kind.UNREACHED
     if isinstance(error, UserError) and not isinstance(error, NotWritten):
         return Kind.DETERMINISTIC
     if isinstance(error, TaskTimedOut):

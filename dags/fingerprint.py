@@ -7,7 +7,8 @@ from typing import Any
 
 from dags.code import code_digest
 from dags.context import Context
-from dags.estimator import KERNELS, models_digest
+from dags.estimator import estimator_digest
+from dags.moment import once
 from dags.network_weights import weights_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
 from stages.contract import Stage
@@ -36,7 +37,7 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
         context.memo[key] = {
             "stage": stage.name,
             "version": stage.version,
-            "code": code_digest(stage.run),
+            "code": once(("code", stage.run), lambda: code_digest(stage.run)),
             "params": context.params(stage).hashed(),
             "effects": context.effect_states(stage),
             **asked,
@@ -101,7 +102,7 @@ def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
         context.memo[key] = [r for r in stage.reads_for(context.params(stage), context.facts) if r.is_source]
     for read in context.memo[key]:
         if read.array == "estimator":
-            found["estimator"] = digest([models_digest(context.estimator), code_digest(KERNELS[context.estimator.estimator])])
+            found["estimator"] = estimator_digest(context.estimator)
             continue
         if read.array == NETWORK:
             found[NETWORK] = weights_digest(context.settings.network)

@@ -9,28 +9,24 @@ from __future__ import annotations
 import heapq
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 from uuid import uuid4
 
-from dags.events import Event, TaskRetried, TaskStarted
+from dags.events import Event, Notice, TaskRetried, TaskStarted
 from dags.execute import Order, Terms
 from dags.failures import Failure, Kind, with_advice
+from dags.held import HeldTasks, Priority
 from dags.pools import Pool
 from dags.tasks import Task
-from storage.archive import Sequence
-from storage.lease import ended, read_lease
-from storage.receipts import Receipt, lease_file
+from storage.receipts import Receipt
 
 MOST_SPARED = 3
 """Deaths of its worker before its start after which a task is no longer thought innocent."""
 
 LONGEST_PAUSE = 300.0
 """Seconds between two attempts at most."""
-
-Priority = tuple[int, int]
-"""Smaller goes first."""
 
 
 class Backend(Protocol):
@@ -54,6 +50,9 @@ class Backend(Protocol):
 
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
         """Wait for any task in flight, at most so long; None: none ended."""
+
+    def news(self) -> list[str]:
+        """What the user should know, since it was last asked for."""
 
     def close(self, hard: bool = False) -> None:
         """Give the workers back; hard: without waiting for what they compute."""
@@ -99,8 +98,7 @@ class Flight:
         self.alone: dict[str, Task] = {}
         """The suspect that has a pool to itself now."""
         self.tried_alone: set[Task] = set()
-        self.held: dict[Task, tuple[Priority, Order, Failure]] = {}
-        """Tasks another run works on."""
+        self.held = HeldTasks(rules.terms.lease)
         self.attempts: Counter[Task] = Counter()
         self.spared: Counter[Task] = Counter()
 
@@ -118,22 +116,28 @@ class Flight:
         while True:
             while self.delayed and self.delayed[0][0] <= time.monotonic():
                 self._queue(*heapq.heappop(self.delayed)[1:])
+            for freed in self.held.freed():
+                self._queue(*freed)
             self._hand_out()
             if self.flying or any(self.queued.values()) or any(self.suspects.values()):
                 done = self.backend.next_done(self._until_due())
+                self._notice(self.backend.news())
                 if done is not None and (final := self._take_back(*done)) is not None:
                     return final
-            elif self.delayed:
-                time.sleep(max(0.0, self.delayed[0][0] - time.monotonic()))
-            elif self.held:
-                if not self._look_again():
-                    task = next(iter(self.held))
-                    return task, self.held.pop(task)[2]
+            elif (until := self._until_due()) is not None:
+                self._notice(self.held.sentences())
+                time.sleep(until)
             else:
                 return None
 
+    def _notice(self, sentences: Iterable[str]) -> None:
+        for sentence in sentences:
+            self.tell(Notice(sentence))
+
     def _until_due(self) -> float | None:
-        return max(0.0, self.delayed[0][0] - time.monotonic()) if self.delayed else None
+        """Seconds until something waits no longer; None when nothing waits."""
+        waits = [*([max(0.0, self.delayed[0][0] - time.monotonic())] if self.delayed else []), *([self.held.due] if self.held else [])]
+        return min(waits, default=None)
 
     def _hand_out(self) -> None:
         """Fill the window of every pool; a pool with a suspect empties first, and then is the suspect's alone."""
@@ -170,7 +174,7 @@ class Flight:
         if result.kind is Kind.SPARED:
             self._queue(flown.priority, task, flown.order)
         elif result.kind is Kind.HELD:
-            self.held[task] = (flown.priority, flown.order, result)
+            self.held.add(task, flown.priority, flown.order, result.holder)
         elif result.kind is Kind.MEMORY and task not in self.tried_alone:
             self.tried_alone.add(task)
             heapq.heappush(self.suspects[flown.pool], (flown.priority, task, flown.order))
@@ -182,15 +186,3 @@ class Flight:
         else:
             return task, with_advice(result, attempts)
         return None
-
-    def _look_again(self) -> bool:
-        """Queue the held tasks whose leases have ended, done or given up by their run; returns whether there are any."""
-        free = []
-        for task, (_, order, _) in self.held.items():
-            holder = read_lease(lease_file(Sequence(order.root), order.key), self.rules.terms.lease)
-            if holder is None or ended(holder, time.time()):
-                free.append(task)
-        for task in free:
-            priority, order, _ = self.held.pop(task)
-            self._queue(priority, task, order)
-        return bool(free)

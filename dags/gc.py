@@ -22,6 +22,7 @@ version does not know, and, while a source file is missing, anything that was co
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -50,6 +51,7 @@ from storage.errors import ConfigError, NotWritten
 from storage.files import FULL
 from storage.lease import SUFFIX, wait_for
 from storage.ledger import RUNS
+from storage.places import files_below, folders_in
 from storage.receipts import Receipt
 from storage.spec import ArraySpec
 from storage.sweep import bytes_of, delete_files, delete_folder, drop_outputs, folder_bytes, forget, partial_files, strays
@@ -164,7 +166,7 @@ def _arrays(plan: Plan) -> Iterator[Item]:
 
         def pieces(tasks: dict[Task, list[tuple[str, int | None]]] = tasks) -> Iterator[None]:
             kept = (o for task, outputs in tasks.items() for o in plan.book.receipts[task].outputs if (o.array, o.view) in outputs and not o.dropped)
-            return _one_by_one(lambda o: delete_files(sequence.root / f.key for f in o.files), kept)
+            return _one_by_one(lambda o: delete_files(sequence.place(f.key) for f in o.files), kept)
 
         yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop, pieces)
 
@@ -194,7 +196,7 @@ def _unwanted(plan: Plan) -> Iterator[Item]:
             if kind == "paths":
                 for path in {r.path for r in receipts}:
                     for folder in ("rendering", "metrics"):
-                        delete_folder(sequence.root / folder / str(path))
+                        delete_folder(sequence.place(f"{folder}/{path}"))
 
         stages = " and ".join(dict.fromkeys(r.stage for r in receipts))
         again = {"paths": f"{stages} when the path is asked for again", "range": f"{stages} when the range covers it again", "stages": f"{stages} under settings that need it"}[kind]
@@ -245,13 +247,13 @@ def _strays(plan: Plan) -> Iterator[Item]:
 
 
 def _path_folders(sequence: Group) -> list[Path]:
-    return [p for top in ("rendering", "metrics") for p in (sequence.root / top).glob("*") if p.is_dir()]
+    return [p for top in ("rendering", "metrics") for p in folders_in(sequence.place(top))]
 
 
 def _variants(archive: Archive) -> Iterator[Item]:
-    folder = archive.root / VARIANTS
+    folder = archive.place(VARIANTS)
     if folder.is_dir():
-        size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file() and p.stat().st_nlink == 1)
+        size = sum(s.st_size for p in files_below(folder) if (s := os.lstat(p)).st_nlink == 1)
         yield Item("variants", "", f"{len(list(folder.iterdir()))} variants of tradeoff", size, "the levels of the next tradeoff", lambda: delete_folder(folder))
 
 
@@ -262,7 +264,7 @@ def _kept(archive: Archive) -> Iterator[Item]:
 
 
 def _runs(archive: Archive) -> Iterator[Item]:
-    old = sorted(p for p in (archive.root / RUNS).glob("*") if p.is_dir())[:-KEPT_RUNS]
+    old = folders_in(archive.place(RUNS))[:-KEPT_RUNS]
 
     def remove() -> None:
         for folder in old:

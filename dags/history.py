@@ -23,7 +23,7 @@ from storage.archive import Archive
 from storage.errors import NotWritten
 from storage.files import refusals
 from storage.ledger import EVENTS, KEY, RUNS, run_events
-from storage.receipts import Receipt, receipt_file
+from storage.receipts import ReceiptKey, read_receipt
 
 SETTINGS = "pipeline.yaml"
 """File of a run's effective settings, beside its events."""
@@ -115,17 +115,14 @@ def still_failed(archive: Archive, names: Iterable[str]) -> list[FailedTask]:
 def _finished_since(archive: Archive, failed: FailedTask) -> bool:
     """Whether the task has a receipt newer than its failure, from a run whose log is gone."""
     t = failed.task
-    file = receipt_file(archive.sequence(t.sequence), t.stage, t.partition, t.view, t.path)
-    try:
-        return str(Receipt.from_json(file.read_bytes()).facts.get("started", "")) > failed.when
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    receipt = read_receipt(archive.sequence(t.sequence), ReceiptKey(*t[1:]))
+    return receipt is not None and str(receipt.facts.get("started", "")) > failed.when
 
 
 def retry_command(archive: Archive, sequences: Iterable[str], run: str | None = None) -> str:
     """The command that does what failed; with the settings of a run where they were kept."""
     words = ["posegaussian", "run", "--archive", str(archive.root)]
-    settings = archive.root / RUNS / run / SETTINGS if run else None
+    settings = archive.place(f"{RUNS}/{run}/{SETTINGS}") if run else None
     words += ["--config", str(settings)] if settings and settings.is_file() else []
     for name in dict.fromkeys(sequences):
         words += ["--sequence", name]

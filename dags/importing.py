@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dags.replacing import make_room, same
 from dags.yaml_marks import parse_value
 from stages.frames.layout import frames_rig
 from stages.registry import STAGES
 from storage.archive import SOURCES, Archive, Sequence
 from storage.capture import PER_VIEW, Capture, SourceFile, Stream
-from storage.errors import BrokenRecord, ConfigError, NotWritten, SourceError
+from storage.errors import ConfigError, NotWritten, SourceError
 from storage.files import whole_file
 from storage.importers import registry
 from storage.joints import JOINT_SETS
+from storage.places import check_camera_names, refuse_links
 from storage.spec import ArraySpec
 
 
@@ -52,39 +55,38 @@ def partition_length(capture: Capture, settings: Any) -> int:
     return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
 
 
-def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False) -> tuple[Sequence, list[str]]:
+def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False) -> tuple[Sequence, list[str]]:
     """Write a capture into the archive; returns the sequence and sentences about what was decided.
 
-    A sequence that exists keeps its partition length, so that what was computed stays usable.
+    A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where it
+    holds another capture, unless that is to be replaced.
     """
+    archive.check_sequence_name(name)
+    check_camera_names(capture.rig.names)
     capture.rig.check()
     said = []
     length = partition_length(capture, settings)
-    old = _registered_length(archive, name)
-    if old is not None:
-        said.append(f"sequence {name} was registered before; its results are kept where they still hold" + (f", and its partitions of {old} frames" if old != length else ""))
-        length = old
+    old = make_room(archive, name, same(capture), "this", replace)
     if copy:
-        capture = _copied_whole(capture, archive.root / name)
+        capture = _copied_whole(capture, archive.place(name))
+    if old is not None:
+        said.append(_updated(old, capture, length))
+        length = old.partition_frames
     return archive.create_sequence(name, capture, length), said
 
 
-def _registered_length(archive: Archive, name: str) -> int | None:
-    """Partition length of a sequence that exists; None for a new one, and for one whose record is broken and is replaced now.
-
-    Raises ArchiveError for a sequence of a newer format.
-    """
-    if name not in archive.names():
-        return None
-    try:
-        return archive.sequence(name).partition_frames
-    except BrokenRecord:
-        return None
+def _updated(old: Sequence, capture: Capture, length: int) -> str:
+    """What importing the capture of a sequence again does to it."""
+    if json.dumps(capture.to_json()) == json.dumps(old.record["capture"]):
+        return f"sequence {old.name} is unchanged"
+    kept = f", and its partitions of {old.partition_frames} frames" if old.partition_frames != length else ""
+    return f"sequence {old.name} was registered before; its results are kept where they still hold{kept}"
 
 
 def _copied_whole(capture: Capture, root: Path) -> Capture:
     """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
     new = not root.exists()
+    refuse_links(root / SOURCES)
     try:
         return _copied(capture, root / SOURCES)
     except NotWritten:

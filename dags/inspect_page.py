@@ -33,7 +33,7 @@ def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[P
 
 
 def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], folder: Path) -> str:
-    """The page's text: the verdict in one sentence, what to do, worst first, the pictures, and all numbers."""
+    """The page's text: the verdict in one sentence, what to do, what a run will make of it, the pictures, and all numbers."""
     width, height = footage.captured.max(axis=0)
     about = f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px, {len(footage.common)} frames at {footage.frame_rate:g} a second; looked at: frames {', '.join(map(str, footage.looked_at))}"
     parts = [
@@ -41,6 +41,7 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
         f"<h1>{escape(name)}</h1>",
         f'<p class="verdict" style="background:{COLORS[report.verdict]}">{escape(report.sentence)}</p><p>{escape(about)}.</p>',
         _to_do(report),
+        "<h2>What a run will make of it</h2><ul>" + "".join(f"<li>{escape(line)}</li>" for line in report.outlook) + "</ul>",
         _unmeasured(report),
         "<h2>Pairs of cameras</h2>",
         '<p class="key">' + "".join(f'<span><i style="background:{c}"></i>{t}</span>' for c, t in KEY) + "</p>",
@@ -55,9 +56,9 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
 
 def _to_do(report: Report) -> str:
     if not report.to_do:
-        return "<p>There is nothing to do.</p>"
+        return "<p>There is nothing to do.</p>" if report.verdict is Verdict.GOOD else ""
     items = [f'<li>{_mark(verdict)} <span class="do">{escape(advice)}</span>{escape(found)}</li>' for verdict, found, advice in report.to_do]
-    return "<h2>What to do, worst first</h2><ol>" + "".join(items) + "</ol>"
+    return "<h2>What to do, the most useful first</h2><ol>" + "".join(items) + "</ol>"
 
 
 def _unmeasured(report: Report) -> str:

@@ -61,7 +61,7 @@ def write_pictures(footage: Footage, report: Report, folder: Path) -> list[PairP
             _lines(footage, (a, b), matches.get((a, b)), left, right, panels.number)
         sides = [_fitted(left), _fitted(right)]
         write_png(file, np.concatenate([sides[0], np.full((HEIGHT, 6, 3), 255, np.uint8), sides[1]], axis=1))
-        out.append(PairPicture((a, b), file, f"{footage.names[a]} and {footage.names[b]}, frame {panels.number}: {pair.kind}, {pair.angle:.0f} degrees at the subject"))
+        out.append(PairPicture((a, b), file, f"{footage.names[a]} and {footage.names[b]}, frame {panels.number}: {pair.fate} ({pair.kind}), {pair.angle:.0f} degrees at the subject"))
     return out
 
 

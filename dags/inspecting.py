@@ -14,12 +14,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags.context import Context
+from dags.estimator import blazepose_is_here, estimator_of
+from stages.depth.params import resolve_method
+from stages.detection.params import DetectionParams, estimator_choice
 from stages.frames.layout import frames_size
+from stages.frames.params import matte_choice
 from stages.inspection.cameras import of_sizes, size_unexplained
 from stages.inspection.finding import Finding, Verdict, worst_first
 from stages.inspection.footage import Footage
+from stages.inspection.people import Finder
+from stages.inspection.planned import Planned
 from stages.inspection.report import Report, inspect
-from storage.files import make_folder
 from storage.rig import Rig
 from storage.sources import open_source
 
@@ -76,7 +81,10 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     intrinsics = source_rig.intrinsics.copy()
     intrinsics[:, :2] *= (size / source_rig.size)[:, :, None]
     rig = Rig(source_rig.names, intrinsics, np.zeros_like(source_rig.distortion), source_rig.world_to_camera, size)
-    readers = {"pictures": _Chosen(open_source(capture, "pictures"), views)}
+    pictures = open_source(capture, "pictures")
+    readers = {"pictures": _Chosen(pictures, views)}
+    if blazepose_is_here():
+        readers["found"] = _Chosen(Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2))), views)
     if all(capture.masks and capture.masks[v] is not None for v in views):
         readers["masks"] = _Chosen(open_source(capture, "masks"), views)
     as_calibrated = joints is None and context.settings.pose.joints_frame == "calibrated"
@@ -93,6 +101,14 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     return Footage(rig, source_rig, crops, joint_crops, captured, numbers, capture.frame_rate, readers, frozenset(facts[k] for k in readers if k in facts)), sizes
 
 
+def planned_of(context: Context) -> Planned:
+    """What a run under these settings will make of the capture: by the same functions that decide it there."""
+    settings, facts = context.settings, context.capture_facts
+    depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts)})
+    matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
+    return Planned(context.rig, context.active_views, context.views.sources, depth, matte, estimator, facts)
+
+
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:
     """Measure, print, and write pictures and page into `output` (default: inspect-SEQUENCE); returns the exit status, 1 for a bad capture."""
     from dags.inspect_page import write_page
@@ -100,13 +116,12 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
 
     name = context.sequence.name
     footage, sizes = footage_of(context, joints)
-    report = inspect(footage, sizes, context.settings.depth.max_angle)
+    report = inspect(footage, sizes, planned_of(context))
     folder = output or Path(f"inspect-{name}")
-    make_folder(folder)
     pictures = write_pictures(footage, report, folder)
     page = write_page(name, footage, report, pictures, folder / "index.html")
     console.print(table(name, report))
-    for line in spoken(report):
+    for line in (*report.outlook, *spoken(report)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)
@@ -134,6 +149,6 @@ def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
 
 
 def spoken(report: Report) -> list[str]:
-    """What to do, worst first, and what could not be measured."""
+    """What to do, the most useful first, and what could not be measured."""
     wanted = [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
     return wanted + [f"not measured: {u}" for u in report.unmeasured]

@@ -18,8 +18,12 @@ from tempfile import TemporaryDirectory
 from dags.network_weights import shipped
 from stages.detection.description import read_description
 from stages.detection.models import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
+from storage.documents import MEGABYTE, read_bytes, reader_of
 from storage.errors import NotWritten, SourceError
 from storage.files import write_atomically
+
+LARGEST = 64 * MEGABYTE
+"""Bytes of a model file; a packed one may promise more than memory holds."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,8 @@ def add(files: Sequence[Path]) -> list[str]:
         if file.suffix == ".whl":
             said += _from_wheel(file)
         elif file.suffix == ".tflite":
-            said += _put({_which(file): file.read_bytes()}, str(file))
+            content = read_bytes(file, "model", LARGEST)
+            said += _put({_which(file, content): content}, str(file))
         elif file.suffix in (".yaml", ".yml"):
             d = read_description(file)
             said.append(f"{file} is good: {d.kind} model {d.path}, joints {d.joint_set}; use it with --set detection.estimator=onnx --set detection.model={file.resolve()}")
@@ -120,16 +125,22 @@ def _download(work: Path) -> Path:
 def _from_wheel(wheel: Path) -> list[str]:
     """Take the model files out of a wheel; each is checked by itself, so any platform's wheel of that version will do."""
     try:
-        with zipfile.ZipFile(wheel) as z:
-            contents = {m: z.read(m.member) for m in BLAZEPOSE}
-    except (zipfile.BadZipFile, KeyError) as e:
+        with reader_of(wheel, "wheel"), zipfile.ZipFile(wheel) as z:
+            contents = {m: _member(z, m) for m in BLAZEPOSE}
+    except (zipfile.BadZipFile, SourceError) as e:
         raise SourceError(f"{wheel} does not hold BlazePose's models ({e}); {MEDIAPIPE.file} does, later versions of mediapipe do not") from e
     return _put(contents, wheel.name)
 
 
-def _which(file: Path) -> ModelFile:
+def _member(wheel: zipfile.ZipFile, model: ModelFile) -> bytes:
+    if (size := wheel.getinfo(model.member).file_size) > LARGEST:
+        raise SourceError(f"{model.member} would be {size} bytes")
+    return wheel.read(model.member)
+
+
+def _which(file: Path, content: bytes) -> ModelFile:
     """The model file that a .tflite file is, told by its content, so that its name does not matter."""
-    found = _sha256(file.read_bytes())
+    found = _sha256(content)
     for m in BLAZEPOSE:
         if m.sha256 == found:
             return m

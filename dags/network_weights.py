@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from stages.network.card import Card, read_card
+from stages.network.card import Card, WeightsError, read_card
 from stages.network.params import NetworkParams
 from storage.capture import SourceFile
 from storage.errors import ConfigError
@@ -25,7 +25,7 @@ def shipped() -> dict[str, Path]:
 
 def weights_file(params: NetworkParams) -> Path:
     """The file that the setting means. Raises ConfigError where there is none."""
-    found = shipped().get(params.weights) or Path(params.weights).expanduser()
+    found = shipped().get(params.weights) or Path(params.weights)
     if not found.is_file():
         names = ", ".join(["none", *shipped()])
         raise ConfigError(f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with `posegaussian train`, or use none")
@@ -70,7 +70,10 @@ def _made(file: Path, stamp: int) -> Any:
     from stages.network.presets import Preset
     from stages.network.weights import load_weights
 
-    preset = Preset.from_json(read_card(file).network)
+    try:
+        preset = Preset.from_json(read_card(file).network)
+    except ValueError as e:
+        raise WeightsError(f"{file}: {e}; the card was changed, fetch the file again") from e
     if (preset.rotation_head, preset.opacity_head) != ("normal", "facing"):
         raise ConfigError(f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive holds normals and two opacities: use weights of the heads normal and facing")
     network = PoseGaussianNetwork(preset)

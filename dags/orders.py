@@ -139,16 +139,30 @@ def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]
 
 def prepare(plan: Plan) -> None:
     """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the pictures."""
-    context = plan.context
+    sequence = plan.context.sequence
     for spec, shape, path in needed_arrays(plan):
-        context.sequence.ensure_array(spec, shape, path)
-    sequence = context.sequence
-    sequence.put_rig("frames", context.rig)
-    sequence.put("frames/time", context.time, ("frame",), "s", "Source frame number over frame rate.")
-    sequence.put("frames/valid", context.valid, ("frame", "view"), "1", "Whether the view has a picture of the frame.")
-    sequence.put("frames/number", context.source_frames, ("frame",), "1", "Source frame number.")
+        sequence.ensure_array(spec, shape, path)
+    sequence.put_rig("frames", plan.context.rig)
+    for name, values in _beside(plan.context).items():
+        sequence.put(name, *values)
+
+
+def lacks_cameras(plan: Plan) -> bool:
+    """Whether cameras or times that `prepare` writes beside the pictures are not there: `verify --repair` takes damaged ones away."""
+    names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(plan.context))
+    return not all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
+
+
+def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:
+    """{array: (values, dimensions, unit, meaning)} of times and camera paths, for other readers of Zarr."""
+    found: dict[str, tuple[np.ndarray, tuple[str, ...], str, str]] = {
+        "frames/time": (context.time, ("frame",), "s", "Source frame number over frame rate."),
+        "frames/valid": (context.valid, ("frame", "view"), "1", "Whether the view has a picture of the frame."),
+        "frames/number": (context.source_frames, ("frame",), "1", "Source frame number."),
+    }
     for name, cameras in context.paths.items():
         prefix = f"rendering/{name}"
-        sequence.put(f"{prefix}/intrinsics", cameras.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
-        sequence.put(f"{prefix}/world_to_camera", cameras.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
-        sequence.put(f"{prefix}/served", cameras.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")
+        found[f"{prefix}/intrinsics"] = (cameras.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
+        found[f"{prefix}/world_to_camera"] = (cameras.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        found[f"{prefix}/served"] = (cameras.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")
+    return found

@@ -34,6 +34,7 @@ from stages.registry import stage as stage_named
 from storage import kept
 from storage.capture import PER_VIEW
 from storage.errors import ConfigError
+from storage.places import Look
 from storage.receipts import Output, Receipt, ReceiptKey, missing_files, scan_receipts
 from storage.spec import digest
 
@@ -114,11 +115,11 @@ class Book:
     def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
         """Scan the receipts of a sequence."""
         book = cls(context, held=held)
-        name = context.sequence.name
+        name, look = context.sequence.name, Look(context.sequence.root)
         for r in scan_receipts(context.sequence):
             task = Task(name, r.stage, r.partition, r.view, r.path)
             book.receipts[task] = r
-            bad = missing_files(context.sequence, r)
+            bad = missing_files(context.sequence, r, look)
             if bad:
                 book.problems[task] = f"shard {bad[0]} is missing or of another size" + (f", and {len(bad) - 1} more" if len(bad) > 1 else "")
             if held and any(o.dropped and Product(o.array, r.partition, o.view) in held for o in r.outputs):
@@ -372,12 +373,12 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         if idle:
             found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
     found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
-    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
         (view,), depth = context.views.sources, context.settings.depth
         found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if NETWORK not in context.unneeded():
         found += network_weights.notes(context.settings.network)
     return tuple(found)

@@ -16,12 +16,12 @@ from storage.errors import ArchiveError, LeaseHeld
 from storage.lease import SUFFIX, Holder, Lease, ended, living, read_lease, wait_for
 
 PATIENCE = 60.0
-"""Seconds to wait for another run that is making the arrays of a sequence: a matter of moments."""
+"""Seconds to wait for another run that is making the arrays of a sequence, a matter of moments; longer where the lease of a run that died would outlast it."""
 
 
 def folder(sequence: Sequence) -> Path:
     """Where the runs on a sequence say that they are there."""
-    return sequence.receipts / "_runs"
+    return sequence.place("_receipts/_runs")
 
 
 def enter(plan: Plan, terms: Terms) -> Lease:
@@ -44,7 +44,7 @@ def enter(plan: Plan, terms: Terms) -> Lease:
 def make_arrays(plan: Plan, terms: Terms) -> None:
     """Make the arrays of every stage whose effects are decided. Raises LeaseHeld like `enter`."""
     sequence = plan.context.sequence
-    with wait_for(sequence.receipts / f"_arrays{SUFFIX}", terms.run, terms.lease, PATIENCE):
+    with wait_for(sequence.receipts / f"_arrays{SUFFIX}", terms.run, terms.lease, max(PATIENCE, 2 * terms.lease)):
         _refuse_resharded(sequence)
         _refuse_replacing(plan, terms)
         prepare(plan)

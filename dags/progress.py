@@ -7,10 +7,12 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Task as BarTask
+from rich.text import Text
 
 from dags.estimate import Remaining
-from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
+from dags.events import EffectsDecided, Event, Notice, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
 from dags.history import stamped
 from dags.tables import seconds_text
 from dags.tasks import Task
@@ -27,8 +29,8 @@ class TerminalProgress:
     def __init__(self, console: Console, remaining: Remaining, voice: Voice = Voice.NORMAL) -> None:
         """Nothing is shown before the run starts. `remaining` hears every event before this listener does."""
         self.console, self.remaining, self.voice = console, remaining, voice
-        columns = (BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"), TextColumn("{task.description}"))
-        self.bars = Progress(*columns, console=console)
+        columns = (BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(), _Left(remaining))
+        self.bars = Progress(*columns, TextColumn("{task.description}"), console=console)
         self.bar: TaskID | None = None
         self.tally = Tally()
 
@@ -38,7 +40,7 @@ class TerminalProgress:
         for line in _told(event, self.voice):
             self.bars.console.print(line, markup=False, soft_wrap=True, style="red" if isinstance(event, TaskFailed) else None)
         if isinstance(event, RunStarted):
-            self.bar = self.bars.add_task("", total=1.0, left="")
+            self.bar = self.bars.add_task("", total=1.0)
             self.bars.start()
         elif isinstance(event, RunEnded):
             self._show()
@@ -49,8 +51,19 @@ class TerminalProgress:
     def _show(self) -> None:
         if self.bar is not None:
             over = self.tally.settled == self.tally.total
-            left = "" if over else f"about {seconds_text(self.remaining.seconds_left)} left"
-            self.bars.update(self.bar, completed=1.0 if over else self.remaining.share_done, description=self.tally.now, left=left)
+            self.bars.update(self.bar, completed=1.0 if over else self.remaining.share_done, description=self.tally.now)
+
+
+class _Left(ProgressColumn):
+    """The time left, looked up whenever the bar is drawn."""
+
+    def __init__(self, remaining: Remaining) -> None:
+        super().__init__()
+        self.remaining = remaining
+
+    def render(self, task: BarTask) -> Text:
+        """Nothing once all is done."""
+        return Text("" if task.finished else f"about {seconds_text(self.remaining.seconds_left)} left")
 
 
 class PlainProgress:
@@ -90,6 +103,8 @@ def _told(event: Event, voice: Voice) -> Iterator[str]:
         yield from event.sentences
     elif isinstance(event, TaskFailed):
         yield f"failed: {event.task.sequence} {event.task.label()}: {event.error}"
+    elif isinstance(event, Notice):
+        yield event.sentence
     elif isinstance(event, EffectsDecided) and voice >= Voice.VERBOSE:
         yield from (f"{event.sequence}: {sentence}" for sentence in event.sentences)
     elif isinstance(event, EffectsDecided):
@@ -105,12 +120,16 @@ class Tally:
         self.totals: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.lost: Counter[str] = Counter()
+        self.in_hand: set[Task] = set()
 
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         if isinstance(event, RunStarted):
             self.totals = Counter(t.stage for t in event.tasks)
+        elif isinstance(event, TaskStarted):
+            self.in_hand.add(event.task)
         elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
+            self.in_hand.discard(event.task)
             self.counts[event.task.stage] += 1
             self.lost[event.task.stage] += not isinstance(event, TaskDone | TaskFresh)
         elif isinstance(event, TaskNeeded):
@@ -132,8 +151,9 @@ class Tally:
 
     @property
     def now(self) -> str:
-        """`depth 3/12, rendering 1/12`: stages that are begun and not through."""
-        begun = [s.name for s in STAGES if self.counts[s.name] and not self.through(s.name)]
+        """`depth 3/12, rendering 0/12`: stages of which a worker has a task in hand."""
+        at_work = {t.stage for t in self.in_hand}
+        begun = [s.name for s in STAGES if s.name in at_work]
         return ", ".join(f"{s} {self.counts[s]}/{self.totals[s]}" for s in begun)
 
 

@@ -9,7 +9,6 @@ finished by whoever opens the archive next (`storage.archive`), one after them l
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -28,11 +27,12 @@ from dags.results import Results
 from dags.tasks import Product, Task, tasks
 from dags.wording import number
 from stages.registry import stage as stage_named
-from storage.archive import ATTRIBUTES, RESHARD, SOURCES, Sequence
+from storage.archive import RESHARD, SOURCES, Archive, Sequence
 from storage.errors import ArchiveError, NotWritten
-from storage.files import link_or_copy, link_tree, make_folder, sync_folder, write_atomically
+from storage.files import link_or_copy, link_tree, make_folder, sync_folder
 from storage.lease import SUFFIX, Lease
 from storage.receipts import Output, Receipt, write_receipt
+from storage.records import write_record
 from storage.shards import write_array, write_table
 from storage.spec import TableSpec, digest
 from storage.sweep import folder_bytes
@@ -63,7 +63,7 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
         try:
             made = _build(plan, frames)
         except NotWritten:
-            shutil.rmtree(sequence.root.parent / RESHARD / "new" / sequence.name, ignore_errors=True)
+            shutil.rmtree(_side(sequence, "new"), ignore_errors=True)
             raise
         switch(sequence)
     return [f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames}, {number(made, 'task')} keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
@@ -97,14 +97,12 @@ def _refuse_full_disk(sequence: Sequence) -> None:
 def _build(plan: Plan, frames: int) -> int:
     """The new sequence, whole, below RESHARD; returns the number of its receipts."""
     old = plan.context.sequence
-    root = old.root.parent / RESHARD / "new" / old.name
+    root = _side(old, "new")
     shutil.rmtree(root, ignore_errors=True)
     make_folder(root)
-    record = json.loads((old.root / "zarr.json").read_bytes())
-    record["attributes"][ATTRIBUTES]["partition_frames"] = frames
-    write_atomically(root / "zarr.json", json.dumps(record).encode())
+    write_record(root, {**old.record, "partition_frames": frames})
     for name in ("source", SOURCES):
-        link_tree(old.root / name, root / name)
+        link_tree(old.place(name), root / name)
     context = dataclasses.replace(plan.context, sequence=Sequence(root))
     anew = Plan(context, Book(context), {t: Verdict(t, State.STALE, ()) for t in tasks(context)}, context.unneeded())
     prepare(anew)
@@ -127,7 +125,7 @@ def _sources(old: Context, new: Context, task: Task) -> list[Task]:
 def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
     """What is not partitioned along time, as it is."""
     for file in (f for o in receipt.outputs for f in o.files):
-        link_or_copy(results.context.sequence.root / file.key, sequence.root / file.key)
+        link_or_copy(results.context.sequence.place(file.key), sequence.place(file.key))
     return receipt
 
 
@@ -168,21 +166,24 @@ def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts
     return facts | {"resharded_from": old.grid.length}
 
 
+def _side(sequence: Sequence, which: str) -> Path:
+    """Where the new sequence, or the old one, lies beside the sequence. Raises Unsafe where a link leads elsewhere."""
+    return Archive(sequence.root.parent).place(f"{RESHARD}/{which}/{sequence.name}")
+
+
 def switch(sequence: Sequence) -> None:
     """Put the new sequence in the old one's place."""
-    side = sequence.root.parent / RESHARD
-    old = side / "old" / sequence.name
+    new, old = _side(sequence, "new"), _side(sequence, "old")
     shutil.rmtree(old, ignore_errors=True)
     make_folder(old.parent)
-    for folder in [side / "new" / sequence.name, side / "new", side / "old", side]:
+    for folder in [new, new.parent, old.parent, old.parent.parent]:
         sync_folder(folder)
     os.rename(sequence.root, old)
-    os.rename(side / "new" / sequence.name, sequence.root)
+    os.rename(new, sequence.root)
     sync_folder(sequence.root.parent)
     shutil.rmtree(old)
 
 
 def leftovers(sequence: Sequence) -> list[Path]:
     """Folders of a reshard that did not come to its end; none holds anything that the sequence lacks."""
-    side = sequence.root.parent / RESHARD
-    return [p for p in (side / "new" / sequence.name, side / "old" / sequence.name) if p.is_dir()]
+    return [p for p in (_side(sequence, "new"), _side(sequence, "old")) if p.is_dir()]

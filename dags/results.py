@@ -55,4 +55,4 @@ class Results:
         """All rows of some outputs of a table, one after the other."""
         import pyarrow.parquet as pq
 
-        return [row for o in outputs for f in o.files for row in pq.read_table(self.context.sequence.root / f.key).to_pylist()]
+        return [row for o in outputs for f in o.files for row in pq.read_table(self.context.sequence.place(f.key)).to_pylist()]

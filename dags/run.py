@@ -8,6 +8,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from dags import build
+from dags.code import code_digest
 from dags.events import EffectsDecided, Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.failures import Failure, Kind, failure
 from dags.flight import Backend, Flight, Rules
@@ -17,7 +19,7 @@ from dags.presence import enter, make_arrays
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
 from storage import kept
-from storage.errors import LeaseHeld, LeaseLost, SchedulerLost
+from storage.errors import LeaseHeld, LeaseLost, OtherCode, SchedulerLost
 from storage.lease import Lease
 from storage.receipts import Receipt, ReceiptKey, damaged_files
 from storage.spec import digest
@@ -60,8 +62,14 @@ class Run:
             listener(event)
 
     def go(self) -> RunEnded:
-        """Run to the end; a keyboard interrupt stops handing out tasks and ends the run."""
+        """Run to the end; a keyboard interrupt stops handing out tasks and ends the run.
+
+        Raises OtherCode before anything is touched when files of this process were edited since it began.
+        """
         start, interrupted = time.perf_counter(), False
+        build.here()
+        for stage in STAGES:
+            code_digest(stage.run)  # read now: of a file that is edited later nobody could say what a worker imported
         self.tell(RunStarted(tuple(self.order), self.backend.sentences))
         try:
             self._link()
@@ -70,7 +78,7 @@ class Run:
             self._loop()
         except KeyboardInterrupt:
             interrupted = True
-        except SchedulerLost as e:
+        except (SchedulerLost, OtherCode) as e:
             self._abandon(failure(e))
         finally:
             self.backend.close(hard=interrupted)
@@ -228,12 +236,13 @@ class Run:
             self._block(dependent, task)
 
     def _abandon(self, why: Failure) -> None:
-        """No worker can be reached any more: what was in flight failed, the rest is blocked by it."""
-        flying = list(self.flight.flying)
-        for task in flying:
+        """No worker can be reached any more: what was in flight failed, or else what comes next, and the rest is blocked by it."""
+        left = [t for t in self.order if t not in self.ended and self.selection.allows(t.stage)]
+        failed = [t for t in left if t in self.flight.flying] or left[:1]
+        for task in failed:
             self._fail(task, why)
         for task in self.order:
-            self._block(task, flying[0] if flying else task)
+            self._block(task, failed[0] if failed else task)
 
     def _release(self, task: Task, how: str) -> None:
         """Let the dependents of a settled task move on."""

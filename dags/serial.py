@@ -35,6 +35,10 @@ class SerialBackend:
         """Keep the task for `next_done`."""
         self._next = (task, order)
 
+    def news(self) -> list[str]:
+        """None: nobody joins or leaves."""
+        return []
+
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
         """Run the task in hand, to its end."""
         assert self._next is not None

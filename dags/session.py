@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, tables, threads
+from dags import contribution, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.estimate import Remaining
@@ -23,6 +23,8 @@ from dags.flight import Backend, Rules
 from dags.history import RunLog, retry_command
 from dags.interrupt import STATUS, interruptible
 from dags.keep import Keeper
+from dags.moment import one_moment
+from dags.orders import lacks_cameras
 from dags.plan import Plan, Selection, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
@@ -33,8 +35,9 @@ from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import Voice, number
 from storage.archive import Archive
-from storage.errors import ArchiveError, ConfigError, NotWritten, UserError
+from storage.errors import ArchiveError, ConfigError, NotWritten, SchedulerLost, UserError
 from storage.files import write_atomically
+from storage.ledger import RUNS
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,12 @@ class Session:
 
             return SerialBackend(local_pools(run)[CPU].ram)
         from dags.cluster import DaskBackend
+        from dags.unreached import UnreachedBackend
 
-        return DaskBackend(run, self.archive.root)
+        try:
+            return DaskBackend(run, self.archive.root)
+        except SchedulerLost as e:
+            return UnreachedBackend(local_pools(run), e)
 
     def refusals(self, plans: Sequence[Plan]) -> list[str]:
         """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a scheduler given by address nothing is known before it is asked."""
@@ -140,7 +147,7 @@ class Session:
         todo = [p for p in plans if not p.all_fresh]
         return self.room(todo).sentences(self.configuration.default.run.keep_variants) if todo else []
 
-    def _rules(self, name: str, kept: int) -> Rules:
+    def _rules(self, name: str, kept: int = 0) -> Rules:
         run = self.configuration.default.run
         return Rules(Terms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
 
@@ -162,7 +169,7 @@ class Session:
             backend.close(hard=True)
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        folder = self.archive.root / "_runs" / stamp
+        folder = self.archive.place(f"{RUNS}/{stamp}")
         paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
         try:
             write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
@@ -178,7 +185,7 @@ class Session:
             for listener in listeners:
                 listener(SequenceRefused(name, error))
         for p in plans:
-            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is left to it" for other in presence.others(p.context.sequence)), "yellow")
+            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in presence.others(p.context.sequence)), "yellow")
         run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp, self.room(plans).bytes))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
@@ -217,6 +224,7 @@ class Session:
         if lines:
             write_atomically(folder / "log.txt", "\n".join(lines).encode())
 
+    @one_moment()
     def usable(self, names: Sequence[str], paths: tuple[str, ...], selection: Selection) -> tuple[list[Plan], list[str]]:
         """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
         plans, errors = [], []
@@ -236,10 +244,14 @@ class Session:
 
         `say_next`: end with where the results lie and what to type next.
         """
+        self.hint(roles.told(p.context for p in plans))
         for p in plans:
             self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
+            for p in plans:
+                if lacks_cameras(p):
+                    presence.make_arrays(p, self._rules(p.context.sequence.name).terms)
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
             keeper.sweep()

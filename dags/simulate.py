@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 import os
 import shutil
 import time
@@ -19,13 +18,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags.importing import find_capture, register
+from dags.replacing import filmed_into, make_room
 from dags.session import Session
 from dags.yaml_marks import Document, Location, load
 from stages.capture.scene import Listed, Scan, Scene, faults, known_fields
 from storage.archive import Archive, Sequence
+from storage.documents import read_bytes
 from storage.errors import ConfigError, SourceError
-from storage.files import make_folder, scratch_array, write_atomically
+from storage.files import make_folder, scratch_array
 from storage.joints import COCO17
+from storage.places import refuse_links
 
 if TYPE_CHECKING:
     from stages.capture.effects.base import Ruling
@@ -103,40 +105,48 @@ def load_scan(scan: Scan, folder: Path) -> Any:
 
     path = folder / scan.obj
     try:
-        vertices, tris, uv, material = parse_obj(path.read_text(encoding="utf-8", errors="replace"))
-        named = texture_name((path.parent / material).read_text(encoding="utf-8", errors="replace")) if material else None
-    except OSError as e:
-        raise SourceError(f"cannot read the scan {e.filename or path}: {e.strerror}") from e
+        vertices, tris, uv, material = parse_obj(_text(path))
+        named = texture_name(_text(path.parent / material)) if material else None
     except ValueError as e:
         raise SourceError(f"{path}: {e}") from e
     picture = read_picture(path.parent / named) if named else None
     return Still(scan_mesh(vertices, tris, uv, picture, scan), scan.turn)
 
 
-def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None) -> Sequence:
+def _text(path: Path) -> str:
+    """Text of a scanner's file, whatever its names are encoded in."""
+    return read_bytes(path, "scan", largest=None).decode("utf-8", "replace")
+
+
+def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None, replace: bool = False) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
-    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, NotWritten where the disk is full.
+    Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, CalibrationError for
+    cameras that cannot be, NotWritten where the disk is full, and ArchiveError where the name is that of a capture from elsewhere, unless that is to be replaced.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
-    folder = output or archive.root / "_captures" / name
+    archive.check_sequence_name(name)
+    folder = output or archive.place(f"_captures/{name}")
+    if output is None:
+        refuse_links(folder)
     staged = stage_scene(scene, scene_path.parent)
+    staged.written.check()
+    if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
+        make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
     console.print(effects_plan(name, scene, staged.rulings))
     start = time.perf_counter()
     truth = film(scene, staged, folder, threads or os.cpu_count() or 1)
     pictures = int(staged.valid.sum())
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
-    settings = folder / "pipeline.yaml"
-    write_atomically(settings, f"# Settings of the simulated sequence {name}: its held-out cameras are for comparison only.\nsequences:\n  {json.dumps(name)}:\n    views:\n      held_out: {json.dumps(held_out)}\n".encode())
     capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
-    made, said = register(archive, name, capture, session.configuration.for_sequence(name))
+    made, said = register(archive, name, capture, session.configuration.for_sequence(name), replace=replace)
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"sequence {name}: {pictures} pictures of {staged.sources} cameras{f' and {len(held_out)} held out' if held_out else ''} in {seconds:.1f} s, {1000 * seconds / pictures:.0f} ms each, in {folder}", markup=False, soft_wrap=True)
-    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name} --config {settings}", markup=False, soft_wrap=True)
+    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name}", markup=False, soft_wrap=True)
     return made
 
 
@@ -196,7 +206,7 @@ def _film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str,
                 write_capture(folder, rig.subset([v]), color, mask, None, depth, scene.frame_rate, part)
             if found:
                 write_capture(folder, rig.subset([v]), None, joints2d=np.stack(found)[:, None], frame_rate=scene.frame_rate, numbers=numbers)
-    write_capture(folder, rig, None, frame_rate=scene.frame_rate)
+    write_capture(folder, rig, None, frame_rate=scene.frame_rate, held_out=rig.names[staged.sources :])
     return truth
 
 

@@ -17,18 +17,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dags.code import PACKAGES, ROOT
+from dags.moment import once, one_moment
 from dags.plan import Plan, Selection, State
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
 from storage.archive import Sequence
 from storage.errors import UserError
 from storage.files import write_atomically
+from storage.places import parse_json, read_file
 
 if TYPE_CHECKING:
     from dags.session import Session
 
 CACHE = "_cache/status"
 """Folder of what is remembered, below the archive's."""
+
+MOST_BYTES = 2**30
+"""Bytes of what is remembered of a sequence: a line a shard."""
+
+COUNTS = {"all", "done", "failed", "blocked", "warned", "stale", "undecided", "dropped"}
+"""What is counted of a stage."""
 
 Numbers = dict[str, dict[str, int]]
 """{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is not needed."""
@@ -41,7 +49,7 @@ def standing(session: Session, name: str, failed: Iterable[tuple[Any, ...]] = ()
     """
     own = sorted((key for key in failed if key[0] == name), key=str)
     sequence = session.archive.sequence(name)
-    file = session.archive.root / CACHE / f"{name}.json"
+    file = session.archive.place(f"{CACHE}/{name}.json")
     basis = _basis(session, sequence, own)
     known = _remembered(file, basis, sequence)
     if known is not None:
@@ -101,9 +109,10 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
 def _basis(session: Session, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
     """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
     settings = session.configuration.for_sequence(sequence.name)
-    files = [sequence.root / "zarr.json", *_code(), *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    files = [sequence.root / "zarr.json", *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
+    code = once("stamps of the code", lambda: "".join(map(_stamp, map(str, _code()))))
     told = hashlib.blake2b(json.dumps([sys.version, settings.model_dump(mode="json"), failed]).encode(), digest_size=16)
-    for line in (*map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
+    for line in (code, *map(_stamp, map(str, files)), *_listing(str(sequence.receipts))):
         told.update(line.encode())
     return told.hexdigest()
 
@@ -138,14 +147,19 @@ def _listing(folder: str) -> Iterator[str]:
 def _remembered(file: Path, basis: str, sequence: Sequence) -> Numbers | None:
     """The numbers kept for this basis, if every shard is there with its size."""
     try:
-        kept = json.loads(file.read_bytes())
+        kept = parse_json(read_file(file, MOST_BYTES))
         if kept["basis"] != basis:
             return None
         root = str(sequence.root)
         whole = all(os.stat(f"{root}/{key}").st_size == size for key, size in kept["shards"].items())
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return kept["numbers"] if whole else None
+    return kept["numbers"] if whole and _are_numbers(kept["numbers"]) else None
+
+
+def _are_numbers(kept: Any) -> bool:
+    """Whether what was remembered are counts by stage: the file came with the archive."""
+    return isinstance(kept, dict) and all(isinstance(stage, dict) and (not stage or stage.keys() == COUNTS) and all(type(n) is int for n in stage.values()) for stage in kept.values())
 
 
 def _remember(file: Path, kept: dict[str, Any]) -> None:
@@ -155,6 +169,7 @@ def _remember(file: Path, kept: dict[str, Any]) -> None:
         return  # an archive that can only be read has its status worked out every time
 
 
+@one_moment()
 def every_standing(session: Session, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
     """({sequence: numbers}, a sentence for each that cannot be planned)."""
     from storage import ledger

@@ -214,8 +214,9 @@ def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[
     """
     from dags.held_out_quality import quality
 
-    if not session.configuration.for_sequence(name).views.held_out:
-        raise UserError(f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for example --set 'views.held_out=[{session.archive.sequence(name).capture.rig.names[-1]}]'")
+    own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    if not own.held_out:
+        raise UserError(f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for example --set 'views.held_out=[{own.capture.rig.names[-1]}]'")
     origin = session.context(name, PATH)
     chosen = chosen_levels(origin, knobs, texts)
     combinations = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]

@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from storage.documents import reader_of
+
 if TYPE_CHECKING:
     import torch
 
@@ -22,12 +24,13 @@ def packed(state: Any) -> bytes:
 
 
 def unpacked(data: bytes) -> Any:
-    """What was packed; tensors lie on the CPU."""
+    """What was packed; tensors lie on the CPU. Raises SourceError for what was not."""
     from safetensors.torch import load
 
-    length = int.from_bytes(data[:8], "little")  # of the header, by the format's definition
-    skeleton = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["state"])
-    return _put_together(skeleton, load(data))
+    with reader_of("of a checkpoint", "state"):
+        length = int.from_bytes(data[:8], "little")  # of the header, by the format's definition
+        skeleton = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["state"])  # whole numbers of random generators are long
+        return _put_together(skeleton, load(data))
 
 
 def _taken_apart(node: Any, path: str, tensors: dict[str, torch.Tensor]) -> Any:

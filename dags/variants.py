@@ -16,6 +16,7 @@ from dags.plan import Plan, Selection, State, judge, make_plan
 from dags.tasks import Task
 from storage.archive import Archive, Sequence
 from storage.files import link_or_copy, link_tree, write_atomically
+from storage.places import folders_in
 from storage.receipts import Receipt, missing_files, scan_receipts, write_receipt
 from storage.spec import digest
 
@@ -32,24 +33,25 @@ def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: t
         different: {stage.key: value} of what sets it apart; it names the folder.
         paths: camera paths to render.
     """
-    archive = Archive.open(str(origin.root.parent / FOLDER / digest(different)[:12]), create=True)
-    root = archive.root / origin.name
-    record = (origin.root / "zarr.json").read_bytes()
-    if not (root / "zarr.json").is_file() or (root / "zarr.json").read_bytes() != record:
-        write_atomically(root / "zarr.json", record)
-        link_tree(origin.root / "source", root / "source")
+    beside = Archive(origin.root.parent)
+    archive = Archive.open(str(beside.place(f"{FOLDER}/{digest(different)[:12]}")), create=True)
+    root = archive.place(origin.name)
+    file, record = archive.place(f"{origin.name}/zarr.json"), origin.place("zarr.json").read_bytes()
+    if not file.is_file() or file.read_bytes() != record:
+        write_atomically(file, record)
+        link_tree(origin.place("source"), archive.place(f"{origin.name}/source"))
     return make_context(Sequence(root), settings, paths)
 
 
 def variants(archive: Archive) -> list[Archive]:
     """The archives of all variants of an archive's sequences."""
-    return [Archive(folder) for folder in sorted((archive.root / FOLDER).glob("*")) if folder.is_dir()]
+    return [Archive(folder) for folder in folders_in(archive.place(FOLDER))]
 
 
 def others(origin: Sequence) -> list[Sequence]:
     """The sequence itself and all its variants: where equal outputs may be found."""
-    found = sorted((origin.root.parent / FOLDER).glob(f"*/{origin.name}/zarr.json"))
-    return [origin, *(Sequence(f.parent) for f in found)]
+    beside = variants(Archive(origin.root.parent))
+    return [origin, *(Sequence(v.place(origin.name)) for v in beside if v.place(f"{origin.name}/zarr.json").is_file())]
 
 
 def share(context: Context, sources: Iterable[Sequence]) -> int:
@@ -91,9 +93,9 @@ def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Rec
 def _take(here: Sequence, source: Sequence, receipt: Receipt) -> None:
     """Link a task's shards, copy what describes their arrays, and last write the receipt."""
     for output in receipt.outputs:
-        meta = source.root / output.array / "zarr.json"
+        meta = source.place(f"{output.array}/zarr.json")
         if meta.is_file():
-            write_atomically(here.root / output.array / "zarr.json", meta.read_bytes())
+            write_atomically(here.place(f"{output.array}/zarr.json"), meta.read_bytes())
         for file in output.files:
-            link_or_copy(source.root / file.key, here.root / file.key)
+            link_or_copy(source.place(file.key), here.place(file.key))
     write_receipt(here, receipt)

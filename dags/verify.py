@@ -9,7 +9,7 @@ from dags.tasks import Task
 from dags.wording import number
 from storage.archive import Sequence
 from storage.errors import ArchiveError, LeaseHeld
-from storage.verify import LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair
+from storage.verify import ARRAY_BROKEN, FOREIGN_RECEIPT, GIVEN, LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair, seal_all
 
 
 def verify(session: Session, names: Names[str], mend: bool) -> int:
@@ -34,6 +34,9 @@ def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
         found += 1
         session.say([f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"], "red")
     session.say([f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read, {number(found, 'fault') if found else 'no faults'}"])
+    if count.unsealed:
+        added = mend and seal_all(sequence)
+        session.say([f"{sequence.name}: {number(added, 'checksum')} added to what an earlier version wrote" if mend else f"{sequence.name}: {number(count.unsealed, 'file')} of an earlier version without a checksum, so that a changed digit in them is not noticed; --repair adds it to what is there now"])
     if count.busy:
         session.say([f"{sequence.name}: {number(len(count.busy), 'task')} left out, because a run works there now"], "yellow")
     return found
@@ -54,7 +57,11 @@ def remedy(fault: Fault) -> str:
     """What a repair would do."""
     if fault.cause == LEFT_OVER:
         return "harmless; --repair deletes it"
-    if fault.cause == RECEIPT_UNREADABLE:
+    if fault.file.startswith(GIVEN):
+        return "no run makes it: film the scene again with `posegaussian simulate`, or put the old files back"
+    if fault.cause.startswith(ARRAY_BROKEN):
+        return "--repair removes its description, and the next run makes the array anew"
+    if fault.cause == RECEIPT_UNREADABLE or fault.cause.startswith(FOREIGN_RECEIPT):
         return "it proves nothing, so the next run makes its task anew; --repair deletes it"
     return f"--repair would remove the receipt of {_task(fault)}, so that the next run makes it anew"
 
@@ -66,6 +73,8 @@ def _task(fault: Fault) -> str:
 
 
 def _mend(sequence: Sequence, fault: Fault) -> str:
+    if fault.file.startswith(GIVEN):
+        return remedy(fault)
     try:
         repair(sequence, fault)
     except LeaseHeld as e:

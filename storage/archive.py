@@ -7,7 +7,6 @@ an array is touched: a plan and a status read records and receipts only, and sta
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import shutil
@@ -20,17 +19,15 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from storage.array_metadata import ForeignArray, is_group, is_sealed, read_metadata, refuse_huge, seal, unseal
 from storage.capture import Capture
-from storage.errors import ArchiveError, BrokenRecord, NotWritten
+from storage.errors import ArchiveError, NotWritten
 from storage.files import make_folder, refusals, sync_folder, write_atomically
+from storage.home import at_home
+from storage.places import Unsafe, below, files_below, folders_in, name_fault
+from storage.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
 from storage.rig import Rig
-from storage.spec import BATCH_DIMS, ArraySpec, Shape
-
-FORMAT = 1
-"""Number of the archive format this version writes; newer ones are refused."""
-
-ATTRIBUTES = "posegaussian"
-"""Key of the project's record in the attributes of a sequence's group."""
+from storage.spec import BATCH_DIMS, ArraySpec, Shape, array_digest
 
 RESHARD = "_reshard"
 """Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the first rename on."""
@@ -79,7 +76,7 @@ def local_path(url: str) -> Path:
     """The folder behind an archive's URL. Raises ArchiveError for object stores, which format 1 cannot write safely."""
     scheme, separator, rest = url.partition("://")
     if not separator:
-        return Path(url).expanduser().resolve()
+        return Path(at_home(url)).resolve()
     if scheme == "file":
         return Path(unquote(rest)).resolve()
     raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")
@@ -87,12 +84,17 @@ def local_path(url: str) -> Path:
 
 def _finish_reshards(root: Path) -> None:
     """Put a new sequence in its place where a reshard died between its two renames: the old one is away, the new one is whole."""
-    for new in (root / RESHARD / "new").glob("*/zarr.json"):
-        name = new.parent.name
-        if (root / RESHARD / "old" / name).is_dir() and not (root / name).exists():
+    for new in folders_in(below(root, f"{RESHARD}/new")):
+        old, place = below(root, f"{RESHARD}/old/{new.name}"), below(root, new.name)
+        if (new / FILE).is_file() and old.is_dir() and not place.exists() and sequence_name_fault(new.name) is None:
             with contextlib.suppress(OSError):  # another process may be quicker
-                os.rename(new.parent, root / name)
+                os.rename(new, place)
                 sync_folder(root)
+
+
+def sequence_name_fault(name: str) -> str | None:
+    """Why a name cannot be a sequence's; None where it can. Folders of the archive's own start with an underscore."""
+    return "it starts with an underscore" if name.startswith("_") else name_fault(name)
 
 
 @dataclass(frozen=True)
@@ -115,12 +117,18 @@ class Archive:
 
     def names(self) -> list[str]:
         """Names of the sequences, sorted."""
-        return sorted(p.parent.name for p in self.root.glob("*/zarr.json"))
+        return sorted(p.parent.name for p in self.root.glob(f"*/{FILE}") if not p.parent.name.startswith(("_", ".")))
+
+    def place(self, key: str) -> Path:
+        """Where something of the archive lies or will lie. Raises Unsafe where the key or a symbolic link leads out of it."""
+        return below(self.root, key)
 
     def sequence(self, name: str) -> Sequence:
-        """One sequence. Raises ArchiveError with the known names, or for a newer format."""
-        sequence = Sequence(self.root / name)
-        if not (sequence.root / "zarr.json").is_file():
+        """One sequence. Raises ArchiveError with the known names, or for a newer format; Unsafe for a link in its place."""
+        if (why := sequence_name_fault(name)) is not None:
+            raise Unsafe(f"archive {self.root} has a folder {name!r} that cannot be a sequence: {why}; take it away or rename it")
+        sequence = Sequence(self.place(name))
+        if not sequence.place(FILE).is_file():
             known = ", ".join(self.names()) or "none yet"
             raise ArchiveError(f"archive {self.root} has no sequence {name!r}; it has: {known}")
         _ = sequence.record  # refuses a newer format
@@ -132,9 +140,8 @@ class Archive:
         Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a sequence
         that was not there before is then not there either.
         """
-        if not name or name.startswith((".", "_")) or any(c in name for c in "/\\:"):
-            raise ArchiveError(f"sequence name {name!r} cannot be a folder's name; use letters, digits, - and _")
-        root = self.root / name
+        self.check_sequence_name(name)
+        root = self.place(name)
         new = not root.exists() or {p.name for p in root.iterdir()} <= {SOURCES}
         try:
             with refusals(root):
@@ -145,21 +152,19 @@ class Archive:
             raise
 
     def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
-        import zarr
-
-        record: Any = {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()}
         # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken sequence.
-        group = zarr.open_group(root, mode="a", zarr_format=3, attributes={ATTRIBUTES: record})
-        group.update_attributes({ATTRIBUTES: record})
+        write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
         sequence = Sequence(root)
-        rig = capture.rig
-        sequence.put("source/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Calibrated cameras, our pixel centres.")
-        sequence.put("source/distortion", rig.distortion, ("view", "coefficient"), "1", "OpenCV k1 k2 p1 p2 k3 k4 k5 k6.")
-        sequence.put("source/world_to_camera", rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes.")
-        sequence.put("source/size", rig.size.astype(np.int32), ("view", "wh"), "px", "Size of the calibrated picture.")
+        sequence.put_cameras()
         sync_folder(root)
         self.write_catalog()
         return sequence
+
+    def check_sequence_name(self, name: str) -> None:
+        """Raise ArchiveError for a name that cannot be a folder, Unsafe where a link lies in its place."""
+        if (why := sequence_name_fault(name)) is not None:
+            raise ArchiveError(f"sequence name {name!r} cannot be a folder's name: {why}; use letters, digits, - and _")
+        self.place(name)
 
     def write_catalog(self) -> None:
         """Write `catalog.parquet`, one row a sequence, from the sequences' own records; one that cannot be read has no row."""
@@ -176,7 +181,7 @@ class Archive:
             rows.append({"sequence": name, "layout": c.layout, "views": len(c.rig), "frames": len(c.numbers), "frame_rate": c.frame_rate, "partition_frames": s.partition_frames})
         sink = pa.BufferOutputStream()
         pq.write_table(pa.Table.from_pylist(rows), sink)
-        write_atomically(self.root / "catalog.parquet", sink.getvalue().to_pybytes())
+        write_atomically(self.place("catalog.parquet"), sink.getvalue().to_pybytes())
 
 
 @dataclass(frozen=True)
@@ -193,21 +198,13 @@ class Sequence:
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The project's record. Raises ArchiveError when it is missing, broken or of a newer format."""
-        try:
-            attributes = json.loads((self.root / "zarr.json").read_bytes())["attributes"]
-            record = attributes[ATTRIBUTES]
-            number = int(record["format"])
-        except (OSError, ValueError, KeyError, TypeError) as e:
-            raise BrokenRecord(f"{self.root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again") from e
-        if number > FORMAT:
-            raise ArchiveError(f"sequence {self.name} is of archive format {number}, this version reads up to {FORMAT}; update posegaussian")
-        return record
+        """The project's record. Raises BrokenRecord when it is missing, broken or changed, ArchiveError for a newer format."""
+        return read_record(self.root)
 
     @cached_property
     def capture(self) -> Capture:
-        """The registered capture."""
-        return Capture.from_json(self.record["capture"])
+        """The registered capture. Raises BrokenRecord where the record does not describe one."""
+        return read_capture(self.record, self.root / FILE)
 
     @property
     def partition_frames(self) -> int:
@@ -216,31 +213,71 @@ class Sequence:
 
     @property
     def receipts(self) -> Path:
-        """Folder of the receipts."""
-        return self.root / "_receipts"
+        """Folder of the receipts. Raises Unsafe for a link in its place."""
+        return self.place("_receipts")
+
+    def place(self, key: str) -> Path:
+        """Where something of the sequence lies or will lie. Raises Unsafe where the key or a symbolic link leads out of it."""
+        return below(self.root, key)
+
+    def open_array(self, name: str, mode: Literal["r", "r+"] = "r") -> Any:
+        """An array as zarr opens it, after its description was looked through.
+
+        Raises Unsafe for its place, ForeignArray for its description, FileNotFoundError where there is none.
+        """
+        import zarr
+
+        folder = self.place(name)
+        read_metadata(folder)
+        return zarr.open_array(folder, mode=mode, zarr_format=3)
 
     def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str, chunk: tuple[int, ...] | None = None) -> None:
         """Write an array that is not partitioned, unless it already holds these values; in one chunk unless told otherwise."""
         import zarr
 
-        if (self.root / name / "zarr.json").is_file():
-            old = zarr.open_array(self.root / name, mode="r")
-            if old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data):
-                return
-        with refusals(self.root / name, data.nbytes):
+        folder, digest = self.place(name), array_digest(data)
+        if self._holds(name, data):
+            if not is_sealed(folder):
+                seal(folder, digest)
+            return
+        attributes: Any = {"unit": unit, "meaning": meaning, "digest": digest}
+        with refusals(folder, data.nbytes):
             array = zarr.create_array(
-                self.root, name=name, data=np.ascontiguousarray(data), chunks=tuple(max(1, n) for n in chunk or data.shape), compressors=codecs(data.dtype), overwrite=True, dimension_names=dims, attributes={"unit": unit, "meaning": meaning}, config={"write_empty_chunks": True}
+                self.root,
+                name=name,
+                data=np.ascontiguousarray(data),
+                chunks=tuple(max(1, n) for n in chunk or data.shape),
+                compressors=codecs(data.dtype),
+                overwrite=True,
+                dimension_names=dims,
+                attributes=attributes,
+                config={"write_empty_chunks": True},
             )
         assert array.shape == data.shape
+        seal(folder)
+
+    def _holds(self, name: str, data: np.ndarray) -> bool:
+        """Whether an array is there, whole, and holds these values."""
+        try:
+            old = self.open_array(name)
+            return old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data)
+        except (FileNotFoundError, ForeignArray, ValueError, RuntimeError):
+            return False  # it is written anew
 
     def get(self, name: str) -> np.ndarray:
-        """A small array, whole. Raises ArchiveError when it is not there."""
-        import zarr
-
+        """A small array, whole. Raises ArchiveError when it is not there, or its values are not those that were written."""
         try:
-            return np.asarray(zarr.open_array(self.root / name, mode="r")[...])
-        except (FileNotFoundError, zarr.errors.ArrayNotFoundError) as e:
+            array = self.open_array(name)
+        except FileNotFoundError as e:
             raise ArchiveError(f"sequence {self.name} has no array {name}") from e
+        refuse_huge(name, array.shape, array.dtype)
+        try:
+            values = np.asarray(array[...])
+        except (ValueError, RuntimeError) as e:
+            raise ArchiveError(f"array {name} of sequence {self.name} is damaged: {e}; `posegaussian verify --sequence {self.name} --repair` has it made anew") from e
+        if array.attrs.get("digest", digest := array_digest(values)) != digest:
+            raise ArchiveError(f"array {name} of sequence {self.name} does not hold what was written; `posegaussian verify --sequence {self.name} --repair` has it made anew")
+        return values
 
     def ensure_array(self, spec: ArraySpec, shape: Shape, path: str = "") -> None:
         """Create the array of a spec, grow or shrink it along time, or replace it when any other length changed.
@@ -252,12 +289,16 @@ class Sequence:
         name = spec.name.format(path=path)
         lengths, chunk, shard = layout(spec, shape, self.partition_frames)
         attributes: Any = {"unit": spec.unit, "meaning": spec.meaning, "keep": spec.keep}
-        change = self._change(spec, shape, path)
+        change, folder = self._change(spec, shape, path), self.place(name)
         if change is None:
+            if not is_sealed(folder):
+                seal(folder)
             return
-        with refusals(self.root / name):
+        with refusals(folder):
             if change in ("grow", "shrink"):
-                zarr.open_array(self.root / name, mode="r+").resize(lengths)
+                unseal(folder)
+                self.open_array(name, "r+").resize(lengths)
+                seal(folder)
                 return
             zarr.create_array(
                 self.root,
@@ -273,16 +314,15 @@ class Sequence:
                 attributes=attributes,
                 config={"write_empty_chunks": True},
             )
+            seal(folder)
 
     def _change(self, spec: ArraySpec, shape: Shape, path: str) -> Literal["create", "grow", "shrink", "replace"] | None:
         """What `ensure_array` has to do."""
-        import zarr
-
-        folder = self.root / spec.name.format(path=path)
-        if not (folder / "zarr.json").is_file():
-            return "create"
         lengths, chunk, shard = layout(spec, shape, self.partition_frames)
-        old = zarr.open_array(folder, mode="r")
+        try:
+            old = self.open_array(spec.name.format(path=path))
+        except FileNotFoundError:
+            return "create"
         differ = [d for d, a, b in zip(spec.dims, old.shape, lengths, strict=True) if a != b] if old.ndim == len(lengths) else ["rank"]
         if old.dtype != np.dtype(spec.dtype) or old.chunks != chunk or old.shards != shard or set(differ) - {"frame"}:
             return "replace"
@@ -292,6 +332,11 @@ class Sequence:
         """Whether `ensure_array` would delete shards that are there."""
         return self._change(spec, shape, path) in ("shrink", "replace")
 
+    def put_cameras(self) -> None:
+        """Write the calibrated cameras of the record as `source/*`."""
+        for name, values in cameras(self.capture.rig).items():
+            self.put(name, *values)
+
     def put_rig(self, prefix: str, rig: Rig) -> None:
         """Write the cameras a reader of `<prefix>/*` needs: intrinsics, world_to_camera, size."""
         self.put(f"{prefix}/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Our pixel centres.")
@@ -299,7 +344,8 @@ class Sequence:
         self.put(f"{prefix}/size", rig.size.astype(np.int32), ("view", "wh"), "px", "Size of each view's picture; arrays are padded to the largest.")
 
     def walk_arrays(self) -> Iterator[Path]:
-        """Folders of all arrays of the sequence."""
-        for meta in sorted(self.root.rglob("zarr.json")):
-            if json.loads(meta.read_bytes()).get("node_type") == "array":
-                yield meta.parent
+        """Folders of all arrays of the sequence, by their descriptions; one that cannot be read counts as an array's. Raises Unsafe."""
+        for file in files_below(self.root):
+            folder, _, name = file.rpartition("/")
+            if name == FILE and folder != str(self.root) and not is_group(Path(folder)):
+                yield Path(folder)

@@ -19,6 +19,7 @@ import numpy as np
 from storage.crop import Crop
 from storage.documents import regular
 from storage.errors import SourceError
+from storage.plausible import check_rate
 from storage.rig import Rig
 from storage.spec import digest
 
@@ -48,8 +49,8 @@ class SourceFile:
     @classmethod
     def of(cls, path: str | Path) -> SourceFile:
         """Reference an existing file. Raises SourceError when it is missing or unreadable."""
+        stat = regular(path)
         p = Path(path).resolve()
-        stat = regular(p)
         try:
             return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
         except OSError as e:
@@ -158,6 +159,10 @@ class Capture:
     """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
+
+    def __post_init__(self) -> None:
+        """Raise SourceError for a frame rate that no camera has."""
+        check_rate(f"{self.layout} capture", self.frame_rate)
 
     @property
     def numbers(self) -> np.ndarray:

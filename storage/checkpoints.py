@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from storage.errors import NotWritten, UserError
+from storage.documents import read_bytes, read_json
+from storage.errors import NotWritten, SourceError, UserError
 from storage.files import PARTIAL, refusals, sync_folder, write_atomically
 
 FORMAT = 1
@@ -89,10 +90,10 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
     """Read one checkpoint and check all of it. Raises CheckpointError naming the file and what is wrong with it."""
     place = root / f"{step:08d}"
     try:
-        manifest = json.loads((place / MANIFEST).read_bytes())
+        manifest = read_json(place / MANIFEST, "manifest")
         said = manifest.pop("sha256")
         version = manifest["format"]
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as e:
+    except (SourceError, KeyError, AttributeError, TypeError) as e:
         raise CheckpointError(f"{place / MANIFEST} cannot be read ({e!r})") from e
     if version != FORMAT:
         raise CheckpointError(f"{place / MANIFEST} is of format {version}; this version reads format {FORMAT}")
@@ -102,9 +103,9 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
     for piece in manifest["pieces"]:
         file = place / piece["name"]
         try:
-            part = file.read_bytes()
-        except OSError as e:
-            raise CheckpointError(f"{file} cannot be read ({e.strerror})") from e
+            part = read_bytes(file, "piece of a checkpoint", PIECE_BYTES)
+        except SourceError as e:
+            raise CheckpointError(str(e)) from e
         if (found := hashlib.sha256(part).hexdigest()) != piece["sha256"]:
             raise CheckpointError(f"{file} has {len(part)} bytes and sha256 {found[:12]}, expected {piece['bytes']} and {piece['sha256'][:12]}")
         parts.append(part)

@@ -15,6 +15,7 @@ import stat
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,16 @@ def regular(path: str | Path, what: str = "file", largest: int | None = None) ->
 def _kind(mode: int) -> str:
     kinds = {"a folder": stat.S_ISDIR, "a pipe": stat.S_ISFIFO, "a device": lambda m: stat.S_ISCHR(m) or stat.S_ISBLK(m), "a socket": stat.S_ISSOCK}
     return next((name for name, is_it in kinds.items() if is_it(mode)), "something special")
+
+
+@contextmanager
+def reader_of(path: str | Path, what: str = "file") -> Iterator[None]:
+    """Turns what a library throws over a damaged file into a SourceError that names the file; for the library's calls alone."""
+    try:
+        yield
+    except (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as e:
+        said = "it holds text that is not UTF-8" if isinstance(e, UnicodeDecodeError) else " ".join(str(e).split()) or type(e).__name__
+        raise SourceError(f"cannot read {what} {path}: {shortened(said, 300).strip(chr(39))}; it is damaged or cut off") from e
 
 
 def read_bytes(path: str | Path, what: str = "file", largest: int | None = LARGEST_TEXT) -> bytes:
@@ -110,7 +121,7 @@ def too_deep(where: str | Path) -> str:
 def check_plain(value: Any, where: str | Path) -> None:
     """Raise SourceError for plain values that are nested more than `DEEPEST` deep, and for whole numbers of more than `MOST_DIGITS` digits."""
     level = [value]
-    for _ in range(DEEPEST + 2):
+    for _ in range(DEEPEST + 1):
         if huge := next((x for x in level if isinstance(x, int) and abs(x) >= 10**MOST_DIGITS), None):
             raise SourceError(f"{where} holds a whole number of about {huge.bit_length() * 3 // 10} digits; at most {MOST_DIGITS} are read")
         level = [x for held in level if isinstance(held, dict | list) for x in (held.values() if isinstance(held, dict) else held)]

@@ -65,3 +65,17 @@ class NotWritten(UserError, OSError):
 
     def __str__(self) -> str:
         return str(self.args[1])
+
+
+class OtherCode(UserError):
+    """A process whose code or libraries are not those of the run, so that its results would not be what their receipts claim."""
+
+    def __init__(self, sentence: str, worker: str = "", versions: dict[str, str] | None = None) -> None:
+        super().__init__(sentence, worker, versions)
+        self.worker = worker
+        """Address of the worker that refused; empty where it is no worker."""
+        self.versions = versions or {}
+        """What that process has: version or digest by name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])

@@ -18,6 +18,7 @@ from uuid import uuid4
 import numpy as np
 
 from storage.errors import NotWritten
+from storage.places import files_below
 
 PARTIAL = ".partial"
 """Ending of what is not whole yet; `storage.sweep` finds what a kill leaves of it."""
@@ -46,7 +47,7 @@ def whole_file(path: str | Path, need: int | None = None) -> Iterator[Path]:
 
     Args:
         path: where the file is to be.
-        need: bytes it will take, where they are known.
+        need: bytes it will take at most, where they are known.
 
     Raises:
         NotWritten: where the system does not take it.
@@ -116,8 +117,8 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 
 def link_tree(source: Path, target: Path) -> None:
-    """`link_or_copy` of every file below a folder. Raises NotWritten."""
-    for file in sorted(p for p in source.rglob("*") if p.is_file()):
+    """`link_or_copy` of every file below a folder. Raises NotWritten, and Unsafe for a symbolic link among them."""
+    for file in map(Path, files_below(source)):
         link_or_copy(file, target / file.relative_to(source))
 
 
@@ -184,11 +185,8 @@ def refusals(path: str | Path, need: int | None = None, partial: Path | None = N
 
 def _about(error: OSError, path: Path) -> bool:
     """Whether an error is about a path, what is half written in its place, a file below it or a folder above it."""
-    if not isinstance(error.filename, str | os.PathLike):
-        return True
-    named = Path(error.filename)
-    beside = named.parent == path.parent and named.suffix == PARTIAL
-    return named == path or beside or path in named.parents or named in path.parents
+    told = [Path(f) for f in (error.filename, error.filename2) if isinstance(f, str | os.PathLike)]
+    return not told or any(f == path or path in f.parents or f in path.parents or (f.parent == path.parent and f.suffix == PARTIAL) for f in told)
 
 
 def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None) -> str:
@@ -221,8 +219,8 @@ def _full(number: int | None, folder: Path, need: int | None, partial: Path | No
     if partial is not None:
         with contextlib.suppress(OSError):
             free += partial.stat().st_blocks * 512  # goes with the half written file
-    wanted = f"about {_bytes(need)} are needed" if need is not None else f"more than {_bytes(free)} are needed"
-    return f"the disk is full: {_bytes(free)} are free in {folder}, {wanted}; {advice}"
+    wanted = f", up to {_bytes(need)} are needed" if need is not None else ""
+    return f"the disk is full: {_bytes(free)} are free in {folder}{wanted}; {advice}"
 
 
 def _bytes(count: int) -> str:

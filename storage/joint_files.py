@@ -6,15 +6,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from storage.documents import read_json, read_table, read_text, whole
+from storage.documents import MOST_DIGITS, read_json, read_table, read_text, shortened, whole
 from storage.errors import SourceError
+from storage.plausible import check_joints3d, check_pixels, check_scores, check_time
 from storage.rig import points_from_integer_centres
 
 
@@ -33,8 +34,10 @@ def no_people(joints: int) -> Detections:
 
 
 def frame_number(path: str | Path) -> int | None:
-    """The last group of digits in a file's name (cam01_000012_keypoints.json -> 12), or None without digits."""
-    digits = re.findall(r"\d+", re.sub(r"_keypoints(2d|3d)?$", "", Path(path).stem))
+    """The last group of digits in a file's name (cam01_000012_keypoints.json -> 12), or None without digits. Raises SourceError for one beyond 64 bits."""
+    digits = re.findall(r"[0-9]+", re.sub(r"_keypoints(2d|3d)?$", "", Path(path).stem))
+    if digits and len(digits[-1].lstrip("0")) > MOST_DIGITS:
+        raise SourceError(f"{path}: a frame number of {len(digits[-1])} digits; at most {MOST_DIGITS} are read")
     return int(digits[-1]) if digits else None
 
 
@@ -48,6 +51,8 @@ def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
         raise SourceError(f"{path}: {what} has {values.size} numbers, which are not (x, y, score) triples")
     out = values.reshape(-1, 3)
     out[~np.isfinite(out).all(axis=1)] = 0
+    check_pixels(str(path), what, out[:, :2])
+    check_scores(str(path), what, out[:, 2])
     out[:, 2] = np.clip(out[:, 2], 0, 1)
     if not half:
         out[:, :2] = points_from_integer_centres(out[:, :2])
@@ -57,10 +62,14 @@ def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
 def _box(corners: Any, score: Any, path: str | Path, half: bool) -> np.ndarray:
     """[5] from (left, top, right, bottom) and a score."""
     try:
-        values = np.array(corners, dtype=np.float64).reshape(2, 2)
-        return np.array([*(values if half else points_from_integer_centres(values)).reshape(4), float(score)])
+        values = np.array([*corners, score], dtype=np.float64).reshape(5)
     except (TypeError, ValueError):
-        raise SourceError(f"{path}: bbox {corners!r} with score {score!r} is not made of numbers") from None
+        values = np.full(5, np.nan)
+    if not np.isfinite(values).all():
+        raise SourceError(f"{path}: bbox {shortened(corners)} with score {shortened(score)} is not made of numbers")
+    check_pixels(str(path), "bbox", values[:4])
+    check_scores(str(path), "bbox", values[4:])
+    return np.array([*(values[:4] if half else points_from_integer_centres(values[:4])), values[4]])
 
 
 def _gather(people: list[np.ndarray], boxes: list[np.ndarray], path: str | Path) -> Detections:
@@ -77,6 +86,13 @@ def _list(data: Any, key: str, path: str | Path) -> list[dict[str, Any]]:
     return items
 
 
+def _items(value: Any, what: str, path: str | Path) -> Sequence[Any]:
+    """The value, which must be a list."""
+    if not isinstance(value, list | tuple):
+        raise SourceError(f"{path}: {what} {shortened(value)} is not a list of numbers")
+    return value
+
+
 def read_openpose(path: str | Path) -> Detections:
     """One picture's OpenPose JSON; a person without `pose_keypoints_2d` is no person. Raises SourceError."""
     flats = [p.get("pose_keypoints_2d") for p in _list(read_json(path), "people", path)]
@@ -87,7 +103,7 @@ def read_openpose(path: str | Path) -> Detections:
 def read_easymocap(path: str | Path) -> Detections:
     """One picture's EasyMocap `annots` JSON: keypoints and, where given, bbox (l, t, r, b, score). Raises SourceError."""
     annots = [a for a in _list(read_json(path), "annots", path) if a.get("keypoints")]
-    given = [[*(a.get("bbox") or ()), 1.0] for a in annots]
+    given = [[*_items(a.get("bbox") or (), "bbox", path), 1.0] for a in annots]
     boxes = [_box(b[:4], b[4], path, half=False) if len(b) > 4 else np.zeros(5) for b in given]
     return _gather([_joints(a["keypoints"], path, "keypoints", False) for a in annots], boxes, path)
 
@@ -108,12 +124,19 @@ def read_coco(path: str | Path, view: str | None = None) -> dict[int, Detections
         if number is None:
             raise SourceError(f"{path}: file_name {str(name)!r} holds no frame number")
         if view is None or view in name.parts[:-1]:
-            images[image.get("id")] = number
+            images[_id(image.get("id"), path)] = number
     annotations: dict[int, list[dict[str, Any]]] = {n: [] for n in images.values()}
     for a in _list(data, "annotations", path):
-        if a.get("image_id") in images and a.get("keypoints"):
+        if _id(a.get("image_id"), path) in images and a.get("keypoints"):
             annotations[images[a["image_id"]]].append(a)
     return {n: _coco_people(found, path, half) for n, found in annotations.items()}
+
+
+def _id(value: Any, path: str | Path) -> Any:
+    """An image's id: a number or a text."""
+    if isinstance(value, list | dict):
+        raise SourceError(f"{path}: the image id {shortened(value)} is neither a number nor a text")
+    return value
 
 
 def _coco_people(found: list[dict[str, Any]], path: str | Path, half: bool) -> Detections:
@@ -122,14 +145,21 @@ def _coco_people(found: list[dict[str, Any]], path: str | Path, half: bool) -> D
         scores = a.get("keypoint_scores")
         if scores is None:
             continue
-        if len(scores) != len(joints):
+        if len(_items(scores, "keypoint_scores", path)) != len(joints):
             raise SourceError(f"{path}: keypoint_scores has {len(scores)} values for {len(joints)} joints")
-        joints[:, 2] = np.clip(np.nan_to_num(np.array(scores, dtype=np.float64)), 0, 1)
-    boxes = []
-    for a in found:
-        x, y, w, h = a.get("bbox") or (0, 0, 0, 0)
-        boxes.append(_box((x, y, x + w, y + h), a.get("score", 1.0), path, half) if a.get("bbox") else np.zeros(5))
-    return _gather(people, boxes, path)
+        joints[:, 2] = _joints([(0, 0, s) for s in scores], path, "keypoint_scores", half)[:, 2]
+    return _gather(people, [_coco_box(a, path, half) for a in found], path)
+
+
+def _coco_box(a: dict[str, Any], path: str | Path, half: bool) -> np.ndarray:
+    """[5] of an annotation's bbox (left, top, width, height), zero without one."""
+    given = _items(a.get("bbox") or (), "bbox", path)
+    if not given:
+        return np.zeros(5)
+    if len(given) != 4 or not all(isinstance(n, int | float) for n in given):
+        raise SourceError(f"{path}: bbox {shortened(given)} is not made of four numbers")
+    x, y, w, h = given
+    return _box((x, y, x + w, y + h), a.get("score", 1.0), path, half)
 
 
 def _pixel_center(value: Any, path: str | Path) -> str:
@@ -160,6 +190,7 @@ def read_tracked(path: str | Path) -> dict[int, dict[int, TrackedFrame]]:
     for line, row in rows:
         try:
             frame = TrackedFrame(whole(row["frame_index"]), float(row["frame_time"]), {})
+            check_time(f"{path} line {line}", frame.frame_time)
             found = out.setdefault(whole(row[camera]), {}).setdefault(whole(row["sync_index"]), frame)
             found.points[whole(row[point])] = (float(row["img_loc_x"]), float(row["img_loc_y"]))
         except (TypeError, ValueError, AttributeError) as e:
@@ -226,7 +257,7 @@ def read_trc(path: str | Path) -> TrcFile:
             continue
         values = cells[2 : 2 + 3 * len(markers)]
         try:
-            frames.append(int(float(cells[0])))
+            frames.append(whole(f"{float(cells[0]):.0f}"))
             rows.append([float(c) if c else np.nan for c in values] + [np.nan] * (3 * len(markers) - len(values)))
         except ValueError as e:
             raise SourceError(f"{path} line {at}: {e}") from e
@@ -234,6 +265,7 @@ def read_trc(path: str | Path) -> TrcFile:
     if len(numbers) == 0 or (np.diff(numbers) <= 0).any():
         raise SourceError(f"{path}: frame numbers must ascend, found {len(numbers)} frames")
     points = np.array(rows).reshape(len(rows), len(markers), 3) * _UNITS[unit]
+    check_joints3d(str(path), points)
     try:
         rate = float(header.get("DataRate", "0"))
     except ValueError:

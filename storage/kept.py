@@ -17,14 +17,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from storage.archive import Archive, Sequence
+from storage.array_metadata import read_metadata
+from storage.errors import ArchiveError
 from storage.files import PARTIAL, link_or_copy, sync_folder
 from storage.lease import Lease
-from storage.receipts import Receipt, ReceiptKey, lease_file, remove_receipt, write_receipt
+from storage.places import files_below, folders_in, parse_json, read_file
+from storage.receipts import MOST_BYTES, MOST_SHARD_BYTES, Receipt, ReceiptKey, lease_file, remove_receipt, write_receipt
 from storage.spec import digest
-from storage.sweep import SETTLED_SECONDS
+from storage.sweep import SETTLED_SECONDS, delete_folder
 
 FOLDER = "_kept"
 """Folder of what is put aside, below the archive's."""
@@ -53,7 +55,7 @@ def key_of(receipt: Receipt) -> ReceiptKey:
 
 
 def _place(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Path:
-    return sequence.root.parent / FOLDER / sequence.name / digest([*key, fingerprint])
+    return Archive(sequence.root.parent).place(f"{FOLDER}/{sequence.name}/{digest([*key, fingerprint])}")
 
 
 def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
@@ -69,7 +71,7 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
             layouts = {output.array: _layout(sequence, output.array) for output in receipt.outputs}
             try:
                 for i, f in enumerate(files):
-                    os.link(sequence.root / f.key, partial / str(i))
+                    os.link(sequence.place(f.key), partial / str(i))
                 (partial / ENTRY).write_bytes(json.dumps({"receipt": receipt.to_json().decode(), "layouts": layouts}).encode())
                 os.rename(partial, place)
             except FileNotFoundError:  # another run replaces it now
@@ -86,7 +88,7 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
 def _layout(sequence: Sequence, array: str) -> str:
     """Digest of how an array's shards are laid out, its lengths along frames and views left out; of a table nothing."""
     try:
-        found: dict[str, Any] = json.loads((sequence.root / array / "zarr.json").read_bytes())
+        found = read_metadata(sequence.place(array))
     except FileNotFoundError:
         return ""
     dims = found.get("dimension_names") or []
@@ -102,11 +104,11 @@ def find(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Receipt | Non
 def _read(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> tuple[Receipt | None, dict[str, str]]:
     place = _place(sequence, key, fingerprint)
     try:
-        found = json.loads((place / ENTRY).read_bytes())
+        found = parse_json(read_file(place / ENTRY, MOST_BYTES))
         receipt = Receipt.from_json(found["receipt"].encode())
         files = [f for output in receipt.outputs for f in output.files]
         states = [os.lstat(place / str(i)) for i in range(len(files))]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ArchiveError):
         return None, {}
     whole = all(stat.S_ISREG(s.st_mode) and s.st_size == f.size for s, f in zip(states, files, strict=True))
     asked_for = key_of(receipt) == key and receipt.fingerprint == fingerprint
@@ -125,15 +127,15 @@ def take(sequence: Sequence, key: ReceiptKey, fingerprint: str, run: str, second
     place = _place(sequence, key, fingerprint)
     pairs = [(place / str(i), f) for i, f in enumerate(f for output in receipt.outputs for f in output.files)]
     try:
-        if any(zlib.crc32(source.read_bytes()) != f.crc32 for source, f in pairs):
+        if any(zlib.crc32(read_file(source, MOST_SHARD_BYTES)) != f.crc32 for source, f in pairs):
             forget(sequence, key, fingerprint)
             return None
         with Lease.take(lease_file(sequence, key), run, "driver", seconds) as lease:
             remove_receipt(sequence, *key)
             for source, f in pairs:
                 lease.check()
-                link_or_copy(source, sequence.root / f.key)
-            for folder in {(sequence.root / f.key).parent for _, f in pairs}:
+                link_or_copy(source, sequence.place(f.key))
+            for folder in {sequence.place(f.key).parent for _, f in pairs}:
                 sync_folder(folder)
             lease.check()
             write_receipt(sequence, receipt)
@@ -157,15 +159,21 @@ def _delete(folder: Path) -> None:
 def entries(archive: Archive) -> list[Entry]:
     """All that is put aside, longest unused first."""
     found = []
-    for file in (archive.root / FOLDER).glob(f"*/*/{ENTRY}"):
+    for folder in _folders(archive):
         try:
-            used, facts = file.stat().st_mtime, json.loads(json.loads(file.read_bytes())["receipt"])["facts"]
-            states = [os.lstat(p) for p in file.parent.iterdir() if p.name != ENTRY]
-        except (OSError, ValueError, KeyError, TypeError):
+            used = os.lstat(folder / ENTRY).st_mtime
+            receipt = Receipt.from_json(parse_json(read_file(folder / ENTRY, MOST_BYTES))["receipt"].encode())
+            states = [os.lstat(p) for p in files_below(folder) if not p.endswith(f"/{ENTRY}")]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, ArchiveError):
             continue  # another process deleted it, or it is none
         size = sum(s.st_size for s in states)
-        found.append(Entry(file.parent, used, float(facts.get("seconds") or 0.0) / max(1, size), sum(s.st_size for s in states if s.st_nlink == 1)))
+        found.append(Entry(folder, used, float(receipt.facts.get("seconds") or 0.0) / max(1, size), sum(s.st_size for s in states if s.st_nlink == 1)))
     return sorted(found, key=lambda e: (e.used, e.worth, e.folder.name))
+
+
+def _folders(archive: Archive) -> list[Path]:
+    """Folders of all entries, whole or not. Raises Unsafe for a link among them."""
+    return [entry for sequence in folders_in(archive.place(FOLDER)) for entry in folders_in(sequence)]
 
 
 def shrink(archive: Archive, budget: int, take: Mapping[Path, int] = MappingProxyType({})) -> None:
@@ -184,13 +192,13 @@ def shrink(archive: Archive, budget: int, take: Mapping[Path, int] = MappingProx
 
 def clear(archive: Archive) -> None:
     """Delete all that is put aside."""
-    shutil.rmtree(archive.root / FOLDER, ignore_errors=True)
+    delete_folder(archive.place(FOLDER))
 
 
 def _sweep(archive: Archive) -> None:
     """Delete what a kill left half made or half deleted, once it is surely nobody's."""
     old = time.time() - SETTLED_SECONDS
-    for folder in (archive.root / FOLDER).glob("*/*"):
+    for folder in _folders(archive):
         if not (folder / ENTRY).is_file() and folder.lstat().st_mtime < old:
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -15,6 +15,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import socket
 import threading
 import time
@@ -25,11 +26,13 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import psutil
 
 from storage.errors import LeaseHeld, LeaseLost
 from storage.files import refusals
+from storage.places import files_below, parse_json, read_file
 
 SUFFIX = ".lease"
 """Ending of a lease's file name."""
@@ -39,6 +42,10 @@ RENEWALS = 4
 """Renewals in the time of one lease."""
 CLAIM_SECONDS = 10.0
 """Age at which the claim to an ended lease was left behind by a contender that died in the moment it takes."""
+MOST_BYTES = 2**16
+"""Bytes of a lease that is read."""
+_TOKEN = re.compile(r"[A-Za-z0-9_\-]{0,64}")
+"""A token: files beside the lease are named after it."""
 SAME_START = 2.0
 """Seconds within which two readings of a process's start are the same process."""
 
@@ -112,16 +119,31 @@ def ended(holder: Holder, now: float) -> bool:
 
 
 def read_lease(file: Path, seconds: float) -> Holder | None:
-    """What a lease file says; None when there is none. One that is just being written counts as taken for `seconds`."""
+    """What a lease file says; None when there is none. One that is just being written counts as taken for `seconds`.
+
+    Raises Unsafe for a link or what is no file in its place.
+    """
     try:
-        text = file.read_bytes()
+        text = read_file(file, MOST_BYTES)
         changed = file.stat().st_mtime
     except FileNotFoundError:
         return None
     try:
-        return Holder(**json.loads(text))
+        return _holder(parse_json(text))
     except (ValueError, TypeError):
         return Holder("", "unknown", "unknown", "unknown", "", 0, 0.0, changed, changed + seconds)
+
+
+def _holder(said: dict[str, Any]) -> Holder:
+    """The holder that a lease names. Raises TypeError and ValueError for what no lease says."""
+    holder = Holder(**said)
+    texts = (holder.token, holder.run, holder.worker, holder.host, holder.boot, holder.ended)
+    numbers = (holder.pid, holder.started, holder.since, holder.until)
+    if not all(isinstance(t, str) for t in texts) or not all(type(n) in (int, float) and -1e9 < n < 2.5e11 for n in numbers):
+        raise TypeError("entries of a lease are texts and times")
+    if _TOKEN.fullmatch(holder.token) is None or type(holder.pid) is not int or not 0 <= holder.pid < 2**31:
+        raise ValueError("a lease has a token and a process")
+    return holder
 
 
 def _create(file: Path, holder: Holder) -> int:
@@ -350,7 +372,7 @@ def wait_for(file: Path, run: str, seconds: float, patience: float, pause: float
 
 def living(folder: Path, seconds: float = 60.0) -> Iterator[tuple[Path, Holder]]:
     """All leases below a folder that have not ended."""
-    for file in sorted(folder.rglob(f"*{SUFFIX}")):
+    for file in (Path(f) for f in files_below(folder) if f.endswith(SUFFIX)):
         holder = read_lease(file, seconds)
         if holder is not None and not ended(holder, time.time()):
             yield file, holder

@@ -6,15 +6,15 @@ long, which memory, what failed. docs/ledger.md answers the usual ones in one qu
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from storage.archive import Archive
-from storage.archive import Sequence as Group
+from storage.errors import ArchiveError
 from storage.files import write_atomically
-from storage.receipts import Receipt, scan_receipts
+from storage.places import folders_in, is_word, parse_json, read_file
+from storage.receipts import MOST_NUMBER, Receipt, scan_receipts
 from storage.spec import digest
 
 LEDGER = "ledger.parquet"
@@ -25,6 +25,9 @@ RUNS = "_runs"
 
 EVENTS = "events.jsonl"
 """File of a run's events, one JSON object a line."""
+
+MOST_LOG_BYTES = 2**32
+"""Bytes of a run's log."""
 
 KEY = ("sequence", "stage", "partition", "view", "path")
 """What identifies a task."""
@@ -65,17 +68,42 @@ def row(sequence: str, receipt: Receipt) -> dict[str, Any]:
 
 
 def run_events(archive: Archive) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """(name of the run, its events) of all runs, oldest first; a line that a kill cut off is left out."""
-    for file in sorted((archive.root / RUNS).glob(f"*/{EVENTS}")):
+    """(name of the run, its events) of all runs, oldest first; a line that a kill cut off, or that no run writes, is left out.
+
+    Raises Unsafe for links.
+    """
+    for folder in folders_in(archive.place(RUNS)):
+        try:
+            lines = read_file(folder / EVENTS, MOST_LOG_BYTES).splitlines()
+        except FileNotFoundError:
+            continue
         events = []
-        for line in file.read_bytes().splitlines():
+        for line in lines:
             try:
-                event = json.loads(line)
+                event = parse_json(line)
             except ValueError:
                 continue
-            if isinstance(event, dict):
+            if isinstance(event, dict) and _is_event(event):
                 events.append(event)
-        yield file.parent.name, events
+        yield folder.name, events
+
+
+def _is_event(event: dict[str, Any]) -> bool:
+    """Whether a run can have told an event: one about a task names a task."""
+    name = event.get("event")
+    if not isinstance(name, str):
+        return False
+    if name == "task_failed" and not event.keys() >= {"error", "time"}:
+        return False
+    spoken = [*([event] if name.startswith("task_") else []), *([event["by"]] if "by" in event else [])]
+    return all(isinstance(t, dict) and _is_task(t) for t in spoken) and ("by" not in event or event["by"].keys() == set(KEY))
+
+
+def _is_task(task: dict[str, Any]) -> bool:
+    if not task.keys() >= set(KEY):
+        return False
+    whole = all(n is None or (type(n) is int and 0 <= n < MOST_NUMBER) for n in (task["partition"], task["view"]))
+    return whole and isinstance(task["sequence"], str) and is_word(task["stage"]) and (task["path"] is None or is_word(task["path"]))
 
 
 def failures(archive: Archive, finished: dict[tuple[Any, ...], str]) -> list[dict[str, Any]]:
@@ -95,39 +123,68 @@ def failures(archive: Archive, finished: dict[tuple[Any, ...], str]) -> list[dic
     return rows
 
 
+def _schema() -> Any:
+    """Columns of the ledger with their types."""
+    import pyarrow as pa
+
+    whole = dict.fromkeys(("partition", "view", "bytes", "warnings", "peak_rss", "projected_ram", "raw_bytes", "work"), pa.int64())
+    types = {**whole, "seconds": pa.float64(), "modules": pa.map_(pa.string(), pa.float64()), "mended": pa.bool_()}
+    return pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
+
+
 def rebuild(archive: Archive) -> Path:
-    """Write the ledger anew from all receipts and all run logs of all sequences; returns its path."""
+    """Write the ledger anew from all receipts and all run logs of all sequences that can be read; returns its path."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [row(name, r) for name in archive.names() for r in scan_receipts(Group(archive.root / name))]
+    rows = [r for name in archive.names() for r in _rows(archive, name)]
     rows += failures(archive, {tuple(r[k] for k in KEY): r["started"] or "" for r in rows})
-    types = {"partition": pa.int64(), "view": pa.int64(), "seconds": pa.float64(), "modules": pa.map_(pa.string(), pa.float64()), "bytes": pa.int64(), "warnings": pa.int64(), "peak_rss": pa.int64(), "projected_ram": pa.int64(), "raw_bytes": pa.int64(), "work": pa.int64(), "mended": pa.bool_()}
-    schema = pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
+    schema = _schema()
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), sink)
-    write_atomically(archive.root / LEDGER, sink.getvalue().to_pybytes())
-    return archive.root / LEDGER
+    file = archive.place(LEDGER)
+    write_atomically(file, sink.getvalue().to_pybytes())
+    return file
+
+
+def _rows(archive: Archive, name: str) -> list[dict[str, Any]]:
+    try:
+        return [row(name, r) for r in scan_receipts(archive.sequence(name))]
+    except ArchiveError:
+        return []  # every command that touches the sequence says what is wrong with it
+
+
+def _open(archive: Archive) -> Any:
+    """The ledger as Parquet; None where there is none. Raises ArchiveError for what is no ledger."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = archive.place(LEDGER)
+    if not file.is_file():
+        return None
+    try:
+        found = pq.ParquetFile(file)
+        wrong = [f"column {f.name} of type {f.type}" for f in found.schema_arrow if f.name in COLUMNS and f.type != _schema().field(f.name).type]
+    except (pa.ArrowException, OSError) as e:
+        wrong = [str(e)]
+    if wrong:
+        raise ArchiveError(f"{file} is no ledger ({wrong[0][:200]}); delete it, the next run writes it anew")
+    return found
 
 
 def failed(archive: Archive) -> list[tuple[Any, ...]]:
     """KEY of every task that failed and was not finished since, by the end of the last run."""
-    import pyarrow.parquet as pq
-
-    file = archive.root / LEDGER
-    if not file.is_file():
-        return []
-    rows = pq.read_table(file, columns=[*KEY], filters=[("state", "=", "failed"), ("mended", "=", False)]).to_pylist()
-    return list(dict.fromkeys(tuple(r[k] for k in KEY) for r in rows))
+    rows = read(archive, (*KEY, "state", "mended"))
+    return list(dict.fromkeys(tuple(r[k] for k in KEY) for r in rows if r["state"] == "failed" and r["mended"] is False))
 
 
 def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, Any]]:
-    """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it lacks a column."""
-    import pyarrow.parquet as pq
+    """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it lacks a column.
 
-    file = archive.root / LEDGER
-    if not file.is_file():
+    Raises ArchiveError for a file that is no ledger.
+    """
+    found = _open(archive)
+    if found is None:
         return []
-    there = set(pq.read_schema(file).names)
-    rows = pq.read_table(file, columns=[c for c in columns if c in there]).to_pylist(maps_as_pydicts="strict")
+    rows = found.read(columns=[c for c in columns if c in found.schema_arrow.names]).to_pylist(maps_as_pydicts="strict")
     return [{c: row.get(c) for c in columns} for row in rows]

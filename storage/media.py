@@ -12,19 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from storage.documents import regular
+from storage.documents import reader_of, regular
 from storage.errors import SourceError
 from storage.files import ask_why, whole_file
+from storage.plausible import check_picture
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".webp")
 """File endings that count as pictures, lower case."""
 
 NO_TIME = "1970:01:01 00:00:00"
 """Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
-LONGEST_SIDE = 32768
-"""Px of a picture's side."""
-MOST_PIXELS = 2**26
-"""Px of a picture: a header of a few bytes may promise what no memory holds."""
 MOST_CHANNELS = 4
 """Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
@@ -126,14 +123,13 @@ def _open(path: str | Path) -> tuple[Any, Any]:
     regular(path, "picture")
     hints = oiio.ImageSpec()
     hints["oiio:UnassociatedAlpha"] = 1
-    source = oiio.ImageInput.open(str(path), hints)
-    cause = oiio.geterror()
+    with reader_of(path, "picture"):
+        source = oiio.ImageInput.open(str(path), hints)
+        cause = oiio.geterror()
     if source is None:
         raise SourceError(f"cannot read picture {path}: {_line(cause)}")
     spec = source.spec()
-    if not (0 < spec.width <= LONGEST_SIDE and 0 < spec.height <= LONGEST_SIDE and spec.width * spec.height <= MOST_PIXELS):
-        source.close()
-        raise SourceError(f"cannot read picture {path}: it says it is {spec.width}x{spec.height} px; at most {LONGEST_SIDE} px a side and {MOST_PIXELS} px in all are read")
+    check_picture(f"picture {path}", spec.width, spec.height)
     return source, spec
 
 
@@ -146,9 +142,10 @@ def _read(path: str | Path) -> np.ndarray:
     source, spec = _open(path)
     kind = str(spec.format)
     channels = min(spec.nchannels, MOST_CHANNELS)
-    values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
-    cause = source.geterror()
-    source.close()
+    with reader_of(path, "picture"):
+        values = source.read_image(0, 0, 0, channels, kind if kind in ("uint8", "uint16") else "float")
+        cause = source.geterror()
+        source.close()
     if values is None or cause:
         raise SourceError(f"cannot read picture {path} to its end: {_line(cause)}; it is damaged or cut off")
     return _oriented(np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from storage.errors import CalibrationError
+from storage.plausible import check_camera
 from storage.spec import digest
 
 
@@ -85,7 +86,7 @@ class Rig:
         return digest([list(self.names), self.intrinsics, self.distortion, self.world_to_camera, self.size])
 
     def check(self) -> None:
-        """Raise CalibrationError for names that repeat and for cameras that are not finite, rigid or positive.
+        """Raise CalibrationError for names that repeat and for cameras that are not finite, rigid, positive or plausible.
 
         A rotation is accepted when R R^T differs from the identity by at most 1e-3 (text files round to few digits).
         """
@@ -100,6 +101,7 @@ class Rig:
             fx, fy = self.intrinsics[v, 0, 0], self.intrinsics[v, 1, 1]
             if fx <= 0 or fy <= 0:
                 raise CalibrationError(f"camera {name}: focal lengths ({fx:g}, {fy:g}) px must be positive")
+            check_camera(name, self.intrinsics[v], self.distortion[v], self.world_to_camera[v, :3, 3], self.size[v])
             r = self.rotations[v]
             error = np.abs(r @ r.T - np.eye(3)).max()
             if error <= 1e-3 and np.linalg.det(r) < 0:
@@ -108,8 +110,6 @@ class Rig:
                 raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3)")
             if not np.array_equal(self.world_to_camera[v, 3], [0, 0, 0, 1]):
                 raise CalibrationError(f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid motion's is [0, 0, 0, 1]")
-            if (self.size[v] <= 0).any():
-                raise CalibrationError(f"camera {name}: picture size {tuple(self.size[v].tolist())} px must be positive")
 
 
 def rigid(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -12,8 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from storage.archive import Sequence
+from storage.array_metadata import refuse_huge
 from storage.errors import ShardCorrupt, ShardMissing
 from storage.files import refusals, sync_folder, write_atomically
+from storage.places import Look
 from storage.receipts import Output, ShardFile
 from storage.spec import ArraySpec, TableSpec, array_digest, digest
 from storage.timegrid import TimeGrid
@@ -28,7 +30,7 @@ def free() -> None:
 
 def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
     """Sync a shard, its folder, and where folders were made for it; and describe it."""
-    path = sequence.root / key
+    path = sequence.place(key)
     with refusals(path), open(path, "rb") as f:
         data = f.read()
         os.fsync(f.fileno())
@@ -42,12 +44,15 @@ def _missing_folders(path: Path) -> list[Path]:
     return list(takewhile(lambda folder: not folder.is_dir(), path.parents))
 
 
-def _open(path: Path, mode: Literal["r", "r+"]) -> Any:
+def _open(sequence: Sequence, name: str, mode: Literal["r", "r+"]) -> Any:
     import zarr  # not above: see storage/archive.py
 
     # Without this a shard of zeros would not be written, and an absent shard must never mean zeros.
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        return zarr.open_array(path, mode=mode)
+    try:
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            return sequence.open_array(name, mode)
+    except FileNotFoundError:
+        raise ShardMissing(f"array {name} of sequence {sequence.name} has no zarr.json; `posegaussian verify --sequence {sequence.name} --repair` has it made anew") from None
 
 
 def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray, guard: Guard = free) -> Output:
@@ -67,7 +72,7 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         ValueError: when shape or dtype are not the declared ones, or the view is not one of the array's.
     """
     name = spec.name.format(path=path)
-    array = _open(sequence.root / name, "r+")
+    array = _open(sequence, name, "r+")
     views = dict(zip(spec.dims, array.shape, strict=True)).get("view")
     fits = views is view if views is None or view is None else 0 <= view < views
     if not fits:
@@ -84,9 +89,10 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
         into, of = _region(spec.dims, array.shards, where, index)
         guard()
         key = "/".join([name, "c", *map(str, where)])
-        made = _missing_folders(sequence.root / key)
-        with refusals(sequence.root / key, data[of].nbytes):
-            (sequence.root / key).unlink(missing_ok=True)
+        file = sequence.place(key)
+        made = _missing_folders(file)
+        with refusals(file, data[of].nbytes):
+            file.unlink(missing_ok=True)
             array[into] = data[of]
         files.append(_record(sequence, key, made))
     return Output(name, view, array_digest(data), tuple(files))
@@ -116,7 +122,7 @@ def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int |
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink)
     guard()
-    write_atomically(sequence.root / key, sink.getvalue().to_pybytes())
+    write_atomically(sequence.place(key), sink.getvalue().to_pybytes())
     return Output(name, None, table_digest(columns), (_record(sequence, key, ()),))
 
 
@@ -127,11 +133,11 @@ def table_digest(columns: Mapping[str, list[Any]]) -> str:
 
 def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
     """Raise ShardMissing or ShardCorrupt when a file is not there or not of the promised size."""
+    look = Look(sequence.root)
     for f in files:
-        try:
-            size = (sequence.root / f.key).stat().st_size
-        except FileNotFoundError:
-            raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew") from None
+        size = look.size(f.key)
+        if size < 0:
+            raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew")
         if size != f.size:
             raise ShardCorrupt(f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to make it anew")
 
@@ -145,12 +151,13 @@ def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range
         ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match.
     """
     verify_files(sequence, files)
-    array = _open(sequence.root / name, "r")
+    array = _open(sequence, name, "r")
     index = tuple(slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None) for d in dims)
+    refuse_huge(name, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
     try:
         return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:
-        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1}, view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
+        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
 
 
 def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:
@@ -164,5 +171,5 @@ def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int |
         if output is None:
             raise ShardMissing(f"array {name} of sequence {sequence.name} has no finished partition {partition}; run again to make it")
         files += output.files
-    dims = tuple(_open(sequence.root / name, "r").metadata.dimension_names or ())
+    dims = tuple(_open(sequence, name, "r").metadata.dimension_names or ())
     return read_array(sequence, name, dims, frames, view, files)

@@ -17,6 +17,7 @@ from storage.archive import Sequence
 from storage.errors import LeaseHeld
 from storage.files import sync_folder
 from storage.lease import Lease
+from storage.places import files_below, refuse_link, refuse_links
 from storage.receipts import Receipt, ReceiptKey, ShardFile, lease_file, read_receipt, receipt_file, remove_receipt, write_receipt
 
 SETTLED_SECONDS = 600.0
@@ -50,9 +51,9 @@ def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collect
     if not going:
         return now
     marked = dataclasses.replace(now, outputs=tuple(dataclasses.replace(o, dropped=o.dropped or o in going) for o in now.outputs))
+    places = {f.key: sequence.place(f.key) for o in going for f in o.files}
     write_receipt(sequence, marked)
-    for name in [f.key for o in going for f in o.files]:
-        file = sequence.root / name
+    for name, file in places.items():
         file.unlink(missing_ok=True)
         _remove_empty(file.parent, _partition_folder(sequence, name))
     return marked
@@ -65,9 +66,10 @@ def _partition_folder(sequence: Sequence, key: str) -> Path:
 
 
 def forget(sequence: Sequence, receipt: Receipt) -> None:
-    """Delete a task's receipt, then its outputs."""
+    """Delete a task's receipt, then its outputs. Raises Unsafe, with nothing deleted, where a link lies on the way to one."""
+    files = [sequence.place(f.key) for o in receipt.outputs for f in o.files]
     remove_receipt(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path)
-    delete_files(sequence.root / f.key for o in receipt.outputs for f in o.files)
+    delete_files(files)
     _remove_empty(receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path).parent, sequence.receipts)
 
 
@@ -92,9 +94,13 @@ def _remove_empty(folder: Path, stop: Path | None) -> None:
 
 
 def delete_folder(folder: Path) -> None:
-    """Delete a folder with all it holds; its name goes first, so that a half deleted one is not taken for whole."""
-    if not folder.exists():
+    """Delete a folder with all it holds; its name goes first, so that a half deleted one is not taken for whole.
+
+    Links in it are deleted and not followed; Unsafe is raised for one in its place.
+    """
+    if not os.path.lexists(folder):
         return
+    refuse_link(str(folder), folder.lstat().st_mode)
     grave = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     folder.rename(grave)
     sync_folder(folder.parent)
@@ -102,8 +108,8 @@ def delete_folder(folder: Path) -> None:
 
 
 def folder_bytes(folder: Path) -> int:
-    """Bytes of all files below a folder."""
-    return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+    """Bytes of all files below a folder. Raises Unsafe for a link among them."""
+    return sum(os.lstat(p).st_size for p in files_below(folder))
 
 
 def settled(path: Path) -> bool:
@@ -115,8 +121,9 @@ def settled(path: Path) -> bool:
 
 
 def partial_files(root: Path) -> list[Path]:
-    """Files and folders that a killed writer or a killed sweep left half done, outermost first."""
+    """Files and folders that a killed writer or a killed sweep left half done, outermost first. Raises Unsafe for a link anywhere."""
     found: list[Path] = []
+    refuse_links(root)
     for p in sorted(root.rglob("*.partial")):
         if settled(p) and not any(f in p.parents for f in found):
             found.append(p)
@@ -124,11 +131,10 @@ def partial_files(root: Path) -> list[Path]:
 
 
 def strays(sequence: Sequence, receipts: Iterable[Receipt], arrays: Collection[str]) -> Iterator[Path]:
-    """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left."""
+    """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left. Raises Unsafe."""
     named = {f.key for r in receipts for o in r.outputs if not o.dropped for f in o.files}
     for array in sorted(arrays):
-        folder = sequence.root / array
-        for file in sorted([*(folder / "c").rglob("*"), *folder.glob("*.parquet")]):
+        for file in sorted([*map(Path, files_below(sequence.place(f"{array}/c"))), *sequence.place(array).glob("*.parquet")]):
             key = file.relative_to(sequence.root).as_posix()
             if file.is_file() and key not in named and file.suffix != ".partial" and settled(file):
                 yield file

@@ -19,6 +19,7 @@ import numpy as np
 
 from storage.documents import regular
 from storage.errors import SourceError
+from storage.plausible import check_picture
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
 """File endings that count as videos, lower case."""
@@ -131,6 +132,10 @@ def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
             if not container.streams.video:
                 raise SourceError(f"{path} holds no video stream")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise SourceError(f"video {path} is of a codec that is not known here; write it again, for example in H.264")
+            if stream.codec_context.width:
+                check_picture(f"video {path}", stream.codec_context.width, stream.codec_context.height)
             stream.codec_context.thread_count = 1
             yield container, stream
     except av.error.FFmpegError as e:

@@ -14,6 +14,7 @@ import yaml
 
 from storage.documents import DEEPEST, LARGEST_SETTINGS, MOST_DIGITS, read_text
 from storage.errors import SourceError
+from storage.home import at_home
 
 MOST_NODES = 30_000
 """Nodes of a document with what its aliases stand for; PyYAML reads about as many in two seconds."""
@@ -59,7 +60,7 @@ class BoundedBase(yaml.BaseLoader):
         return 1 + max((self._known[id(n)][1] for n in held), default=0)
 
 
-def _error(event: yaml.Event, problem: str) -> yaml.composer.ComposerError:
+def _error(event: Any, problem: str) -> yaml.composer.ComposerError:
     return yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 
@@ -72,6 +73,10 @@ class Loader(BoundedBase, yaml.SafeLoader):
             raise yaml.constructor.ConstructorError(None, None, f"a whole number has {len(node.value)} digits, at most {MOST_DIGITS} are read", node.start_mark)
         return int(node.value)
 
+    def construct_yaml_str(self, node: yaml.ScalarNode) -> str:
+        """A text; of a path that starts with `~`, the one it stands for."""
+        return at_home(str(self.construct_scalar(node)))
+
 
 _YAML_1_1 = {f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "bool", "timestamp")}
 Loader.yaml_implicit_resolvers = {first: [r for r in resolvers if r[0] not in _YAML_1_1] for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()}
@@ -79,6 +84,7 @@ Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|Tru
 Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^(?:[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN))$"), list("-+0123456789."))
 Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
+Loader.add_constructor("tag:yaml.org,2002:str", Loader.construct_yaml_str)
 
 
 def compose(path: str | Path, what: str = "file") -> yaml.Node | None:

@@ -13,7 +13,10 @@ import setuptools
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("dags", "stages", "storage")
 FILES = sorted(f for folder in (*PACKAGES, "tests", "benchmarks") for f in (ROOT / folder).rglob("*.py"))
-DATA_TYPES = {"storage.spec", "storage.rig", "storage.joints", "storage.timegrid", "storage.errors", "storage.capture", "storage.documents", "storage.yaml_documents", "storage.crop", "storage.splats"}
+DATA_TYPES = {
+    *(f"storage.{name}" for name in ("spec", "rig", "joints", "timegrid", "errors", "capture", "crop", "splats")),
+    *(f"storage.{name}" for name in ("documents", "yaml_documents", "plausible", "home")),
+}
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
 SCHEDULERS = {"dask", "distributed"}
 

@@ -7,6 +7,7 @@ up, the ground is z = 0, and it faces +x. Every random choice follows from `seed
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -201,9 +202,21 @@ BODY_RADIUS, BODY_HEIGHT = 0.35, 2.0
 """Within this cylinder about the origin a camera is taken to be inside a person, metres."""
 
 
+LARGEST = 1e5
+"""Of any number of a scene but its seed: lengths in metres, angles in degrees, times in seconds."""
+
+
+def _beyond(values: Any, place: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """[(place, sentence)] of numbers that are not finite or beyond `LARGEST`."""
+    if isinstance(values, float) and not abs(values) <= LARGEST:
+        yield place, f"{values:g} is beyond {LARGEST:g}; lengths are metres, angles degrees and times seconds"
+    for key, value in values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list | tuple) else ():
+        yield from _beyond(value, (*place, key))
+
+
 def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
     """[(place in the file, sentence)] of what no single field can know."""
-    out: list[tuple[tuple[str | int, ...], str]] = []
+    out: list[tuple[tuple[str | int, ...], str]] = [*_beyond(scene.model_dump(), ())]
     if isinstance(scene.subject, Person):
         named: list[tuple[tuple[str | int, ...], str]] = [(("subject", "person"), scene.subject.person), (("subject", "outfit"), scene.subject.outfit), (("motion", "name"), scene.motion.name)]
         if scene.effects.second_person is not None:

@@ -70,7 +70,7 @@ class Description(BaseModel):
     @property
     def path(self) -> Path:
         """The ONNX file."""
-        return self.folder / Path(self.file).expanduser()
+        return self.folder / self.file
 
     @field_validator("joint_set")
     @classmethod

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from storage.errors import SourceError
+from storage.home import at_home
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,10 @@ BLAZEPOSE = (
 def cache_folder() -> Path:
     """Folder of fetched models: POSEGAUSSIAN_MODELS, else `posegaussian/models` in XDG_CACHE_HOME, else in the platform's folder for caches."""
     if own := os.environ.get("POSEGAUSSIAN_MODELS"):
-        return Path(own)
+        return Path(at_home(own))
     chosen = os.environ.get("XDG_CACHE_HOME")
     if chosen:
-        base = Path(chosen)
+        base = Path(at_home(chosen))
     elif sys.platform == "darwin":
         base = Path.home() / "Library" / "Caches"
     elif sys.platform == "win32":

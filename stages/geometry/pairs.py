@@ -33,7 +33,9 @@ class Verdict(StrEnum):
     """What a pair is good for."""
 
     USABLE = "usable"
+    UNSEEN = "without the subject in view"
     TOO_WIDE = "too wide"
+    CLIPPED = "clipped"
     VERTICAL = "vertical"
     ROLLED = "rolled"
     COINCIDENT = "coincident"
@@ -76,7 +78,7 @@ def angle_at(subject: np.ndarray, first: np.ndarray, second: np.ndarray) -> floa
 def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, subject: np.ndarray | None = None, up: np.ndarray | None = None) -> PairReport:
     """The verdict on one pair: the first of the tests below that fails, else usable. Symmetric in the two views.
 
-    `subject` [3] (world metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled
+    A view without the subject is told before all else: what its picture shows nobody can match. `subject` [3] (world metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled
     camera from a vertical pair; `max_angle` is in degrees.
     """
     subject = look_at_point(rig) if subject is None else subject
@@ -89,6 +91,9 @@ def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, su
     def report(verdict: Verdict, measured: float, bound: float, sentence: str) -> PairReport:
         return PairReport((first, second), angle, verdict, measured, bound, f"{name}: {sentence}")
 
+    for view in (first, second):
+        if not seen_body(rig, view, subject, up).any():
+            return report(Verdict.UNSEEN, 0.0, 0.0, f"without the subject in view, {rig.names[view]} has nothing of a person at the point all cameras look at in its picture")
     ratio = float(np.linalg.norm(baseline) / np.linalg.norm(sight, axis=1).min())
     if ratio < MIN_BASELINE:
         return report(Verdict.COINCIDENT, ratio, MIN_BASELINE, f"coincident, the baseline is {ratio:.2g} of the distance (at least {MIN_BASELINE:g})")
@@ -106,7 +111,7 @@ def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, su
         return report(Verdict.VERTICAL, tilt, MAX_TILT, f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most {MAX_TILT:g})")
     share = body_share(rig, first, second, subject, up)
     if share < MIN_BODY:
-        return report(Verdict.TOO_WIDE, share, MIN_BODY, f"too wide, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})")
+        return report(Verdict.CLIPPED, share, MIN_BODY, f"clipped, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})")
     return report(Verdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
 
 
@@ -132,10 +137,15 @@ def body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.nd
     body = body_points(subject, up)
     shares = []
     for which, view in enumerate((first, second)):
-        seen = _inside(*project(body, rig.intrinsics[view], rig.world_to_camera[view]), rig.size[view])
+        seen = seen_body(rig, view, subject, up)
         kept = _inside(*project(body, pair.intrinsics[which], pair.world_to_camera(which)), np.array(pair.size))
         shares.append((seen & kept).sum() / max(seen.sum(), 1))
     return float(min(shares))
+
+
+def seen_body(rig: Rig, view: int, subject: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """[96] bool: which points of a person at the subject lie inside a source picture."""
+    return _inside(*project(body_points(subject, up), rig.intrinsics[view], rig.world_to_camera[view]), rig.size[view])
 
 
 def _inside(pixels: np.ndarray, depth: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from storage.documents import read_json
 from storage.errors import UserError
+from storage.plausible import check_camera
 from storage.rig import CameraPath, from_integer_centres, rigid
 
 REQUIRED = ("name", "width", "height", "K", "R", "t")
@@ -92,6 +93,7 @@ def _camera(file: str, index: int, entry: Any, integer: bool) -> dict[str, Any]:
     if off > 1e-3 or np.linalg.det(r) < 0:
         raise UserError(f"{label}: R is off a rotation by {off:.2g} (bound 1e-3), determinant {np.linalg.det(r):.3f}; it must turn world axes into OpenCV camera axes")
     k = from_integer_centres(intrinsics) if integer else intrinsics
+    check_camera(f"{name!r} of {file}", k, np.zeros(8), t, np.array([width, height]))
     return {"name": name, "frame": frame, "size": np.array([width, height]), "intrinsics": k, "world_to_camera": rigid(r, t)}
 
 

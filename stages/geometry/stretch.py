@@ -31,6 +31,8 @@ class Stretch:
     """Whether the last makes a usable pair with the first, all the way around."""
     widest: float
     """Degrees at the subject between the neighbours that are farthest apart."""
+    span: float
+    """Degrees around the subject that it covers, of 360."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +126,11 @@ def _of_group(group: list[int], angles: Angles, azimuth: np.ndarray) -> tuple[in
         views = min(rings, key=lambda c: (round(c.cost, 1), min(c.views), c.views)).views
         first = views.index(min(views))
         views = views[first:] + views[:first]
-        return len(group), Stretch(views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)))
-    views = min(arcs, key=lambda c: (-round(c.azimuth, 3), round(c.cost, 1), c.views)).views
-    if len(views) < 2:
+        return len(group), Stretch(views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)), 360.0)
+    longest = min(arcs, key=lambda c: (-round(c.azimuth, 3), round(c.cost, 1), c.views))
+    if len(longest.views) < 2:
         return len(group), None
-    return len(group), Stretch(views, False, max(angles[a, b] for a, b in pairwise(views)))
+    return len(group), Stretch(longest.views, False, max(angles[a, b] for a, b in pairwise(longest.views)), float(np.degrees(longest.azimuth)))
 
 
 def _chains(start: int, group: list[int], angles: Angles, azimuth: np.ndarray) -> list[_Chain]:

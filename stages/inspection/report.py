@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 from stages.geometry.sync import TimeOffsets
 from stages.inspection.cameras import of_aim, of_frames, of_lens
-from stages.inspection.finding import Finding, Verdict, overall, worst_first
+from stages.inspection.finding import ORDER, Finding, Verdict, overall, worst_first
 from stages.inspection.footage import Footage
 from stages.inspection.matching import Matched, matched_pairs, of_matches
+from stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from stages.inspection.pairs import Rectified, every_pair, of_pairs
+from stages.inspection.people import of_people
+from stages.inspection.planned import Planned
 from stages.inspection.subject import of_focus, of_joints, of_light, of_masks, of_poses, of_time
 
 WORDS = {
@@ -18,6 +21,11 @@ WORDS = {
     Verdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
     Verdict.UNKNOWN: "Nothing of this capture could be measured.",
 }
+IMPACT = (
+    "picture size", "frames", "aim", "time offset", "mask agreement", "calibration by joints", "joint residual", "epipolar distance", "matte", "people", "partners", "neighbours",
+    "cameras", "exposure", "blur against others", "focus", "lens model", "lens distortion", "principal point", "focal lengths",
+)  # fmt: skip
+"""Measures in the order in which to mend them: what makes all others wrong first, then what spoils most of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +40,8 @@ class Report:
     """Matched features of the pairs that were compared."""
     offsets: TimeOffsets | None
     """How far cameras are out of step; None without joints of two cameras."""
+    planned: Planned
+    """What a run will make of the capture."""
 
     @property
     def verdict(self) -> Verdict:
@@ -54,23 +64,37 @@ class Report:
 
     @property
     def to_do(self) -> list[tuple[Verdict, str, str]]:
-        """(verdict, what was found, what to do), worst first; findings with the same advice stand together."""
+        """(verdict, what was found, what to do), the most useful first; findings with the same advice stand together."""
         out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}
-        for f in worst_first(self.findings):
+        for f in sorted(worst_first(self.findings), key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT))):
             if f.advice and f.verdict in (Verdict.BAD, Verdict.DOUBTFUL):
                 out.setdefault((f.measure, f.advice), (f.verdict, []))[1].append(f)
         return [(verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice) for (_, advice), (verdict, same) in out.items()]
 
 
-def inspect(footage: Footage, sizes: list[Finding], max_angle: float) -> Report:
-    """Measure everything; `sizes` are the findings on picture sizes, `max_angle` the pipeline's bound for a pair, degrees."""
-    pairs = every_pair(footage.source_rig, max_angle)
+    @property
+    def outlook(self) -> list[str]:
+        """What a run will do, and what to expect of it, a sentence a line."""
+        spoken = {f.measure: f for f in self.findings if f.measure in ("matte", "people")}
+        estimator, why = self.planned.estimator
+        return [
+            *pair_lines(self.planned),
+            f"joints: detection.estimator comes to {estimator}, because {why}",
+            f"mattes: {spoken['matte'].sentence}",
+            f"people: {spoken['people'].sentence}",
+            expected(self.planned, self.findings),
+        ]
+
+
+def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
+    """Measure everything; `sizes` are the findings on picture sizes, `planned` is what a run will make of the capture."""
+    pairs = every_pair(planned)
     found = matched_pairs(footage, pairs)
     time, offsets = of_time(footage)
     cameras = [f for v in range(len(footage.rig)) for f in of_lens(footage.source_rig, v)]
     findings = [
         *sizes, *of_frames(footage.names, footage.numbers), *cameras, *of_aim(footage.source_rig),
         *of_matches(footage, pairs, found), *of_joints(footage), *of_poses(footage), *of_masks(footage),
-        *time, *of_light(footage, found), *of_focus(footage), *of_pairs(footage.source_rig, pairs, max_angle),
+        *time, *of_light(footage, found), *of_focus(footage), *of_people(footage, planned), of_matte(planned), of_cameras(planned), *of_pairs(planned, pairs),
     ]  # fmt: skip
-    return Report(tuple(findings), tuple(pairs), tuple(found), offsets)
+    return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned)

@@ -171,7 +171,7 @@ def of_masks(footage: Footage) -> list[Finding]:
             out.append(unmeasured("mask agreement", (name,), "of the rim", *MASKS, "its mask, or those of all others, are empty or missing"))
             continue
         share = float(np.mean(shares))
-        out.append(measured("mask agreement", (name,), share, "of the rim", *MASKS, f"{share:.1%} of the outline is not contradicted by another camera's mask", "look at the outlines in the pictures: masks that lack a limb, calibration, or timing"))
+        out.append(measured("mask agreement", (name,), share, "of the rim", *MASKS, f"{share:.1%} of the outline is not contradicted by another camera's mask", "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands elsewhere than its calibration says; leave out the one that agrees least (views.sources) and inspect again"))
     return out
 
 

@@ -38,7 +38,7 @@ def _heads(path: str, state: dict[str, Any], stack: Stack) -> tuple[torch.Tensor
 
 def _read(path: str, sha256: str) -> dict[str, Any]:
     """The state dict of a file whose content is the one that was meant."""
-    file = Path(path).expanduser()
+    file = Path(path)
     if not file.is_file():
         raise SourceError(f"metrics.lpips_weights: no file {path}; give the path of the official weights, one that every worker can read")
     with open(file, "rb") as f:

@@ -108,5 +108,5 @@ def check(block: Block, params: MetricsParams) -> list[str]:
         if value is None:
             warnings[f"{name} is {definition}"] = None
         elif not np.isfinite(value):
-            raise ValueError(f"{name} of camera {camera}, frame {frame} is {value}; every measure must be finite")
+            raise ValueError(f"{name} of camera {camera}, frame {frame} of the sequence (counted from 0) is {value}; every measure must be finite")
     return list(warnings)

@@ -6,6 +6,8 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Literal, get_args
 
+from storage.documents import parse_json
+
 FusionKind = Literal["concatenation", "attention", "gated", "addition", "multiplication", "weighted", "outer"]
 """How image and pose features become one; `stages/network/fusion.py` has the equations."""
 Normalisation = Literal["group", "batch"]
@@ -15,6 +17,8 @@ PosePlace = Literal["depth", "decoder"]
 ScaleHead = Literal["footprint"]
 RotationHead = Literal["normal", "quaternion"]
 OpacityHead = Literal["facing", "single"]
+WIDEST = 1024
+"""Channels of a level, or cells of a look-up, at most: a file may ask for more than any memory holds."""
 GROUP = 8
 """Channels of one group of a group normalisation."""
 
@@ -67,6 +71,8 @@ class Preset:
             raise ValueError(f"preset {self.name}: pose_cell is {self.pose_cell}; 1 or 4")
         if len(self.widths) != 4 or any(w < GROUP or w % GROUP for w in self.widths):
             raise ValueError(f"preset {self.name}: widths are {self.widths}; four positive multiples of {GROUP}")
+        if max(*self.widths, self.hidden, self.correlation_levels, self.correlation_radius) > WIDEST:
+            raise ValueError(f"preset {self.name}: a width, level or radius is beyond {WIDEST}")
         if self.hidden < 1 or self.correlation_levels < 1 or self.correlation_radius < 0:
             raise ValueError(f"preset {self.name}: hidden {self.hidden}, correlation_levels {self.correlation_levels}, correlation_radius {self.correlation_radius}; at least 1, 1 and 0")
         kinds: tuple[tuple[str, object], ...] = (
@@ -87,7 +93,7 @@ class Preset:
     def from_json(text: str) -> Preset:
         """The preset that `as_json` wrote. Raises ValueError for what is none."""
         try:
-            found = json.loads(text)
+            found = parse_json(text, "the shape of a network")
             return Preset(**{**found, "widths": tuple(found["widths"]), "pose_in": frozenset(found["pose_in"])})
         except (TypeError, KeyError) as e:
             raise ValueError(f"{text[:80]} describes no network: {e}") from e

@@ -62,4 +62,4 @@ def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:
         return ()
     views = ", ".join(f"{inputs.views.names[v]} {int(n)}" for v, n in enumerate(swapped.sum(axis=0)) if n)
     frames = np.flatnonzero(swapped.any(axis=1))
-    return (f"joints2d: left and right were exchanged, and put back, in {len(frames)} of {len(swapped)} frames, first in frame {inputs.partition[int(frames[0])]} (frames by camera: {views})",)
+    return (f"joints2d: left and right were exchanged, and put back, in {len(frames)} of {len(swapped)} frames, first in frame {inputs.source_frames[frames[0]]} (frames by camera: {views})",)

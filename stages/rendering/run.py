@@ -36,18 +36,18 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
             drawn = renderer.picture(Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h))
             if drawn is not None:
                 color[i, c, :h, :w], alpha[i, c, :h, :w], masked[i, c] = quantise(drawn[0]), quantise(drawn[1]), drawn[2]
-    yield Block("rendering/{path}/color", color, notes=masked_note(masked, inputs.partition))
+    yield Block("rendering/{path}/color", color, notes=masked_note(masked, inputs.source_frames))
     yield Block("rendering/{path}/alpha", alpha)
 
 
-def masked_note(masked: np.ndarray, partition: range) -> tuple[str, ...]:
-    """A sentence for the frames in which Gaussians were masked: `masked` [F, C] of each picture, the partition's frame numbers."""
+def masked_note(masked: np.ndarray, numbers: np.ndarray) -> tuple[str, ...]:
+    """A sentence for the frames in which Gaussians were masked: `masked` [F, C] of each picture, `numbers` [F] the source's of the frames."""
     most = masked.max(axis=1, initial=0)
     found = np.nonzero(most)[0]
     if not len(found):
         return ()
-    others = f"; so were others in {len(found) - 1} more of the frames {partition.start}-{partition.stop - 1}" if len(found) > 1 else ""
-    return (f"{most[found[0]]} Gaussians of frame {partition[int(found[0])]} were not finite and were left out{others}",)
+    others = f"; so were others in {len(found) - 1} more of the frames {numbers[0]}-{numbers[-1]}" if len(found) > 1 else ""
+    return (f"{most[found[0]]} Gaussians of frame {numbers[found[0]]} were not finite and were left out{others}",)
 
 
 def check(block: Block, params: RenderingParams) -> list[str]:

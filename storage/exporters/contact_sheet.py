@@ -14,6 +14,9 @@ SOURCE, NOVEL, COMPARED = 128, 512, 352
 """Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a line), of
 novel views, and of novel views beside the truth (two sets fit a line)."""
 
+MARGIN = 0.02
+"""Black that stays around what is seen in a novel view, as a share of the picture's longer side."""
+
 LABEL = 18
 """Height of a caption, px."""
 
@@ -49,12 +52,27 @@ class Sheet:
         self.sections[-1].append((SOURCE, [*strip, (_depth_caption(depth), color_depth(depth))]))
 
     def add_novel(self, caption: str, color: np.ndarray, truth: np.ndarray | None) -> None:
-        """One rendered picture; beside it, where there is one, the held-out picture and four times the difference."""
+        """One rendered picture; beside it, where there is one, the held-out picture and four times the difference.
+
+        The black around what is seen in them is cut off.
+        """
+        box = _seen(color if truth is None else np.maximum(color, truth))
+        color, truth = color[box], None if truth is None else truth[box]
         strip = [(f"novel: {caption}", color)]
         if truth is not None:
             difference = np.abs(color.astype(np.int16) - truth).astype(np.uint16) * 4
             strip += [("held out", truth), ("difference x4", difference.clip(0, 255).astype(np.uint8))]
         self.sections[-1].append((NOVEL if truth is None else COMPARED, strip))
+
+
+def _seen(picture: np.ndarray) -> tuple[slice, slice]:
+    """The box of a picture [h, w, 3] that is not black, with a margin of MARGIN; the whole of a black one."""
+    rows, columns = (np.flatnonzero(picture.any(axis=axes)) for axes in ((1, 2), (0, 2)))
+    if not len(rows):
+        return slice(None), slice(None)
+    margin = round(MARGIN * max(picture.shape[:2]))
+    top, left = max(0, int(rows[0]) - margin), max(0, int(columns[0]) - margin)
+    return slice(top, int(rows[-1]) + 1 + margin), slice(left, int(columns[-1]) + 1 + margin)
 
 
 def _depth_caption(depth: np.ndarray) -> str:

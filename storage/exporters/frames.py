@@ -12,6 +12,7 @@ import numpy as np
 from storage.errors import UserError
 from storage.files import write_atomically
 from storage.media import write_png
+from storage.places import check_camera_names
 
 
 def write_frames(
@@ -32,6 +33,7 @@ def write_frames(
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
+    check_camera_names(cameras)
     refuse_strangers(root, cameras, source_frames)
     for camera, number, picture, alpha in pictures:
         if camera not in cameras or int(number) not in index:

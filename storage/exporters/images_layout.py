@@ -11,6 +11,7 @@ import numpy as np
 
 from storage.files import write_atomically
 from storage.media import write_exr, write_png
+from storage.places import check_camera_names
 from storage.rig import Rig
 
 
@@ -24,6 +25,7 @@ def write_capture(
     frame_rate: float = 30.0,
     numbers: Sequence[int] | np.ndarray | None = None,
     depth_maps: np.ndarray | None = None,
+    held_out: Sequence[str] = (),
 ) -> None:
     """Write a capture of F frames and V views; pictures smaller than the arrays are cut to the rig's size.
 
@@ -31,12 +33,13 @@ def write_capture(
     person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface, is
     true depth; depth_maps, the same to reconstruct from.
     numbers [F] source frame numbers, 0..F-1 by default. What is None is left as it is, so that a long capture may be written
-    in parts: pictures of some frames at a time, the joints of a camera at once. Raises ValueError when an array is smaller than
-    the rig's pictures, and NotWritten.
+    in parts: pictures of some frames at a time, the joints of a camera at once. `held_out` names cameras that only metrics may
+    look at. Raises ValueError when an array is smaller than the rig's pictures, and NotWritten.
     """
+    check_camera_names(rig.names)
     root = Path(folder)
     frames = np.arange(0 if color is None else len(color)) if numbers is None else np.asarray(numbers)
-    _write_json(root / "cameras.json", _cameras(rig, frame_rate))
+    _write_json(root / "cameras.json", _cameras(rig, frame_rate, held_out))
     for kind, array in (("images", color), ("masks", mask), ("depth", depth), ("depth_maps", depth_maps)):
         if array is None:
             continue
@@ -53,7 +56,7 @@ def write_capture(
             _write_json(root / "joints" / f"{name}.json", _coco(frames, people[:, v]))
 
 
-def _cameras(rig: Rig, frame_rate: float) -> dict[str, Any]:
+def _cameras(rig: Rig, frame_rate: float, held_out: Sequence[str]) -> dict[str, Any]:
     entries = [
         {
             "name": name,
@@ -63,6 +66,7 @@ def _cameras(rig: Rig, frame_rate: float) -> dict[str, Any]:
             "R": rig.rotations[v].tolist(),
             "t": rig.world_to_camera[v, :3, 3].tolist(),
             "distortion": rig.distortion[v].tolist(),
+            **({"held_out": True} if name in held_out else {}),
         }
         for v, name in enumerate(rig.names)
     ]

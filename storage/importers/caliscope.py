@@ -26,6 +26,7 @@ from storage.importers.toml_cameras import table_camera, toml_tables
 from storage.video import VideoFile
 
 CALIBRATION = "camera_array.toml"
+"""Name of the calibration, wherever it lies."""
 TIMES = ("timestamps.csv", "frame_time_history.csv")
 """Names of the table of frame times, the newer first."""
 _BOARD = ("xy.csv", "point_data.csv", "image_points.csv", "stereotriangulated_points.csv", "world_points.csv")
@@ -71,9 +72,14 @@ def _recorded(path: Path) -> dict[str, Path]:
     return found
 
 
+def recordings(base: Path) -> dict[Path, dict[str, Path]]:
+    """{folder: {camera: video}} of the recordings in a folder and below. Raises SourceError for two videos of one number."""
+    return {f: v for f in [base, *sorted(p for p in base.rglob("*") if p.is_dir())] if (v := _recorded(f))}
+
+
 def _videos(base: Path, options: CaliscopeOptions) -> dict[str, Path]:
     """{camera: video} of the recording in the folder, or in the only one below it."""
-    found = {f: v for f in [base, *sorted(p for p in base.rglob("*") if p.is_dir())] if (v := _recorded(f))}
+    found = recordings(base)
     if not found:
         raise SourceError(f"no video cam_N.mp4 in {base} or below; give the folder of one recording")
     if base not in found:
@@ -81,13 +87,19 @@ def _videos(base: Path, options: CaliscopeOptions) -> dict[str, Path]:
     return {name: found[base][name] for name in options.pick(tuple(found[base]))}
 
 
+def calibration_files(base: Path) -> list[Path]:
+    """Every camera_array.toml below a folder, then those of the workspace above it."""
+    below = sorted(base.rglob(CALIBRATION), key=lambda p: len(p.parts))
+    above = [p / part / CALIBRATION for p in base.parents[:3] for part in ("calibration/extrinsic/capture_volume", "calibration/extrinsic", "")]
+    return [*below, *(p for p in above if p.is_file())]
+
+
 def _calibration(base: Path, options: CaliscopeOptions) -> Path:
     """The chosen file, or the first camera_array.toml: beside the videos, with a tracker's results below them, of the workspace above."""
     if given := chosen(base, options.calibration, "calibration"):
         return given
-    below = sorted(base.rglob(CALIBRATION), key=lambda p: len(p.parts))
-    above = [p / part / CALIBRATION for p in base.parents[:3] for part in ("calibration/extrinsic/capture_volume", "calibration/extrinsic", "")]
-    found = [*below, *(p for p in above if p.is_file())]
+    found = calibration_files(base)
+    below = [p for p in found if p.is_relative_to(base)]
     if not found:
         raise CalibrationError(f"no {CALIBRATION} in {base}, below it or in its workspace; calibrate with Caliscope, or name the file with the option calibration")
     if base / CALIBRATION not in found and len({p.read_bytes() for p in below}) > 1:

@@ -10,6 +10,7 @@ import numpy as np
 
 from storage.documents import read_table, whole
 from storage.errors import SourceError
+from storage.plausible import check_time
 from storage.video import VideoFile
 
 
@@ -67,8 +68,7 @@ def _rows(table: Path) -> dict[int, list[_Row]]:
             camera = whole(row[key])
         except (TypeError, ValueError, AttributeError) as e:
             raise SourceError(f"{table} line {line}: {e}") from e
-        if not np.isfinite(at.time):
-            raise SourceError(f"{table} line {line}: frame_time {at.time} must be finite")
+        check_time(f"{table} line {line}", at.time)
         rows.setdefault(camera, []).append(at)
     return {camera: sorted(found, key=lambda r: r.time) for camera, found in rows.items()}
 

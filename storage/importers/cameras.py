@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from storage.errors import CalibrationError
+from storage.places import check_camera_names
+from storage.plausible import check_rotation_vector, check_size
 from storage.rig import Rig, from_integer_centres, rigid
 
 DISTORTION = 8
@@ -60,9 +62,12 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
     `sizes` are the captured sizes, used where a file gives none. Raises CalibrationError, naming the camera, for values
     that are not finite, rotations that are not rigid, skew, and distortion beyond eight coefficients.
     """
-    for c in cameras:
-        _check_name(c.name)
+    check_camera_names(c.name for c in cameras)
+    for c, captured in zip(cameras, sizes, strict=True):
         _check_model(c)
+        check_size(c.name, *(c.size or captured))
+        if c.rotation.size == 3 and np.isfinite(c.rotation).all():
+            check_rotation_vector(c.name, c.rotation)
     intrinsics = np.stack([c.intrinsics for c in cameras])
     distortion = np.zeros((len(cameras), DISTORTION))
     world_to_camera = np.tile(np.eye(4), (len(cameras), 1, 1))
@@ -76,11 +81,6 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
     as_read.check()
     exact = np.stack([rigid(m[:3, :3], m[:3, 3]) for m in world_to_camera])
     return Rig(names, as_read.intrinsics, distortion, exact, size)
-
-
-def _check_name(name: str) -> None:
-    if not name.strip() or name in (".", "..") or any(ord(c) < 32 or c in '/\\:*?"<>|' for c in name):
-        raise CalibrationError(f"camera name {name!r} cannot name a folder; use letters, digits, '-', '_' and '.'")
 
 
 def _check_model(c: RawCamera) -> None:

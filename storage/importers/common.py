@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from storage import media
 from storage.capture import SourceFile, Stream
@@ -20,11 +21,23 @@ _RATE_TOLERANCE = 0.01
 _MASKS_LOOKED_AT = 5
 
 
+def _listed(value: Any) -> Any:
+    """`cam01,cam02` as the list it stands for."""
+    if isinstance(value, str):
+        return [part.strip() for part in value.split(",") if part.strip()]
+    return [str(v) if isinstance(v, int) else v for v in value] if isinstance(value, list) else [str(value)] if isinstance(value, int) else value
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+"""Names of cameras, given as a list or with commas."""
+
+
 class ImportOptions(BaseModel):
     """Choices that every layout has."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    cameras: tuple[str, ...] | None = Field(None, description="Names of the cameras to import; all by default.")
+    cameras: Names | None = Field(None, description="Names of the cameras to import; all by default.")
+    held_out: Names | None = Field(None, description="Names of the cameras that only metrics may look at; by default those that the layout marks.")
     crop: dict[str, Crop] = Field({}, description="Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop); by default what the pictures show.")
     frame_rate: float | None = Field(None, gt=0, description="Frames per second; by default what the videos or the layout say.")
     joint_set: str | None = Field(None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name.")

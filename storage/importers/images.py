@@ -5,9 +5,9 @@
 `depth_maps/NAME/<number>.exr|png|tif` to reconstruct from, and a simulator's truth `depth/NAME/<number>.exr`. `cameras.json` is
 
     {"pixel_center": "integer" | "half", "frame_rate": 30,
-     "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?}]}
+     "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?, "held_out"?}]}
 
-world to camera, OpenCV axes, metres.
+world to camera, OpenCV axes, metres; `"held_out": true` marks a camera that only metrics may look at.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from storage.joint_files import read_openpose
 class ImagesOptions(ImportOptions):
     """The layout leaves little else to choose."""
 
-    depth_scale: float | None = Field(None, gt=0, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
+    depth_scale: float | None = Field(None, gt=0, le=1000, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
 
 
 class CameraEntry(BaseModel):
@@ -47,6 +47,7 @@ class CameraEntry(BaseModel):
     R: list[Any]
     t: list[Any]
     distortion: list[Any] = []
+    held_out: bool = False
 
 
 class CamerasFile(BaseModel):
@@ -81,7 +82,8 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     depth, depth_notes = _depth(base, names, pictures)
     depth_maps, map_notes = depth_map_streams(names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale)
     notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *map_notes, *rig_notes(rig)]
-    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, notes=tuple(notes))
+    held_out = tuple(n for n in names if entries[n].held_out)
+    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, held_out=held_out, notes=tuple(notes))
 
 
 def _cameras(path: Path) -> CamerasFile:

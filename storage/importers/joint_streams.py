@@ -10,6 +10,7 @@ from storage.errors import SourceError
 from storage.importers.common import file_stream, gap_notes
 from storage.joint_files import Detections, read_coco, read_trc
 from storage.joints import JOINT_SETS, joint_set
+from storage.plausible import check_person
 
 _HINTS = {"body_25b": "25b", "h36m17": "h36m"}
 """What the name of a folder says where the joints are those of the rarer one of two sets that have as many."""
@@ -86,11 +87,12 @@ def _joint_gaps(names: Sequence[str], streams: Sequence[Stream | None], pictures
 def trc_joints(path: Path, axes: str) -> Stream:
     """3D joints of a TRC file; its joint set is the largest known one whose names its markers include.
 
-    Raises SourceError when there is none.
+    Raises SourceError when there is none, and for joints of another size than a person's.
     """
     trc = read_trc(path)
     fitting = [s for s in JOINT_SETS.values() if set(s.names) <= set(trc.markers)]
     if not fitting:
         raise SourceError(f"{path}: its {len(trc.markers)} markers ({', '.join(trc.markers[:6])}, ...) include no known joint set ({', '.join(JOINT_SETS)})")
+    check_person(str(path), trc.points)
     best = max(fitting, key=len)
     return Stream("trc", (SourceFile.of(path),), tuple(trc.numbers.tolist()), options={"joint_set": best.id, "axes": axes})

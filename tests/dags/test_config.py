@@ -205,14 +205,14 @@ sequences:
 def test_overrides_apply_by_glob_in_the_order_of_the_file(tmp_path: Path) -> None:
     c = load(tmp_path, OVERRIDES)
 
-    def of(name: str) -> tuple[float, int, list[str]]:
+    def of(name: str) -> tuple[float, int, list[str] | None]:
         s = c.for_sequence(name)
         return s.smoothing.omega, s.depth.pairs, s.views.held_out
 
     pairs = DEFAULTS["depth.pairs"]
-    assert of("walk") == (0.9, pairs, [])
-    assert of("kick") == of("kick_slow") == (0.5, 1, [])
-    assert of("kick_fast") == (0.6, 1, [])
+    assert of("walk") == (0.9, pairs, None)
+    assert of("kick") == of("kick_slow") == (0.5, 1, None)
+    assert of("kick_fast") == (0.6, 1, None)
     assert of("jump") == (0.9, pairs, ["cam02"])
     assert of("KICK") == of("walk"), "globs mind the case"
     assert c.default.smoothing.omega == 0.9

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from dags.fingerprint import own_parts
+from dags.importing import find_capture, register
+from dags.plan import Selection, State
 from storage.crop import Crop
-from storage.errors import ConfigError
+from storage.errors import ArchiveError, ConfigError, LeaseHeld
+from storage.lease import Lease
 from storage.spec import digest
-from tests.pipeline import Pipeline, film
+from tests.pipeline import NAME, Pipeline, film
 
 BARS = 6
 """Rows above and below."""
@@ -60,3 +63,70 @@ def test_sizes_that_nothing_explains_are_refused_before_work(boxed: Pipeline) ->
     boxed.session.archive.create_sequence(sequence.name, dataclasses.replace(sequence.capture, crops={}), boxed.partition)
     with pytest.raises(ConfigError, match=r"camera cam01: pictures are 48x60 px, the calibration is for 48x48 px; import the capture again"):
         boxed.plan()
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> tuple[Pipeline, Pipeline]:
+    """A sequence with results, and another capture that is to be imported under its name."""
+    film(tmp_path / "walk", views=3, frames=2, masks=False, depth=False)
+    film(tmp_path / "jump", views=2, frames=5, motion="wave", masks=False, depth=False)
+    old = Pipeline(tmp_path / "archive", tmp_path / "walk", ["frames.range=0:1", "frames.matte=plate"])
+    old.register()
+    old.run(selection=Selection(only=frozenset({"survey", "frames"})))
+    return old, Pipeline(old.root, tmp_path / "jump", partition=3)
+
+
+def register_again(p: Pipeline, **more: bool) -> list[str]:
+    settings = p.configuration.for_sequence(NAME)
+    return register(p.session.archive, NAME, find_capture("images", p.folder, [], settings), settings, **more)[1]
+
+
+def test_another_capture_under_a_used_name_is_refused_with_what_is_there_and_what_would_go(two: tuple[Pipeline, Pipeline]) -> None:
+    old, new = two
+    with pytest.raises(ArchiveError) as refused:
+        register_again(new)
+    assert str(refused.value) == (
+        f"sequence person is there already: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1), pictures in {old.folder}/images; "
+        "this is another capture, with no picture in common: give it a name of its own with --sequence, or put it in the other's place with --replace, "
+        "which deletes all that was computed from it (8 results)"
+    )
+    assert old.plan(selection=Selection(only=frozenset({"frames"}))).book.receipts
+    assert old.context().capture.rig.names == ("cam00", "cam01", "cam02", "mid00")
+
+
+def test_replacing_leaves_nothing_of_the_other_capture(two: tuple[Pipeline, Pipeline]) -> None:
+    """The survey is kept when a capture grows: a background plate of another room must not be."""
+    _, new = two
+    assert register_again(new, replace=True) == []
+    assert new.context().sequence.partition_frames == 3
+    assert new.context().capture.rig.names == ("cam00", "cam01", "mid00")
+    assert {r for v in new.plan().verdicts.values() for r in v.reasons if v.state is State.STALE} == {"never made"}
+    assert not (new.root / NAME / "frames").exists()
+
+
+def test_replacing_waits_for_no_run_and_takes_nothing_from_it(two: tuple[Pipeline, Pipeline]) -> None:
+    old, new = two
+    lease = Lease.take(old.context().sequence.receipts / "_runs" / "another.lease", "another", "driver", 60.0)
+    try:
+        with pytest.raises(LeaseHeld, match="import --replace: sequence person is worked on by"):
+            register_again(new, replace=True)
+        assert (old.root / NAME / "frames").exists()
+    finally:
+        lease.drop()
+
+
+def test_the_same_capture_is_updated_without_a_question(two: tuple[Pipeline, Pipeline], tmp_path: Path) -> None:
+    """Grown, filmed again in place, moved to another folder, with fewer cameras or another calibration."""
+    old, _ = two
+    assert register_again(old) == ["sequence person is unchanged"]
+    film(old.folder, views=3, frames=4, masks=False, depth=False)
+    assert register_again(old) == ["sequence person was registered before; its results are kept where they still hold"]
+    assert len(old.context().capture.numbers) == 4
+    old.folder.rename(tmp_path / "elsewhere")
+    moved = Pipeline(old.root, tmp_path / "elsewhere")
+    cameras = moved.folder / "cameras.json"
+    cameras.write_text(cameras.read_text().replace('"pixel_center": "half"', '"pixel_center": "integer"'))
+    assert "registered before" in register_again(moved)[0]
+    film(moved.folder, views=3, frames=4, motion="wave", masks=False, depth=False)
+    assert "registered before" in register_again(moved)[0]
+    assert any(v.state is State.FRESH for v in old.plan().verdicts.values())

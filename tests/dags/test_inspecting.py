@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -14,16 +15,22 @@ import pytest
 from rich.console import Console
 
 from dags.cli_inspect import inspect
+from dags.config import load_configuration
 from dags.context import Context
-from dags.inspecting import footage_of, run_inspection
-from stages.inspection.finding import Finding, Verdict
-from stages.inspection.report import Report
+from dags.importing import find_capture, register
+from dags.inspecting import footage_of, planned_of, run_inspection
+from stages.depth.params import resolve_method
+from stages.inspection.finding import ORDER, Finding, Verdict
+from stages.inspection.pairs import every_pair, of_pairs
+from stages.inspection.report import IMPACT, Report
 from stages.inspection.report import inspect as measure
+from stages.registry import stage as stage_named
+from storage.archive import Archive
 from tests.pipeline import NAME, Pipeline, film
 
 MEASURES = {
     "picture size", "frames", "principal point", "focal lengths", "lens distortion", "lens model", "aim", "epipolar distance", "joint residual",
-    "calibration by joints", "mask agreement", "time offset", "exposure", "focus", "blur against others", "partners", "rectification",
+    "calibration by joints", "mask agreement", "time offset", "exposure", "focus", "blur against others", "people", "matte", "cameras", "partners", "neighbours", "rectification",
 }  # fmt: skip
 
 
@@ -34,7 +41,7 @@ def context_of(folder: Path, archive: Path, *settings: str) -> Context:
 
 
 def report_of(context: Context) -> Report:
-    return measure(*footage_of(context), context.settings.depth.max_angle)
+    return measure(*footage_of(context), planned_of(context))
 
 
 @pytest.fixture(scope="module")
@@ -94,17 +101,22 @@ def test_page_pictures_and_table_of_a_whole_capture(capture: Path, tmp_path: Pat
     assert len(parts.pictures) == 10
     assert all((tmp_path / "page" / p).is_file() for p in parts.pictures)
     assert not re.search(r"https?:", page)
+    assert all(escape(line) in page for line in report.outlook)
+    assert "nothing to do" not in page, "five cameras around are 72 degrees apart: no pair is matched"
     assert page.index(report.sentence) < page.index("Pairs of cameras") < page.index("All numbers")
     text = console.export_text()
     assert report.sentence in " ".join(text.split())
     assert all(m.split()[0] in text for m in MEASURES)
+    assert all(" ".join(line.split()) in " ".join(text.split()) for line in report.outlook)
+    assert report.verdict is Verdict.BAD
+    assert any("not fit to be shown" in line for line in report.outlook)
 
 
 def test_exact_joints_masks_and_cameras_are_good(capture: Path, tmp_path: Path) -> None:
     """Features and edges of a plain body of 96 px say little, and five cameras around stand 72 degrees apart; all else is exact."""
     report = report_of(context_of(capture, tmp_path / "archive"))
     for f in report.findings:
-        if f.measure not in ("epipolar distance", "focus", "blur against others", "exposure", "partners"):
+        if f.measure not in ("epipolar distance", "focus", "blur against others", "exposure", "people", "partners", "neighbours"):
             assert f.verdict in (Verdict.GOOD, Verdict.NOTE), f
 
 
@@ -210,6 +222,51 @@ def test_a_crop_that_was_forgotten_is_told_with_a_suggestion(capture: Path, tmp_
     context.__dict__["capture"] = dataclasses.replace(context.capture, rig=dataclasses.replace(rig, size=rig.size + [[8, 8]] * len(rig)))
     sizes = footage_of(context)[1]
     assert all(f.verdict is Verdict.BAD and "scale: 1.08333" in f.advice for f in sizes)
+
+
+def test_what_is_predicted_is_what_the_plan_says(tmp_path: Path) -> None:
+    """Pairs, mattes and joints by the plan's own words; of eight cameras one is held out, so its neighbours stand 90 degrees apart."""
+    film(tmp_path / "capture", views=7, size=64, frames=3, held_out=1, depth=False, masks=False)
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture")
+    pipeline.register()
+    context, plan = pipeline.context(), planned_of(pipeline.context())
+    refused = [n for n in pipeline.plan().notes if n.startswith("depth does not match")]
+    assert sum(int(n.split()[4]) for n in refused) == len(plan.refused) > 0
+    assert [plan.matte] == [c.resolve(context.settings.frames, context.capture_facts) for c in stage_named("frames").choices]
+    assert plan.depth.method == resolve_method(context.settings.depth, context.facts)
+    assert plan.sources == context.views.sources
+    told = measure(*footage_of(context), plan).outlook
+    assert any(f"of {len(plan.source_reports)} pairs" in line for line in told)
+    assert any(line.startswith(f"mattes: frames.matte: {plan.matte[0]}") for line in told)
+
+
+def test_the_advice_is_ordered_by_use_within_its_verdict(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
+    """What makes other measures wrong comes before what it makes wrong; nothing bad comes after what is doubtful."""
+    import shutil
+
+    report = spoilt(lambda folder: shutil.rmtree(folder / "masks"))
+    order = [next(f.measure for f in report.findings if f.advice == advice) for _, _, advice in report.to_do]
+    verdicts = [verdict for verdict, _, _ in report.to_do]
+    assert verdicts == sorted(verdicts, key=ORDER.index)
+    for verdict in set(verdicts):
+        places = [IMPACT.index(m) for m, v in zip(order, verdicts, strict=True) if v is verdict]
+        assert places == sorted(places)
+    assert {f.measure for f in report.findings if f.advice} <= set(IMPACT)
+
+
+@pytest.mark.captures
+@pytest.mark.parametrize(("layout", "name", "matched", "refused"), [("pose2sim", "balance", {("cam01", "cam02"), ("cam03", "cam04")}, 4), ("caliscope", "desk", {("cam_2", "cam_3")}, 5)])
+def test_pairs_of_real_captures(layout: str, name: str, matched: set[tuple[str, str]], refused: int, captures: Path, tmp_path: Path) -> None:
+    crop = "frames.crop={cam01: {scale: 1.00741, offset: [0, -7.11]}, cam02: {scale: 1.00741, offset: [0, -7.11]}}"
+    configuration = load_configuration(None, [crop] if name == "balance" else [], folder=tmp_path)
+    settings = configuration.for_sequence(name)
+    archive = Archive.open(str(tmp_path / "archive"), create=True)
+    register(archive, name, find_capture(layout, captures / "captures" / name, [], settings), settings)
+    plan = planned_of(Context(archive.sequence(name), settings, ()))
+    assert {(plan.rig.names[a], plan.rig.names[b]) for a, b in plan.matched} == matched
+    assert len(plan.refused) == refused
+    worst = {f.measure: f.verdict for f in of_pairs(plan, every_pair(plan))}
+    assert Verdict.BAD in worst.values() if name == "desk" else worst["neighbours"] is Verdict.DOUBTFUL
 
 
 def test_the_command_has_its_help() -> None:

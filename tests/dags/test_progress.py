@@ -58,7 +58,7 @@ def test_a_failure_is_told_at_once_with_sequence_task_and_sentence(clock: Clock)
 
 
 def test_a_long_stage_shows_its_count_and_the_time_left(clock: Clock) -> None:
-    lines = play(clock, (0, RunStarted(tuple(DEPTH), ())), (20, done(DEPTH[0], 20.0)), (20, done(DEPTH[1], 20.0)))
+    lines = play(clock, (0, RunStarted(tuple(DEPTH), ())), (0, TaskStarted(DEPTH[3])), (20, done(DEPTH[0], 20.0)), (20, done(DEPTH[1], 20.0)))
     assert lines == ["25% done, about 60.0 s left; depth 1/4", "50% done, about 40.0 s left; depth 2/4"]
 
 

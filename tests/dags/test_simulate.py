@@ -13,8 +13,11 @@ from dags.effects import judged
 from dags.session import Session
 from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
 from stages.capture.effects.registry import EFFECTS
-from storage.errors import ConfigError, SourceError
+from stages.io import Views
+from storage.errors import ArchiveError, ConfigError, SourceError
 from storage.media import read_mask, read_picture, write_png
+from tests.pipeline import Pipeline
+from tests.pipeline import film as film_person
 
 SMALL = """\
 seed: 3
@@ -109,6 +112,34 @@ def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
     np.testing.assert_allclose(shot.depth[rows, 32], 3.0, atol=1e-5)
 
 
+def asked(archive: Path, *words: str) -> str:
+    """What a command says of the simulated sequence, without its configuration."""
+    from typer.testing import CliRunner
+
+    from dags.cli import app
+
+    done = CliRunner().invoke(app, [*words, "--archive", str(archive), "--set", "run.scheduler=serial"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    return done.output
+
+
+def test_every_command_knows_the_held_out_cameras_and_says_so(simulated: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    archive, _ = simulated
+    monkeypatch.chdir(tmp_path)
+    line = "held out as imported: mid00 (of kick); views.held_out overrules it"
+    for words in (("plan",), ("status",), ("run", "--only", "survey", "--set", "frames.range=0:1")):
+        assert asked(archive, *words).count(line) == 1, words
+    assert "held out" not in asked(archive, "status", "--set", "views.held_out=[cam01]")
+
+    def views(*settings: str) -> Views:
+        return Session(load_configuration(None, [*settings], folder=tmp_path), str(archive), Console(quiet=True)).context("kick").views
+
+    assert views() == Views(("cam00", "cam01", "cam02", "cam03", "mid00"), (0, 1, 2, 3), (4,))
+    assert views("views.held_out=[cam01]").held_out == (1,)
+    assert views("views.held_out=[]").sources == (0, 1, 2, 3, 4)
+    assert views("views.sources=[cam00, cam01, mid00]") == Views(views().names, (0, 1, 4), ())
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     root = tmp_path_factory.mktemp("simulated")
@@ -121,7 +152,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def test_the_sequence_is_planned_with_its_held_out_camera_and_its_truth(simulated: tuple[Path, Path]) -> None:
     archive, _ = simulated
     folder = archive / "_captures" / "kick"
-    session = Session(load_configuration(folder / "pipeline.yaml", ["run.scheduler=serial"]), str(archive), Console(quiet=True))
+    session = Session(load_configuration(None, ["run.scheduler=serial"], folder=folder), str(archive), Console(quiet=True))
     context = session.context("kick")
     assert context.capture.rig.names == ("cam00", "cam01", "cam02", "cam03", "mid00")
     assert context.views.held_out == (4,)
@@ -187,3 +218,12 @@ def test_the_plan_says_on_or_off_why_and_what_it_costs(simulated: tuple[Path, Pa
     assert "the scene does not call for it" in text
     assert "saves" in text
     assert "spends" in text
+
+
+def test_a_name_that_is_taken_is_refused_before_anything_is_filmed(tmp_path: Path) -> None:
+    film_person(tmp_path / "capture", views=2, frames=1, held_out=0)
+    taken = Pipeline(tmp_path / "archive", tmp_path / "capture")
+    taken.register()
+    with pytest.raises(ArchiveError, match=r"sequence person is there already: layout images, 2 cameras .*; scene scene\.yaml is another capture"):
+        simulate(taken.session, write(tmp_path, SMALL), "person", Console(quiet=True), threads=1)
+    assert not (taken.root / "_captures").exists()

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from dags.plan import Selection
 from dags.session import Session
 from dags.verify import verify
-from storage.errors import ShardCorrupt
+from storage.errors import ArchiveError, ShardCorrupt
 from storage.lease import Lease
 from storage.receipts import ReceiptKey, lease_file
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
@@ -119,8 +120,56 @@ def test_content_that_is_whole_but_not_what_was_promised_is_found(archive: Pipel
     receipt = archive.root / NAME / "_receipts/depth/p000000.json"
     data = json.loads(receipt.read_bytes())
     data["outputs"][0]["digest"] = "0" * 32
+    del data["checksum"]
     receipt.write_text(json.dumps(data))
     assert "its content is not the promised one" in say(archive)[1]
+
+
+def test_damaged_cameras_are_named_and_the_next_run_writes_them_again(archive: Pipeline) -> None:
+    for name in ("frames/intrinsics", "source/distortion", "frames/time"):
+        file = archive.root / NAME / name / "zarr.json"
+        file.write_text(file.read_text().replace('"float64"', '"float32"'))
+    status, said = say(archive, repair=True)
+    assert status == 1
+    assert said.count("does not describe an array as this program writes it (it changed since it was written") == 3
+    assert archive.plan().all_fresh, "they are for other readers of Zarr; nothing is computed from them"
+    assert archive.session.run_and_report([archive.plan()], Selection()) == 0
+    assert say(archive)[0] == 0
+
+
+def test_a_changed_digit_in_the_record_is_named_and_nothing_is_planned_from_it(archive: Pipeline) -> None:
+    file = archive.root / NAME / "zarr.json"
+    whole = file.read_bytes()
+    assert b"50.400000000000006" in whole
+    file.write_bytes(whole.replace(b"50.400000000000006", b"50.410000000000006", 1))
+    status, said = say(archive, repair=True)
+    assert status == 1
+    assert f"{file} changed since it was written" in said
+    with pytest.raises(ArchiveError, match="put the old file back, or import the capture again"):
+        archive.plan()
+    archive.register()
+    assert archive.plan().all_fresh, "what was computed is as it was"
+    assert say(archive)[0] == 0
+
+
+def test_an_archive_of_before_is_fresh_and_gets_its_checksums_by_a_repair(archive: Pipeline) -> None:
+    for file in (archive.root / NAME).rglob("zarr.json"):
+        data = json.loads(file.read_bytes())
+        for kept in (data["attributes"], data["attributes"].get("posegaussian", {})):
+            kept.pop("checksum", None)
+            kept.pop("digest", None)
+        file.write_text(json.dumps(data))
+    for file in (archive.root / NAME / "_receipts").rglob("*.json"):
+        file.write_text(json.dumps({k: v for k, v in json.loads(file.read_bytes()).items() if k != "checksum"}))
+    assert archive.plan().all_fresh
+    status, said = say(archive)
+    assert status == 0
+    assert "of an earlier version without a checksum" in said
+    status, said = say(archive, repair=True)
+    assert status == 0
+    assert "checksums added" in said
+    assert "checksum" not in say(archive)[1]
+    assert archive.plan().all_fresh
 
 
 def test_what_a_run_works_on_is_left_out(archive: Pipeline) -> None:

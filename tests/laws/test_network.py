@@ -12,9 +12,10 @@ import torch
 from dags.cluster import DaskBackend
 from dags.config import RunSettings
 from dags.contribution import sentences
-from dags.events import TaskDone, record
+from dags.events import Event, TaskDone, TaskFailed, TaskStarted, record
 from dags.plan import Selection, State
 from dags.results import Results
+from dags.run import Run
 from dags.serial import SerialBackend
 from dags.spending import Spending
 from stages.network.card import Card
@@ -152,6 +153,24 @@ def test_other_weights_in_the_same_file_make_it_stale(learned: Pipeline, tmp_pat
     assert named.plan().all_fresh
     weights(own, seed=1)
     assert named.plan().counts("network")[State.STALE]
+
+
+def test_weights_that_are_exchanged_between_order_and_work_compute_nothing(learned: Pipeline, tmp_path: Path) -> None:
+    copy = learned.copy(tmp_path / "copy")
+    own = weights(tmp_path / "own.safetensors")
+    named = Pipeline(copy.root, copy.folder, [FRAMES, f"network.weights={own}", "network.iterations=2"])
+    selection = Selection(only=frozenset({"network"}))
+    events: list[Event] = []
+
+    def tell(event: Event) -> None:
+        events.append(event)
+        if isinstance(event, TaskStarted):
+            weights(own, seed=1)
+
+    Run([named.plan(selection=selection)], selection, SerialBackend(), [tell]).go()
+    (failed,) = [e for e in events if isinstance(e, TaskFailed)]
+    assert failed.kind == "other code"
+    assert "has other models or weights than this run was planned with" in failed.error
 
 
 def test_a_confidence_near_zero_leaves_the_floor(plain: Pipeline, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from storage.capture import Capture, SourceFile, Stream
+from storage.crop import Crop
 from storage.errors import SourceError, UserError
 from tests.storage.samples import fake_file, make_capture
 
@@ -32,6 +33,16 @@ def test_json_and_back_keeps_everything(masks: bool, joints: bool) -> None:
         assert back.streams(kind) == capture.streams(kind), kind
         assert back.has(kind) == capture.has(kind)
     assert (back.layout, back.frame_rate, back.notes) == (capture.layout, capture.frame_rate, capture.notes)
+
+
+def test_crops_and_roles_are_kept_and_records_without_them_are_read() -> None:
+    """Archives of older versions have neither."""
+    capture = make_capture()
+    name = capture.rig.names[1]
+    back = through_json(replace(capture, crops={name: Crop(scale=1.5, offset=(1, -2))}, held_out=(name,)))
+    assert (back.crops, back.held_out) == ({name: Crop(scale=1.5, offset=(1, -2))}, (name,))
+    old = {k: v for k, v in capture.to_json().items() if k not in ("crops", "held_out")}
+    assert Capture.from_json(old).to_json() == through_json(capture).to_json()
 
 
 def test_cameras_keep_every_bit() -> None:

@@ -38,7 +38,7 @@ def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path,
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (errno.ENOSPC, r"the disk is full: [\d.]+ .?B are free in .*, about 3 bytes are needed; make room there .*`posegaussian gc`.* or name a place on another disk"),
+        (errno.ENOSPC, r"the disk is full: [\d.]+ .?B are free in .*, up to 3 bytes are needed; make room there .*`posegaussian gc`.* or name a place on another disk"),
         (errno.EDQUOT, r"your quota of the disk .* is used up; make room"),
         (errno.EROFS, r"the file system is read-only; choose a folder that can be written"),
         (errno.EACCES, r"there is no permission to write in .*; choose another folder"),
@@ -81,7 +81,7 @@ def test_places_that_cannot_be(tmp_path: Path) -> None:
 
 def test_errors_about_other_files_are_left_as_they_are(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a.png"):
-        open(tmp_path / "source.png")
+        (tmp_path / "source.png").read_bytes()
     with pytest.raises(ValueError, match="of another kind"), whole_file(tmp_path / "b" / "a.png"):
         raise ValueError("of another kind")
     assert list(tmp_path.iterdir()) == []
@@ -118,7 +118,7 @@ def test_room_is_taken_before_anything_is_mapped(tmp_path: Path, monkeypatch: py
     if not asked:
         monkeypatch.delattr(files.os, "posix_fallocate")
     monkeypatch.setattr(mmap, "mmap", mapped)
-    with pytest.raises(NotWritten, match=r"the disk is full: .* about 2\.4 MB are needed"):
+    with pytest.raises(NotWritten, match=r"the disk is full: .* up to 2\.4 MB are needed"):
         scratch_array(tmp_path, np.float32, (10, 100, 200, 3))
     assert taken
     monkeypatch.undo()

@@ -18,8 +18,9 @@ FACTS = {"seconds": 2.5, "started": "2026-01-01T00:00:00.000+00:00", "host": "h"
 
 
 def receipt(stage: str, partition: int | None, view: int | None = None, path: str | None = None, **facts: object) -> Receipt:
-    files = (ShardFile("a", 100, 1), ShardFile("b", 23, 2))
-    return Receipt(stage, partition, view, path, "f" * 32, {}, (Output(f"{stage}/x", view, "d", files), Output(f"{stage}/y", view, "d", files[:1])), ("odd",), {**FACTS, **facts})
+    x, y = f"{stage}/x", f"{stage}/y"
+    outputs = (Output(x, view, "d", (ShardFile(f"{x}/c/0", 100, 1), ShardFile(f"{x}/c/1", 23, 2))), Output(y, view, "d", (ShardFile(f"{y}/c/0", 100, 1),)))
+    return Receipt(stage, partition, view, path, "f" * 32, {}, outputs, ("odd",), {**FACTS, **facts})
 
 
 def make_archive(folder: Path) -> tuple[Archive, dict[str, list[Receipt]]]:

@@ -106,7 +106,7 @@ def test_cut_off_files_are_refused(tmp_path, name):
 
 
 def test_what_is_no_picture_is_refused(tmp_path):
-    with pytest.raises(SourceError, match="cannot read picture .*none.png: No such file"):
+    with pytest.raises(SourceError, match=r"cannot read picture .*none\.png: No such file"):
         media.read_picture(tmp_path / "none.png")
     (tmp_path / "text.png").write_text("hello")
     with pytest.raises(SourceError, match=r"text\.png"):

@@ -14,19 +14,29 @@ from storage.receipts import Output, Receipt, ShardFile, missing_files, receipt_
 from tests.storage.samples import make_sequence
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+word = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,7}", fullmatch=True)
 maybe = st.none() | st.integers(0, 99)
 plain = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | text, lambda v: st.lists(v, max_size=3) | st.dictionaries(text, v, max_size=3), max_leaves=6)
-files = st.builds(ShardFile, key=text, size=st.integers(0, 2**40), crc32=st.integers(0, 2**32 - 1))
-outputs = st.builds(Output, array=text, view=maybe, digest=text, files=st.lists(files, max_size=3).map(tuple))
+arrays = st.lists(word, min_size=1, max_size=3).map("/".join)
+keys = st.lists(st.integers(0, 99).map(str), max_size=4).map(lambda where: "/".join(["c", *where])) | st.sampled_from(["all.parquet", "p000012.parquet"])
+
+
+@st.composite
+def made_outputs(draw: st.DrawFn) -> Output:
+    array = draw(arrays)
+    files = [ShardFile(f"{array}/{key}", draw(st.integers(0, 2**40)), draw(st.integers(0, 2**32 - 1))) for key in draw(st.lists(keys, max_size=3))]
+    return Output(array, draw(maybe), draw(text), tuple(files), draw(st.booleans()))
+
+
 receipts = st.builds(
     Receipt,
-    stage=text,
+    stage=word,
     partition=maybe,
     view=maybe,
-    path=st.none() | text,
+    path=st.none() | word,
     fingerprint=text,
     parts=st.dictionaries(text, plain, max_size=3),
-    outputs=st.lists(outputs, max_size=3).map(tuple),
+    outputs=st.lists(made_outputs(), max_size=3).map(tuple),
     warnings=st.lists(text, max_size=3).map(tuple),
     facts=st.dictionaries(text, plain, max_size=3),
 )
@@ -39,7 +49,7 @@ def test_json_and_back_is_the_identity(receipt: Receipt) -> None:
 
 
 def make_receipt(sequence: Sequence, stage: str = "depth", partition: int | None = 0, view: int | None = None, path: str | None = None, content: bytes = b"12345") -> Receipt:
-    key = f"{stage}/x/c/{partition}/{view}"
+    key = f"{stage}/x/c/{partition or 0}/{view or 0}"
     file = sequence.root / key
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)

@@ -213,7 +213,7 @@ def test_one_flipped_bit_anywhere_in_a_shard_is_noticed(damaged: tuple[Sequence,
         broken = bytearray(data)
         broken[place] ^= 1 << (place % 8)
         path.write_bytes(bytes(broken))
-        with pytest.raises(ShardCorrupt, match=r"depth/depth of sequence kick, frames 4\.\.7, view 0"):
+        with pytest.raises(ShardCorrupt, match=r"depth/depth of sequence kick, frames 4\.\.7 \(counted from 0\), view 0"):
             read_frames(sequence, DEPTH.name, outputs, GRID, range(4, 8), 0)
     path.write_bytes(data)
     np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, outputs, GRID, range(4, 8), 0), values[4:8, 0])

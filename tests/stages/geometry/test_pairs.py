@@ -71,9 +71,17 @@ def test_the_worse_of_the_two_tilts_decides():
 
 def test_a_wide_pair_loses_the_body_when_the_angle_is_allowed():
     report = classify(ROWS["120"][0], 0, 1, max_angle=170)
-    assert report.verdict is Verdict.TOO_WIDE
+    assert report.verdict is Verdict.CLIPPED
     assert report.measured < report.bound
     assert "of the body" in report.sentence
+
+
+def test_a_camera_that_looks_elsewhere_is_told_by_name_in_either_order():
+    away = camera(on_ring(22.5), 10 * on_ring(22.5))
+    for poses, name in (([REFERENCE, away], "cam1"), ([away, REFERENCE], "cam0")):
+        report = classify(rig_of(poses), 0, 1, subject=ORIGIN, up=np.array([0.0, 0, 1]))
+        assert report.verdict is Verdict.UNSEEN
+        assert f"{name} has nothing of a person" in report.sentence
 
 
 @pytest.mark.parametrize("row", [r for r, (_, verdict) in ROWS.items() if verdict is Verdict.USABLE])

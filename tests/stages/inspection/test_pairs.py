@@ -1,13 +1,16 @@
-"""Every kind of pair that breaks rectification elsewhere has a name here."""
+"""Every kind of pair that breaks rectification elsewhere has a name here, and what is predicted is what depth does."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from stages.inspection.finding import Verdict
-from stages.inspection.pairs import every_pair, of_pairs, rectified
+from stages.depth.scene import Geometry
+from stages.inspection.finding import Finding, Verdict
+from stages.inspection.pairs import every_pair, of_pairs
+from stages.inspection.planned import Planned
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.stages.inspection.plans import planned
 
 MIDDLE = np.zeros(3)
 
@@ -36,24 +39,88 @@ PAIRS = {
     "a tenth of a millimetre": (on(0, 0.003), 819.2, {"coincident"}),
     "focal ratio 1.5": (on(0, 22.5), [819.2, 1228.8], {"ok", "clipped"}),
 }
+RIGS = {
+    "two pairs": rig_of(on(0, 48, 180, 245)),
+    "eight around": rig_of(on(*range(0, 360, 45))),
+    "one is rolled": rig_of([*on(0, 30, 60), camera(on_ring(87), MIDDLE, 90)]),
+    "far apart": rig_of(on(0, 120, 240)),
+    "vertical": rig_of([camera(on_ring(0, e), MIDDLE) for e in (0, 25)]),
+}
+
+
+def of(found: list[Finding], measure: str) -> Finding:
+    return next(f for f in found if f.measure == measure)
+
+
+def findings(plan: Planned) -> list[Finding]:
+    return of_pairs(plan, every_pair(plan))
 
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_every_pair_is_named(name: str) -> None:
     poses, focal, kinds = PAIRS[name]
-    pair = rectified(rig_of(poses, focal=focal), 0, 1)
+    (pair,) = every_pair(planned(rig_of(poses, focal=focal)))
     assert pair.kind in kinds, pair
+    assert pair.fate == ("matched" if pair.kind == "ok" else "refused")
     assert 0 <= pair.body <= 1
     assert np.isfinite(pair.baseline)
 
 
-def test_a_pair_that_cannot_be_matched_is_a_note_and_cameras_without_partner_count() -> None:
-    rig = rig_of(on(0, 30, 180))
-    findings = of_pairs(rig, every_pair(rig))
-    assert [f.verdict for f in findings[1:]] == [Verdict.GOOD, Verdict.NOTE, Verdict.NOTE]
-    assert findings[0].value == pytest.approx(2 / 3)
-    assert findings[0].verdict is Verdict.GOOD
-    assert "cam2" in findings[0].sentence
-    apart = rig_of(on(0, 120))
-    assert of_pairs(apart, every_pair(apart))[0].verdict is Verdict.DOUBTFUL
-    assert of_pairs(rig.subset([0]), [])[0].verdict is Verdict.UNKNOWN
+@pytest.mark.parametrize("method", ["sgbm", "sweep"])
+@pytest.mark.parametrize("name", RIGS)
+def test_the_pairs_that_are_predicted_are_those_that_depth_compares(name: str, method: str) -> None:
+    rig, views = RIGS[name], tuple(range(len(RIGS[name])))
+    plan = planned(rig, method=method)
+    geometry = Geometry.of(rig, views, plan.depth)
+    compared = {(min(p), max(p)) for p in geometry.pairs} | {(min(v, w), max(v, w)) for v, n in geometry.neighbours.items() for w in n.views}
+    assert plan.matched == compared
+    assert {p.views for p in every_pair(plan) if p.fate == "matched"} == compared
+
+
+def test_of_two_pairs_that_face_each_other_four_are_refused_and_it_is_not_good() -> None:
+    """Every camera has a partner, but the worst is 65 degrees away: it was called good."""
+    plan = planned(RIGS["two pairs"])
+    found = findings(plan)
+    assert len(plan.refused) == 4
+    assert of(found, "partners").verdict is Verdict.GOOD
+    worst = of(found, "neighbours")
+    assert worst.verdict is Verdict.DOUBTFUL
+    assert worst.value == pytest.approx(64.6, abs=1)
+    assert "cam0 - cam1" in worst.sentence
+
+
+def test_a_rolled_camera_is_called_rolled_and_not_too_far() -> None:
+    plan = planned(RIGS["one is rolled"])
+    found = of(findings(plan), "partners")
+    assert "cam3 cannot be matched" in found.sentence
+    assert "cam2 and cam3 (27 degrees apart): rolled" in found.sentence
+    assert "upright" in found.advice
+    assert "closer" not in found.advice
+    assert [f.number for f in findings(plan) if f.cameras == ("cam2", "cam3")] == ["26.7 degrees"]
+
+
+def test_cameras_without_partner_count_and_a_pair_that_is_refused_is_a_note() -> None:
+    plan = planned(rig_of(on(0, 30, 180)))
+    found = findings(plan)
+    assert of(found, "partners").value == pytest.approx(2 / 3)
+    assert of(found, "partners").verdict is Verdict.DOUBTFUL
+    assert "cam2" in of(found, "partners").sentence
+    assert [f.verdict for f in found if f.measure == "rectification"] == [Verdict.GOOD, Verdict.NOTE, Verdict.NOTE]
+    half = planned(rig_of(on(0, 30, 180, 270)))
+    assert of(findings(half), "partners").verdict is Verdict.BAD
+    apart = findings(planned(RIGS["far apart"]))
+    assert {of(apart, "partners").verdict, of(apart, "neighbours").verdict} == {Verdict.BAD}
+    assert "no two source cameras can be matched" in of(apart, "neighbours").sentence
+
+
+def test_a_good_ring_is_good_and_only_sources_count() -> None:
+    ring = RIGS["eight around"]
+    assert {f.verdict for f in findings(planned(ring)) if f.measure in ("partners", "neighbours")} == {Verdict.GOOD}
+    some = planned(ring, sources=(0, 1, 4))
+    assert of(findings(some), "partners").value == pytest.approx(2 / 3)
+    assert {p.fate for p in every_pair(some) if not {0, 1, 4} >= set(p.views)} == {"not asked for"}
+
+
+def test_without_pictures_to_compare_nothing_is_measured() -> None:
+    for plan in (planned(RIGS["eight around"], method="hull"), planned(rig_of(on(0)), method="relief")):
+        assert {f.verdict for f in findings(plan)[:2]} == {Verdict.UNKNOWN}

@@ -167,3 +167,18 @@ def test_equal_sources_have_equal_digests(base):
     assert one.pictures[0].digest([0, 2]) == find(base).pictures[0].digest([0, 2])
     assert one.pictures[0].digest([0, 1]) != find(base).pictures[0].digest([0, 1])
     assert json.dumps(one.to_json()) != json.dumps(find(base).to_json())
+
+
+def test_cameras_held_out_are_those_that_the_layout_marks_or_the_option_names(base):
+    assert find(base).held_out == ()
+    made.dump(base / "cameras.json", cameras(held_out=True))
+    marked = find(base)
+    assert marked.held_out == ("cam1",)
+    assert "held out, for metrics alone: cam1; views.held_out overrules it" in marked.notes
+    for given in ("cam10,cam2", ["cam2", "cam10"]):
+        assert find(base, held_out=given).held_out == ("cam2", "cam10")
+    with pytest.raises(UserError, match="option held_out: there is no camera cam3; there are cam1, cam2, cam10"):
+        find(base, held_out="cam3")
+    with pytest.raises(UserError, match="no camera is left as a source"):
+        find(base, held_out="cam1,cam2,cam10")
+    assert find(base, cameras="cam2,cam10").held_out == ()

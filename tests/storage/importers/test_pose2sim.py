@@ -244,9 +244,14 @@ def test_odd_but_valid_rigs_are_told(base):
     (base / "videos" / "cam10.mp4").unlink()
     write_calibration(base)
     assert "calibration int_cam10_img has no video and is left out" in find(base).notes
-    text = "".join(table(v, n, translation=str((made.TRANSLATION[v] * 1000).tolist())) for v, n in enumerate(made.NAMES))
-    (base / "calib" / "Calib.toml").write_text(text)
-    assert any("millimetres" in n for n in find(base).notes)
+    for factor in (200, 1000):
+        text = "".join(table(v, n, translation=str((made.TRANSLATION[v] * factor).tolist())) for v, n in enumerate(made.NAMES))
+        (base / "calib" / "Calib.toml").write_text(text)
+        if factor == 200:
+            assert any("millimetres" in n for n in find(base).notes)
+        else:
+            with pytest.raises(CalibrationError, match=r"camera cam1: its translation holds 3000 m, .* is it in millimetres"):
+                find(base)
 
 
 def test_a_changed_file_is_noticed(base):

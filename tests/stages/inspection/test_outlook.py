@@ -1,0 +1,90 @@
+"""The outlook says what depth compares and takes for a matte, and its tier follows cameras, mattes and all that is wrong."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stages.frames.params import SEGMENTED
+from stages.inspection.finding import Finding, Verdict, measured, overall
+from stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
+from stages.inspection.pairs import every_pair, of_pairs
+from stages.inspection.planned import Planned
+from storage.rig import Rig
+from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.stages.inspection.plans import planned
+
+MIDDLE = np.zeros(3)
+BAD = measured("mask agreement", ("cam0",), 0.5, "", 0.98, 0.9, "masks contradict each other", "look at them")
+DOUBTFUL = measured("epipolar distance", ("cam0",), 2.0, "px", 1, 3, "beside the lines", "calibrate again")
+
+
+def around(*azimuths: float) -> Rig:
+    return rig_of([camera(on_ring(a), MIDDLE) for a in azimuths])
+
+
+TWO_PAIRS = around(0, 48, 180, 245)
+
+
+def findings(plan: Planned, *more: Finding) -> list[Finding]:
+    return [*of_pairs(plan, every_pair(plan)), of_matte(plan), of_cameras(plan), *more]
+
+
+@pytest.mark.parametrize(
+    ("rig", "matte", "more", "expects"),
+    [
+        (around(*np.arange(16) * 22.5), "given", (), "sharp"),
+        (around(*range(0, 360, 45)), "given", (), "good"),
+        (around(*range(0, 360, 45)), "given", (DOUBTFUL,), "fair"),
+        (around(*range(0, 360, 45)), "plate", (DOUBTFUL,), "poor"),
+        (around(*range(0, 360, 45)), "given", (BAD,), "not fit to be shown"),
+        (around(*range(0, 360, 60)), "given", (), "fair"),
+        (TWO_PAIRS, "given", (), "fair"),
+        (TWO_PAIRS, "plate", (), "poor"),
+        (around(0, 10), "given", (), "fair"),
+        (around(0, 90, 180, 270), "given", (), "not fit to be shown"),
+    ],
+)
+def test_the_tier_is_that_of_cameras_mattes_and_faults(rig: Rig, matte: str, more: tuple[Finding, ...], expects: str) -> None:
+    plan = planned(rig, matte=matte)
+    found = findings(plan, *more)
+    assert tier(plan, found) == expects
+    assert overall(found) is not Verdict.GOOD or expects in TIERS[:2], "a capture that is called good comes out good"
+    assert f"expected: {expects}" in expected(plan, found)
+
+
+def test_the_figures_are_those_that_were_measured_for_such_a_geometry() -> None:
+    for angle, psnr, _ in RING[1:]:
+        plan = planned(rig_of([camera(on_ring(a, 0), MIDDLE) for a in np.arange(0, 359, angle)]))
+        assert f"reach {psnr:.1f} dB" in expected(plan, findings(plan))
+    assert all(a[1] > b[1] for a, b in pairwise(RING))
+    assert len(set(TIERS)) == 5
+
+
+def test_every_matched_pair_is_named_and_every_refused_one_has_its_reason() -> None:
+    told = "\n".join(pair_lines(planned(TWO_PAIRS)))
+    assert "run matches 2 of 6 pairs (sgbm): cam0 and cam1 (48 degrees apart), cam2 and cam3 (64 degrees apart)" in told
+    assert "run refuses 4 pairs, too wide" in told
+    rolled = rig_of([camera(on_ring(a), MIDDLE, 90.0 * (a == 87)) for a in (0, 30, 60, 87)])
+    told = "\n".join(pair_lines(planned(rolled)))
+    assert "run refuses 2 pairs, rolled; the nearest: cam2 and cam3 (27 degrees apart), a picture is turned by" in told
+    assert "leaves" in "\n".join(pair_lines(planned(around(0, 15, 30, 45), pairs=1)))
+
+
+@pytest.mark.parametrize(("matte", "facts", "verdict"), [("given", set(), Verdict.NOTE), ("person", {SEGMENTED}, Verdict.GOOD), ("person", set(), Verdict.DOUBTFUL), ("plate", set(), Verdict.DOUBTFUL), ("none", set(), Verdict.BAD)])
+def test_a_matte_is_judged_by_what_it_reached_elsewhere(matte: str, facts: set[str], verdict: Verdict) -> None:
+    found = of_matte(planned(TWO_PAIRS, matte=matte, facts=frozenset({"joints2d", *facts})))
+    assert found.verdict is verdict
+    assert f"frames.matte: {matte}" in found.sentence
+    if matte in ("plate", "none"):
+        assert "set frames.matte: person" in found.advice
+        assert "models fetch blazepose" in of_matte(planned(TWO_PAIRS, matte=matte, facts=frozenset())).advice
+
+
+def test_a_second_person_lowers_nothing_where_one_is_cut_out() -> None:
+    crowd = measured("people", (), 0.5, "", 0.05, 1, "two in every picture", "say whom")
+    ring = around(*range(0, 360, 45))
+    assert tier(planned(ring), findings(planned(ring), crowd)) == "good"
+    assert tier(planned(ring, matte="plate"), findings(planned(ring, matte="plate"), crowd)) == "poor"

@@ -1,0 +1,97 @@
+"""More than one person in a picture is named, with what it means and what to set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.detection.estimator import Found
+from stages.inspection.finding import Verdict
+from stages.inspection.footage import Footage
+from stages.inspection.people import SURE, Finder, of_people, people
+from tests.stages.geometry.scenes import ring
+from tests.stages.inspection.plans import planned
+
+RIG = ring(4)
+
+
+def person(height: float, joints: int = 17) -> np.ndarray:
+    """[17, 3] joints one above the other, the first of them seen."""
+    out = np.zeros((17, 3))
+    out[:, 1] = np.linspace(0, height, 17)
+    out[:joints, 2] = 0.9
+    return out
+
+
+@dataclass
+class Joints:
+    """People by view in every frame."""
+
+    given: dict[int, list[np.ndarray]]
+    joint_set: str = "coco17"
+    asked: list[tuple[int, int]] = field(default_factory=list)
+
+    def read(self, view: int, number: int) -> np.ndarray:
+        self.asked.append((view, number))
+        return np.array(self.given.get(view, [person(100)])).reshape(-1, 17, 3)
+
+
+def footage(**readers: Any) -> Footage:
+    facts = frozenset({"joints2d"} if "joints" in readers else ())
+    return Footage(RIG, RIG, np.tile([1.0, 0, 0], (4, 1)), np.tile([1.0, 0, 0], (4, 1)), RIG.size, [np.arange(20)] * 4, 25.0, readers, facts)
+
+
+@pytest.mark.parametrize(
+    ("found", "count"),
+    [([], 0), ([person(100)], 1), ([person(100), person(60)], 2), ([person(100), person(10)], 1), ([person(100), person(60, joints=4)], 1), ([np.zeros((17, 3))], 0)],
+)
+def test_people_are_those_with_joints_that_are_not_tiny(found: list[np.ndarray], count: int) -> None:
+    assert people(np.array(found).reshape(-1, 17, 3)) == count
+
+
+@pytest.mark.parametrize("kind", ["joints", "found"])
+def test_a_second_person_is_named_with_the_cameras_that_show_her(kind: str) -> None:
+    (f,) = of_people(footage(**{kind: Joints({1: [person(100), person(80)]})}), planned(RIG, matte="plate"))
+    assert f.verdict is Verdict.DOUBTFUL
+    assert f.value == pytest.approx(0.25)
+    assert "cam1 up to 2" in f.sentence
+    assert "one is reconstructed" in f.sentence
+    assert "frames.matte: person" in f.advice
+    assert "detection.box: {cam1: " in f.advice
+
+
+def test_the_estimator_sees_whom_the_given_joints_leave_out() -> None:
+    looked = Joints({2: [person(100), person(80)]})
+    (f,) = of_people(footage(joints=Joints({}), found=looked), planned(RIG))
+    assert f.verdict is Verdict.DOUBTFUL
+    assert "cam2" in f.sentence
+    assert len(looked.asked) == 4, "one picture a camera"
+
+
+def test_one_person_is_good_only_where_somebody_looked() -> None:
+    (looked,) = of_people(footage(joints=Joints({}), found=Joints({})), planned(RIG))
+    assert looked.verdict is Verdict.GOOD
+    (told,) = of_people(footage(joints=Joints({})), planned(RIG))
+    assert told.verdict is Verdict.UNKNOWN
+    assert "models fetch blazepose" in told.sentence
+    (nothing,) = of_people(footage(), planned(RIG))
+    assert nothing.verdict is Verdict.UNKNOWN
+
+
+def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:
+    class Estimator:
+        joint_set = "coco17"
+
+        def find(self, picture: np.ndarray, most: int) -> Found:
+            nobody = Found.nobody(17)
+            joints = np.stack([person(100), person(80), person(60)]).astype(np.float32)
+            return Found(joints, np.zeros((3, 4), np.float32), nobody.heatmaps, nobody.person, np.array([0.9, SURE + 0.05, SURE - 0.05], np.float32))
+
+    class Pictures:
+        def read(self, view: int, numbers: list[int]) -> list[np.ndarray]:
+            return [np.zeros((8, 8, 3), np.uint8) for _ in numbers]
+
+    assert Finder(Pictures(), Estimator()).read(0, 3).shape == (2, 17, 3)  # type: ignore[arg-type]

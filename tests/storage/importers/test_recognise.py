@@ -1,0 +1,74 @@
+"""`import auto`, and what a layout that was named wrongly is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from storage.errors import SourceError, UserError
+from storage.importers.recognise import LAYOUTS
+from storage.importers.registry import IMPORTERS, find_capture
+from tests.storage.importers.test_caliscope import base as caliscope
+from tests.storage.importers.test_easymocap import base as easymocap
+from tests.storage.importers.test_images import base as images
+from tests.storage.importers.test_pose2sim import base as pose2sim
+
+FIXTURES = {"caliscope": caliscope, "easymocap": easymocap, "images": images, "pose2sim": pose2sim}
+
+
+@pytest.mark.parametrize("layout", IMPORTERS)
+def test_each_layout_is_recognised_by_what_is_there(layout: str, request: pytest.FixtureRequest) -> None:
+    base: Path = request.getfixturevalue(layout)
+    found = find_capture("auto", base, {})
+    assert found.layout == layout
+    assert found.notes[0] == f"layout: {layout}"
+    assert found.to_json() == {**find_capture(layout, base, {}).to_json(), "notes": found.notes}
+
+
+@pytest.mark.parametrize(("named", "there"), [(a, b) for a in IMPORTERS for b in IMPORTERS if a != b and (a, b) != ("pose2sim", "caliscope")])
+def test_a_wrong_layout_is_told_what_it_expects_what_is_there_and_what_fits(named: str, there: str, request: pytest.FixtureRequest) -> None:
+    """Caliscope's files are what Pose2Sim's importer reads, too."""
+    base: Path = request.getfixturevalue(there)
+    with pytest.raises(UserError) as refused:
+        find_capture(named, base, {})
+    said = str(refused.value).splitlines()[-1]
+    assert said.startswith(f"the layout {named} expects {'; '.join(t.expected for t in LAYOUTS[named])}: {base} has no")
+    assert said.endswith(f"; that is the layout {there}: posegaussian import {there} {base}")
+    assert "It holds " in said
+
+
+def test_a_sentence_in_full(pose2sim: Path) -> None:
+    with pytest.raises(UserError) as refused:
+        find_capture("easymocap", pose2sim, {})
+    assert str(refused.value).splitlines()[-1] == (
+        f"the layout easymocap expects intri.yml; extri.yml; images/NAME/000000.jpg or videos/NAME.mp4: {pose2sim} has no intri.yml; no extri.yml. "
+        f"It holds calib/, videos/; that is the layout pose2sim: posegaussian import pose2sim {pose2sim}"
+    )
+    with pytest.raises(SourceError, match=r"unknown layout 'easymocp'; known are .*, and auto, which takes the one that fits: here pose2sim$"):
+        find_capture("easymocp", pose2sim, {})
+
+
+def test_what_is_wrong_inside_the_right_layout_is_said_alone(images: Path) -> None:
+    (images / "cameras.json").write_text("{")
+    for layout in ("images", "auto"):
+        with pytest.raises(UserError) as refused:
+            find_capture(layout, images, {})
+        assert "cameras.json" in str(refused.value)
+        assert "expects" not in str(refused.value)
+
+
+def test_no_layout_and_two(images: Path, tmp_path: Path) -> None:
+    for name in ("intri.yml", "extri.yml"):
+        (images / name).write_text("names: []\n")
+    with pytest.raises(SourceError, match="fits the layouts images and easymocap; name the one that is meant"):
+        find_capture("auto", images, {})
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text("x")
+    with pytest.raises(SourceError) as refused:
+        find_capture("auto", tmp_path / "other", {})
+    told = str(refused.value).splitlines()
+    assert told[0].endswith("other has no layout that is read; it holds notes.txt")
+    assert [line.split(" it lacks ")[0] for line in told[1:]] == [f"for the layout {n}" for n in LAYOUTS]
+    with pytest.raises(SourceError, match="no such folder"):
+        find_capture("auto", tmp_path / "none", {})
