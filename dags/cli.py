@@ -156,6 +156,7 @@ def plan(
             console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
         else:
             console.print(tables.projection_table(project(p, session.history)))
+    say(session.thrown_away(plans), "yellow")
     failed += session.refusals(plans)
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)

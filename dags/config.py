@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,12 @@ GLOBAL = {"archive", "partition", "run", "sequences"}
 
 PACKAGED = Path(__file__).with_name("pipeline.yaml")
 """The full configuration with every default."""
+
+
+UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+"""Bytes of a size's unit."""
+
+_SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?) *(|[KkMmGgTt]?[Bb])")
 
 
 class PartitionSettings(Params):
@@ -57,7 +64,25 @@ class RunSettings(Params):
     timeout: float | None = setting(None, "Time one task may take; null: any.", unit="s", gt=0)
     lease: float = setting(60.0, "Time after which the work of a machine that fell silent may be taken over.", unit="s", ge=1, le=86400)
     memory: float | None = setting(None, "Memory one worker may use; null: physical memory over the number of workers.", unit="MB", gt=0)
+    keep_variants: str = setting("2GB", "Disk for results of other settings, so that going back to a setting takes them over, of all sequences together: a size like 500MB or 2GB; 0 keeps none.")
     keep: Literal["everything", "as_declared"] = setting("everything", "Whether arrays that no task needs any more stay, or are dropped as they are declared. Cannot change a result.")
+
+
+    @field_validator("keep_variants", mode="before")
+    @classmethod
+    def _a_size(cls, value: Any) -> Any:
+        """A number alone is bytes."""
+        text = str(value).strip() if isinstance(value, int | str) and not isinstance(value, bool) else ""
+        if _SIZE.fullmatch(text) is None:
+            raise ValueError(f"a size like 500MB or 2GB is expected, or 0, got {value!r}")
+        return text
+
+    @property
+    def kept_bytes(self) -> int:
+        """`keep_variants` in bytes."""
+        found = _SIZE.fullmatch(self.keep_variants)
+        assert found is not None
+        return round(float(found[1]) * UNITS[found[2].upper()])
 
 
 class _Common(Params):

@@ -180,6 +180,8 @@ class RunEnded:
     seconds: float
     interrupted: bool
     """Whether the user stopped it."""
+    taken: int = 0
+    """Fresh tasks whose results were taken over from an earlier run with these settings."""
 
 
 Event = TaskPlanned | StageUnneeded | EffectPlanned | SequenceRefused | RunStarted | EffectsDecided | TaskStarted | TaskFresh | TaskNeeded | TaskDone | TaskRetried | TaskFailed | TaskBlocked | TaskLeftOut | Notice | RunEnded

@@ -45,7 +45,7 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
     return context.memo[key]
 
 
-def kept(parts: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+def still_good(parts: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
     """Fingerprint parts under which constants stay: taken together with others nobody asks for any more, or of frames that are at least half of those worked on now."""
     asked = {"asked": old["asked"]} if set(parts.get("asked", ["-"])) <= set(old.get("asked", ())) else {}
     worked = {"worked": old["worked"]} if "worked" in parts and _covers(old.get("worked"), parts["worked"]) else {}
@@ -141,7 +141,9 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     out += _effects_changed(old.get("effects", {}), new["effects"])
     out += [f"{name} is asked for" for name in new.get("asked", []) if name not in old.get("asked", [])]
     if "worked" in new and not _covers(old.get("worked"), new["worked"]):
-        out.append("frames {1}..{2} are worked on".format(*new["worked"]) + (", {3} looked at {1}..{2}".format(*old["worked"], stage) if "worked" in old else ""))
+        first, last = new["worked"][1:]
+        seen = f", {stage} looked at {old['worked'][1]}..{old['worked'][2]}" if "worked" in old else ""
+        out.append(f"frames {first}..{last} are worked on{seen}")
     moved = old.get("bounds") != new["bounds"]
     if moved:
         out.append(_bounds_changed(old.get("bounds"), new["bounds"]))

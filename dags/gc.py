@@ -7,7 +7,7 @@
 | range | partitions beyond the present `frames.range` | a longer range |
 | stages | outputs that the capture does not need under these settings | other settings |
 | strays | half written files, shards without a receipt | nothing needs them |
-| variants | archives of `tradeoff` | `tradeoff` |
+| variants | archives of `tradeoff`; results of other settings that were put aside (`run.keep_variants`) | `tradeoff`; going back to those settings |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
 Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk that
@@ -44,6 +44,7 @@ from dags.tasks import PRODUCERS, Task
 from dags.variants import FOLDER as VARIANTS
 from dags.wording import number
 from stages.registry import stage as stage_named
+from storage import kept
 from storage.archive import Archive
 from storage.archive import Sequence as Group
 from storage.errors import ConfigError, NotWritten
@@ -97,7 +98,7 @@ def items(plans: Sequence[Plan], archive: Archive) -> list[Item]:
         found += [*_strays(plan), *_unwanted(plan)]
         if lost_source(plan.context) is None:
             found += _arrays(plan)
-    return [*found, *_variants(archive), *_runs(archive)]
+    return [*found, *_variants(archive), *_kept(archive), *_runs(archive)]
 
 
 def notes(plans: Sequence[Plan]) -> list[str]:
@@ -254,6 +255,12 @@ def _variants(archive: Archive) -> Iterator[Item]:
     if folder.is_dir():
         size = sum(s.st_size for p in files_below(folder) if (s := os.lstat(p)).st_nlink == 1)
         yield Item("variants", "", f"{len(list(folder.iterdir()))} variants of tradeoff", size, "the levels of the next tradeoff", lambda: delete_folder(folder))
+
+
+def _kept(archive: Archive) -> Iterator[Item]:
+    lying = kept.entries(archive)
+    if lying:
+        yield Item("variants", "", f"{number(len(lying), 'result')} of other settings (run.keep_variants)", sum(e.own for e in lying), "runs that go back to these settings", lambda: kept.clear(archive))
 
 
 def _runs(archive: Archive) -> Iterator[Item]:

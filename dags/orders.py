@@ -11,7 +11,7 @@ import numpy as np
 
 from dags.context import Context
 from dags.execute import Load, Order, Promise, Reading
-from dags.plan import Book, Plan, State
+from dags.plan import Book, Plan, State, survey_sources
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
 from stages.detection.stage import ESTIMATED
@@ -39,7 +39,6 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
             maker = producer(product, task)
             promises.append(Promise(ReceiptKey(maker.stage, maker.partition, maker.view, maker.path), product.array, product.view, output.digest))
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
-    pictures = context.capture.pictures
     spans = source_spans(context, task)
     every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
     first, last = min(s.start for s in every), max(s.stop for s in every)
@@ -67,7 +66,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
         estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
-        survey_sources=pictures[task.view].digest(context.capture.numbers) if stage.sequence_wide and task.view is not None else None,
+        survey_sources=survey_sources(context, task) if stage.sequence_wide else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,
         load=load(context, task),

@@ -21,7 +21,7 @@ from storage.spec import ArraySpec
 CARD, STEP, HEAD, ROW, GAP, MARGIN, TOP = 236, 172, 62, 21, 18, 24, 88
 """Lengths in px: width of a card, distance of two cards, a card's head, a row, the gap below, the border, the title."""
 
-COLORS = {State.FRESH: "#2f9e63", State.STALE: "#e0841a", State.UNDECIDED: "#5f7fb8", None: "#b4b9c1"}
+COLORS = {State.FRESH: "#2f9e63", State.STALE: "#e0841a", State.UNDECIDED: "#5f7fb8", State.KEPT: "#7a9e2f", None: "#b4b9c1"}
 """By state; None: not needed, or nothing there."""
 
 
@@ -63,7 +63,7 @@ class Card:
     @property
     def state(self) -> State | None:
         """The state that decides the colour: the least finished one."""
-        return next((s for s in (State.STALE, State.UNDECIDED, State.FRESH) if self.counts[s]), None)
+        return next((s for s in (State.STALE, State.UNDECIDED, State.KEPT, State.FRESH) if self.counts[s]), None)
 
     def note(self) -> str:
         """Its counts in words."""
@@ -137,7 +137,7 @@ def title(plans: Sequence[Plan]) -> str:
 def mermaid(drawn: Sequence[Card], heading: str) -> str:
     """The graph as Mermaid flowchart text, left to right."""
     lines = ["---", f"title: {quoteattr(heading)}", "---", "flowchart LR"]
-    classes = {State.FRESH: "fresh", State.STALE: "stale", State.UNDECIDED: "undecided", None: "unneeded"}
+    classes = {State.FRESH: "fresh", State.STALE: "stale", State.UNDECIDED: "undecided", State.KEPT: "kept", None: "unneeded"}
     for name, color in zip(classes.values(), (COLORS[s] for s in classes), strict=True):
         lines.append(f"  classDef {name} fill:{color}22,stroke:{color},color:#1d2430")
     for c in drawn:
@@ -177,7 +177,7 @@ def _text(x: float, y: float, text: str, size: int = 12, extra: str = "", whole:
 def _legend(heading: str) -> str:
     parts = [_text(MARGIN, 34, heading, 18, 'font-weight="bold"')]
     x = MARGIN
-    for state, words in ((State.FRESH, "fresh: nothing to do"), (State.STALE, "stale: will run"), (State.UNDECIDED, "undecided: runs if its input changes"), (None, "not needed")):
+    for state, words in ((State.FRESH, "fresh: nothing to do"), (State.STALE, "stale: will run"), (State.UNDECIDED, "undecided: runs if its input changes"), (State.KEPT, "kept: taken over"), (None, "not needed")):
         parts += [f'<rect x="{x}" y="50" width="14" height="14" rx="3" fill="{COLORS[state]}"/>', _text(x + 20, 62, words, 13)]
         x += 44 + round(7.0 * len(words))
     return "".join(parts)

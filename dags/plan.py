@@ -19,7 +19,7 @@ from dags import network_weights
 from dags.context import Context
 from dags.effects import Verdict as EffectVerdict
 from dags.effects import noted
-from dags.fingerprint import all_parts, kept, own_parts, reasons
+from dags.fingerprint import all_parts, own_parts, reasons, still_good
 from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
 from stages.contract import Stage
 from stages.depth.params import resolve_method
@@ -30,11 +30,16 @@ from stages.geometry.stretch import stretch_notes
 from stages.geometry.subject import subject_distance
 from stages.network.params import NETWORK
 from stages.registry import STAGES
+from stages.registry import stage as stage_named
+from storage import kept
 from storage.capture import PER_VIEW
 from storage.errors import ConfigError
 from storage.places import Look
-from storage.receipts import Output, Receipt, missing_files, scan_receipts
+from storage.receipts import Output, Receipt, ReceiptKey, missing_files, scan_receipts
 from storage.spec import digest
+
+TAKEN_OVER = "taken over from an earlier run with these settings"
+"""Why a task is not computed though its own output is other."""
 
 
 class State(Enum):
@@ -46,6 +51,12 @@ class State(Enum):
     """It must run."""
     UNDECIDED = "undecided"
     """Something it reads is stale; if that turns out equal, it need not run."""
+    KEPT = "kept"
+    """An earlier run made what this one would make, and it was put aside: it is taken over."""
+
+
+READY = (State.FRESH, State.KEPT)
+"""States of tasks that are not computed."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +108,8 @@ class Book:
     """Products that must be there when the run is over, because an export reads them: made again where they were dropped."""
     needed: dict[Task, str] = field(default_factory=dict)
     """Tasks whose dropped output must be made again, and for whom."""
+    kept: dict[Task, Receipt] = field(default_factory=dict)
+    """Receipts that were put aside and that a run will take over."""
 
     @classmethod
     def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
@@ -133,9 +146,13 @@ class Book:
                     found[producer(p, task)] = None
         return tuple(found)
 
+    def expected(self, task: Task) -> Receipt | None:
+        """A task's receipt, that which will be taken over before that which is there."""
+        return self.kept.get(task) or self.receipts.get(task)
+
     def output(self, product: Product, reader: Task) -> Output | None:
         """What the producer's receipt says of a product."""
-        receipt = self.receipts.get(producer(product, reader))
+        receipt = self.expected(producer(product, reader))
         if receipt is None:
             return None
         return next((o for o in receipt.outputs if (o.array, o.view) == (product.array, product.view)), None)
@@ -174,6 +191,8 @@ class Plan:
     """{stage: why this capture does not need it}."""
     notes: tuple[str, ...] = ()
     """What the user should know besides."""
+    selection: Selection = Selection()
+    """Which stages a run may touch."""
 
     def dropped(self, stage: str) -> int:
         """How many fresh tasks of a stage have outputs that were dropped."""
@@ -197,7 +216,7 @@ def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product
     forced = selection.forced(task.stage)
     if receipt is None:
         return State.STALE, ("never made",), parts
-    as_kept = kept(parts, receipt.parts)
+    as_kept = still_good(parts, receipt.parts)
     same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
     why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
     why += [book.problems[task]] if task in book.problems else []
@@ -229,23 +248,55 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
     context = decided(book, selection)
     verdicts: dict[Task, Verdict] = {}
     for task in tasks(context):
-        waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state is not State.FRESH]
+        waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state not in READY]
         if waiting:
             verdicts[task] = _before_inputs(book, task, selection, waiting)
             continue
         digests = book.digests(task)
         assert digests is not None, f"{task.label()}: all inputs are fresh, but an output is missing from a receipt"
-        state, why, _ = judge(book, task, selection, digests)
+        state, why, parts = judge(book, task, selection, digests)
+        if state is State.STALE and _keeps(book, task, selection, parts):
+            state, why = State.KEPT, (TAKEN_OVER,)
         verdicts[task] = Verdict(task, state, why)
     _call_back(book, verdicts)
-    return Plan(context, book, verdicts, context.unneeded(), _notes(context, book))
+    return Plan(context, book, verdicts, context.unneeded(), _notes(context, book), selection)
+
+
+def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
+    """What an earlier run made with these fingerprint parts, where it was put aside and may be taken over.
+
+    Fingerprints of sequence-wide constants leave the sources out; of these only what was taken of the same pictures counts.
+    """
+    if not context.settings.run.kept_bytes or selection.forced(task.stage) or not selection.allows(task.stage):
+        return None
+    receipt = kept.find(context.sequence, ReceiptKey(*task[1:]), digest(parts))
+    if receipt is not None and stage_named(task.stage).sequence_wide and receipt.facts.get("sources") != survey_sources(context, task):
+        return None
+    return receipt
+
+
+def survey_sources(context: Context, task: Task) -> str | None:
+    """Digest of the pictures that a sequence-wide task of a view is made from."""
+    return None if task.view is None else context.capture.pictures[task.view].digest(context.capture.numbers)
+
+
+def _keeps(book: Book, task: Task, selection: Selection, parts: Mapping[str, Any]) -> bool:
+    """Whether a stale task will be taken over; the book counts on it from then on."""
+    receipt = kept_result(book.context, task, selection, parts)
+    if receipt is not None:
+        book.kept[task] = receipt
+    return receipt is not None
 
 
 def decided(book: Book, selection: Selection = Selection()) -> Context:
     """The book's context with the decisions that the survey leads to, where it is fresh; the book goes on with it."""
     context = book.context
     surveys = [t for stage in context.waits for t in deciding(context, stage)]
-    if not surveys or any(judge(book, t, selection, {})[0] is not State.FRESH for t in dict.fromkeys(surveys)):
+    for t in dict.fromkeys(surveys):
+        state, _, parts = judge(book, t, selection, {})
+        if state is not State.FRESH and not _keeps(book, t, selection, parts):
+            return context
+    if not surveys:
         return context
     book.context = context.with_noted(survey_notes(book))
     return book.context
@@ -268,7 +319,7 @@ def survey_notes(book: Book) -> dict[str, Any]:
     """What the survey's receipts note for the effects that wait; {} where they do not hold it all."""
     context = book.context
     arrays = tuple(dict.fromkeys(a for asks in context.waits.values() for a in asks))
-    receipts = {t.view: book.receipts[t] for stage in context.waits for t in deciding(context, stage) if t in book.receipts}
+    receipts = {t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None}
     return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
 
 
@@ -282,7 +333,7 @@ def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
         if task in book.needed and verdicts[task].state is not State.STALE:
             verdicts[task] = Verdict(task, State.STALE, (book.needed[task],))
         state = verdicts[task].state
-        if state is State.FRESH:
+        if state in READY:
             continue
         for maker in book.dropped_inputs(task):
             if verdicts[maker].state is State.FRESH or (state is State.STALE and verdicts[maker].state is State.UNDECIDED):

@@ -17,7 +17,7 @@ import psutil
 
 from dags.context import Context
 from dags.orders import needs_of
-from dags.plan import Plan, State
+from dags.plan import READY, Plan
 from stages.contract import Stage
 from stages.registry import STAGES
 
@@ -92,7 +92,7 @@ def refusals(plans: Iterable[Plan], pools: Mapping[str, Pool]) -> list[str]:
     found: dict[str, None] = {}
     for plan in plans:
         for stage in STAGES:
-            if any(v.task.stage == stage.name and v.state is not State.FRESH for v in plan.verdicts.values()):
+            if any(v.task.stage == stage.name and v.state not in READY for v in plan.verdicts.values()):
                 for path in plan.context.paths if "path" in stage.over else [None]:
                     found |= dict.fromkeys(_refusals(stage, plan.context, path, pools))
     return list(found)

@@ -7,6 +7,7 @@ import socket
 import time
 from pathlib import Path
 
+from dags.aside import put_aside
 from dags.execute import Terms
 from dags.orders import needed_arrays, prepare
 from dags.plan import Plan
@@ -32,6 +33,7 @@ def enter(plan: Plan, terms: Terms) -> Lease:
     presence = Lease.take(folder(sequence) / f"{terms.run}{SUFFIX}", terms.run, "driver", terms.lease)
     try:
         _sweep(sequence, terms)
+        put_aside(plan, terms.kept)
         make_arrays(plan, terms)
     except BaseException:
         presence.drop()

@@ -14,17 +14,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dags.aside import replaced
 from dags.context import Context
 from dags.execute import Load
 from dags.keep import droppable
 from dags.orders import load, raw_bytes
-from dags.plan import Plan, State
+from dags.plan import READY, Plan
 from dags.pools import cpu_workers
 from dags.tasks import Task
 from dags.variants import variants
 from stages.contract import Stage
 from stages.registry import STAGES
-from storage import ledger
+from storage import kept, ledger
 from storage.archive import Archive
 from storage.spec import digest
 from storage.sweep import bytes_of
@@ -113,7 +114,7 @@ def project(plan: Plan, history: History) -> list[Projection]:
     """One projection for each stage that has something to do."""
     found = []
     for stage in STAGES:
-        todo = [v.task for v in plan.verdicts.values() if v.task.stage == stage.name and v.state is not State.FRESH and stage.name not in plan.unneeded]
+        todo = [v.task for v in plan.verdicts.values() if v.task.stage == stage.name and v.state not in READY and stage.name not in plan.unneeded]
         if todo:
             found.append(_of_stage(plan, stage, todo, history.rate(stage, plan.context.params(stage))))
     return found
@@ -169,11 +170,42 @@ def _let_go(context: Context, todo: list[Task]) -> int:
 def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[str]:
     """Why a run should not start for want of disk, with what to change. Memory is refused by `dags.pools`, worker by worker."""
     need = sum(p.peak - p.replaced for plan in plans for p in project(plan, history))
-    free = shutil.disk_usage(archive.root).free
+    free = shutil.disk_usage(archive.root).free + sum(e.own for e in kept.entries(archive))  # results of other settings make room
     if need <= free:
         return []
     advice = "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room (`posegaussian gc` says what could go)"
     return [f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free; {advice}"]
+
+
+@dataclass(frozen=True)
+class Room:
+    """What may lie aside once some plans have run."""
+
+    bytes: int
+    """So many bytes: the setting's, or what the disk leaves."""
+    over: int
+    """So many bytes that lie there or would come there do not fit: they are deleted."""
+    by_disk: bool
+    """Whether the disk is what limits it."""
+
+    def sentences(self, setting: str) -> list[str]:
+        """What is deleted; `setting`: run.keep_variants as written."""
+        if self.over <= 0:
+            return []
+        bound = "the disk holds no more" if self.by_disk else f"run.keep_variants is {setting}"
+        return [f"up to {gigabytes(self.over)} of results of other settings will be deleted, those unused for the longest time first: {bound}"]
+
+
+def room(plans: Sequence[Plan], archive: Archive, history: History) -> Room:
+    """How much may lie aside: `run.keep_variants`, less where the run itself needs the disk."""
+    wanted = plans[0].context.settings.run.kept_bytes if plans else 0
+    coming = sum(bytes_of(o.files) for p in plans for r in replaced(p) for o in r.outputs)
+    coming_back = {kept.place_of(p.context.sequence, r) for p in plans for r in p.book.kept.values()}
+    lying = sum(e.own for e in kept.entries(archive) if e.folder not in coming_back)
+    need = sum(p.peak for plan in plans for p in project(plan, history))
+    disk = lying + coming + shutil.disk_usage(archive.root).free - need
+    bound = max(0, min(wanted, disk))
+    return Room(bound, lying + coming - bound, disk < wanted)
 
 
 def gigabytes(count: float) -> str:

@@ -6,6 +6,7 @@ import heapq
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from dags import build
 from dags.code import code_digest
@@ -13,13 +14,15 @@ from dags.events import EffectsDecided, Event, Listener, RunEnded, RunStarted, T
 from dags.failures import Failure, Kind, failure
 from dags.flight import Backend, Flight, Rules
 from dags.orders import make_order
-from dags.plan import Book, Plan, Selection, State, judge, take_decisions
+from dags.plan import Book, Plan, Selection, State, judge, kept_result, take_decisions
 from dags.presence import enter, make_arrays
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.errors import OtherCode, SchedulerLost
+from storage import kept
+from storage.errors import LeaseHeld, LeaseLost, OtherCode, SchedulerLost
 from storage.lease import Lease
-from storage.receipts import Receipt, damaged_files
+from storage.receipts import Receipt, ReceiptKey, damaged_files
+from storage.spec import digest
 
 DEPTH = {s.name: i for i, s in enumerate(STAGES)}
 """Position of a stage in the flow; deeper work goes first, so that finished pictures appear early."""
@@ -48,6 +51,8 @@ class Run:
         """Tasks whose damaged inputs were made again once."""
         self.ready: list[tuple[int, int, Task]] = []
         self.reasons: dict[Task, tuple[str, ...]] = {}
+        self.taken = 0
+        """Tasks whose results of an earlier run were taken over."""
         self.ended: dict[Task, str] = {}
         """How each settled task ended: done, fresh, failed, blocked, left_out, or unneeded by an effect's decision."""
 
@@ -78,7 +83,7 @@ class Run:
             for presence in self.presences:
                 presence.drop()
         counts = Counter(self.ended.values())
-        ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted)
+        ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted, taken=self.taken)
         self.tell(ended)
         return ended
 
@@ -154,6 +159,8 @@ class Run:
             self._release(task, "fresh")
         elif not self.selection.allows(task.stage):
             self._block(task, task)
+        elif self._take_over(plan, task, parts):
+            pass
         elif dropped := plan.book.dropped_inputs(task):
             self._call_back(task, dropped)
         else:
@@ -161,6 +168,24 @@ class Run:
             self.out.add(task)
             self.reasons[task] = why
             self.flight.add((-DEPTH[task.stage], self.order[task]), task, order)
+
+    def _take_over(self, plan: Plan, task: Task, parts: dict[str, Any]) -> bool:
+        """Put what an earlier run made of the same in the task's place; False where there is none, or another run has the task in hand."""
+        if kept_result(plan.context, task, self.selection, parts) is None:
+            return False
+        terms = self.rules.terms
+        try:
+            receipt = kept.take(plan.context.sequence, ReceiptKey(*task[1:]), digest(parts), terms.run, terms.lease)
+        except (LeaseHeld, LeaseLost):
+            return False
+        if receipt is None:
+            return False
+        plan.book.add(task, receipt)
+        self.taken += 1
+        self.tell(TaskFresh(task))
+        self._release(task, "fresh")
+        self._compare(task, receipt)
+        return True
 
     def _decide(self, plan: Plan) -> None:
         """The survey is through: its effects are decided, and the arrays behind them can be made."""
@@ -182,6 +207,10 @@ class Run:
         own = result.facts.get("run") == self.rules.terms.run
         self.tell(TaskDone(task, result, reasons) if own else TaskFresh(task))
         self._release(task, "done" if own else "fresh")
+        self._compare(task, result)
+
+    def _compare(self, task: Task, result: Receipt) -> None:
+        """Open again what read a task's earlier output, where it came out different."""
         before = self.before.pop(task, None)
         if before is not None and before.contents != result.contents:
             for dependent in [d for d in self.dependents[task] if self.ended.get(d) in ("done", "fresh")]:

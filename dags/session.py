@@ -138,9 +138,18 @@ class Session:
         """What the archive's finished tasks took."""
         return projection.History.read(self.archive)
 
-    def _rules(self, name: str) -> Rules:
+    def room(self, plans: Sequence[Plan]) -> projection.Room:
+        """How much of results of other settings may lie aside while plans run."""
+        return projection.room(plans, self.archive, self.history)
+
+    def thrown_away(self, plans: Sequence[Plan]) -> list[str]:
+        """Sentences about results of other settings that a run of the plans deletes for good."""
+        todo = [p for p in plans if not p.all_fresh]
+        return self.room(todo).sentences(self.configuration.default.run.keep_variants) if todo else []
+
+    def _rules(self, name: str, kept: int = 0) -> Rules:
         run = self.configuration.default.run
-        return Rules(Terms(name, run.lease, run.timeout), run.retries, run.backoff)
+        return Rules(Terms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
 
     def run(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> Outcome:
         """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to date.
@@ -177,7 +186,7 @@ class Session:
                 listener(SequenceRefused(name, error))
         for p in plans:
             self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in presence.others(p.context.sequence)), "yellow")
-        run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp))
+        run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp, self.room(plans).bytes))
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
         self.say(keeper.sentences)
@@ -249,6 +258,7 @@ class Session:
             self.say(keeper.sentences)
             self.hint(results_and_next(plans, self.options) if say_next else ())
             return 1 if refused else 0
+        self.say(self.thrown_away(plans), "yellow")
         outcome = self.run(plans, selection, refused)
         ended = outcome.ended
         self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
@@ -256,7 +266,8 @@ class Session:
             self.hint(contribution.sentences(plans))
         self.detail(outcome.spending.sentences())
         self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
-        self.say([f"{ended.done} done, {ended.fresh} fresh, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
+        taken = f" ({ended.taken} of them taken over from earlier runs with these settings)" if ended.taken else ""
+        self.say([f"{ended.done} done, {ended.fresh} fresh{taken}, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
             return STATUS

@@ -89,7 +89,7 @@ def numbers(plan: Plan, failed: frozenset[Task] = frozenset()) -> Numbers:
             "failed": sum(v.task in failed for v in verdicts),
             "blocked": sum(v.task in blocked for v in verdicts),
             "warned": sum(v.state is State.FRESH and bool(plan.book.receipts[v.task].warnings) for v in verdicts),
-            "stale": sum(v.state is State.STALE for v in waiting),
+            "stale": sum(v.state in (State.STALE, State.KEPT) for v in waiting),
             "undecided": sum(v.state is State.UNDECIDED for v in waiting),
             "dropped": plan.dropped(stage.name),
         }
