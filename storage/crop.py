@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Px: far more than any picture has."""
 
 
 class Crop(BaseModel):
     """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    scale: float = Field(1.0, gt=0, description="Calibrated pixels per captured pixel.")
-    offset: tuple[float, float] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+    scale: float = Field(1.0, ge=0.001, le=1000, description="Calibrated pixels per captured pixel.")
+    offset: tuple[Place, Place] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
 
 
 def crop_settings(choices: Mapping[str, Sequence[tuple[Crop, str]]]) -> list[str]:
