@@ -70,7 +70,7 @@ def import_capture(
 ) -> None:
     """Register a capture: cameras, times and sources, by their sha256.
 
-    Example: posegaussian import pose2sim captures/balance --sequence balance --config balance.yaml
+    Example: posegaussian import pose2sim captures/balance --sequence balance
     """
     from dags.importing import find_capture, register
     from storage.archive import Archive
@@ -179,7 +179,7 @@ def run(
 ) -> None:
     """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
 
-    Example: posegaussian run --sequence balance --config balance.yaml
+    Example: posegaussian run --sequence balance
     """
     session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
     selection = selected(only, start, force)

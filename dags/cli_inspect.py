@@ -20,7 +20,7 @@ def inspect(
 ) -> None:
     """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
 
-    Example: posegaussian inspect balance --config balance.yaml
+    Example: posegaussian inspect balance
     """
     from dags.context import Context
     from dags.inspecting import run_inspection

@@ -64,9 +64,8 @@ def register(archive: Archive, name: str, capture: Capture, settings: Any, copy:
     archive.check_sequence_name(name)
     check_camera_names(capture.rig.names)
     capture.rig.check()
-    said = []
     length = partition_length(capture, settings)
-    old = make_room(archive, name, same(capture), "this", replace)
+    old, said = make_room(archive, name, same(capture), "this", replace)
     if copy:
         capture = _copied_whole(capture, archive.place(name))
     if old is not None:

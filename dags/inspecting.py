@@ -54,6 +54,10 @@ class _Chosen:
         width, height = self.reader.size(self.views[view])
         return width, height
 
+    def identity(self, view: int, number: int) -> str:
+        """A text that no other picture has, of a reader of pictures."""
+        return str(self.reader.identity(self.views[view], number))
+
     def read(self, view: int, number: Any) -> Any:
         """What the reader gives."""
         return self.reader.read(self.views[view], number)

@@ -25,7 +25,7 @@ def there(archive: Archive, name: str) -> Sequence | None:
     try:
         found = archive.sequence(name)
         _ = found.capture
-    except (BrokenRecord, KeyError, TypeError, ValueError):
+    except BrokenRecord:
         return None
     return found
 
@@ -50,24 +50,25 @@ def filmed_into(folder: Path) -> Callable[[Capture], bool]:
     return lambda old: all(Path(f.path).is_relative_to(inside) for f in _pictures(old))
 
 
-def make_room(archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool) -> Sequence | None:
-    """The sequence that the import updates, or None where it makes a new one; another capture under that name is removed, if told so.
+def make_room(archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool) -> tuple[Sequence | None, list[str]]:
+    """The sequence that the import updates, or None where it makes a new one, and sentences; another capture under that name is removed, if told so.
 
     Raises ArchiveError for another capture without `replace`, LeaseHeld while a run works on what would be removed.
     """
     old = there(archive, name)
     if old is None or is_same(old.capture):
-        return old
+        return old, []
     if not replace:
-        raise ArchiveError(f"{_told(old)}; {what} is another capture, with no picture in common: give it a name of its own with --sequence, or put it in the other's place with --replace, which deletes {_results(old)}")
+        raise ArchiveError(f"sequence {name} is there already: {_told(old)}; {what} is another capture, with no picture in common: give it a name of its own with --sequence, or put it in the other's place with --replace, which deletes {_results(old)}")
     refuse_busy(old, "import --replace")
+    said = [f"replaced: {_told(old)}; deleted: {_results(old)}"]
     # Receipts first: whatever is left when this is interrupted counts as not made.
     for child in sorted(old.root.iterdir(), key=lambda p: p != old.receipts):
         if child.is_dir() and not child.is_symlink():
             shutil.rmtree(child)
         elif child.name != "zarr.json":
             child.unlink()
-    return None
+    return None, said
 
 
 def _pictures(capture: Capture) -> list[SourceFile]:
@@ -79,7 +80,7 @@ def _told(sequence: Sequence) -> str:
     c = sequence.capture
     folder = os.path.commonpath([str(Path(f.path).parent) for f in _pictures(c)])
     return (
-        f"sequence {sequence.name} is there already: layout {c.layout}, {number(len(c.rig), 'camera')} ({', '.join(c.rig.names[:4])}{', ...' if len(c.rig) > 4 else ''}), "
+        f"layout {c.layout}, {number(len(c.rig), 'camera')} ({', '.join(c.rig.names[:4])}{', ...' if len(c.rig) > 4 else ''}), "
         f"{number(len(c.numbers), 'frame')} ({c.numbers[0]}..{c.numbers[-1]}), pictures in {folder}"
     )
 

@@ -67,9 +67,7 @@ class Run:
         Raises OtherCode before anything is touched when files of this process were edited since it began.
         """
         start, interrupted = time.perf_counter(), False
-        build.here()
-        for stage in STAGES:
-            code_digest(stage.run)  # read now: of a file that is edited later nobody could say what a worker imported
+        self._fix_code()
         self.tell(RunStarted(tuple(self.order), self.backend.sentences))
         try:
             self._link()
@@ -88,6 +86,16 @@ class Run:
         ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted, taken=self.taken)
         self.tell(ended)
         return ended
+
+    def _fix_code(self) -> None:
+        """Read all code now: of a file that is edited later nobody could say what a worker imported. Raises OtherCode."""
+        try:
+            build.here()
+            for stage in STAGES:
+                code_digest(stage.run)
+        except OtherCode:
+            self.backend.close(hard=True)
+            raise
 
     def _enter(self, plan: Plan) -> None:
         """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other sequences go on."""

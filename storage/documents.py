@@ -1,8 +1,9 @@
 """Files of other people's, read within bounds: JSON, TOML, XML, tables and text; YAML is in `yaml_documents`.
 
-Whoever opens a file that somebody else made goes through here. A file is a regular one, or it is not opened: a pipe would be
-waited for, and /dev/zero never ends. Its size is looked at before it is read, its nesting, its number of values and its
-whole numbers before anything is made of it. Every fault is a SourceError that says file, and line and column where there are any.
+Whoever opens a file that somebody else made goes through here. A file is a regular one, or it is not opened: a pipe
+would be waited for, and /dev/zero never ends. Its size is looked at before it is read, its nesting, its number of values
+and its whole numbers before anything is made of it. Every fault is a SourceError that says file, and line and column
+where there are any.
 """
 
 from __future__ import annotations
@@ -50,25 +51,40 @@ def regular(path: str | Path, what: str = "file", largest: int | None = None) ->
     except (OSError, ValueError) as e:
         raise SourceError(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from e
     if not stat.S_ISREG(found.st_mode):
-        raise SourceError(f"cannot read {what} {path}: it is {_kind(found.st_mode)}, not a regular file; copy its content to one")
+        raise SourceError(
+            f"cannot read {what} {path}: it is {_kind(found.st_mode)}, not a regular file; copy its content to one"
+        )
     if largest is not None and found.st_size > largest:
-        raise SourceError(f"cannot read {what} {path}: it has {found.st_size} bytes, at most {largest} are read; is it another file?")
+        raise SourceError(
+            f"cannot read {what} {path}: it has {found.st_size} bytes, at most {largest} are read; is it another file?"
+        )
     return found
 
 
 def _kind(mode: int) -> str:
-    kinds = {"a folder": stat.S_ISDIR, "a pipe": stat.S_ISFIFO, "a device": lambda m: stat.S_ISCHR(m) or stat.S_ISBLK(m), "a socket": stat.S_ISSOCK}
+    kinds = {
+        "a folder": stat.S_ISDIR,
+        "a pipe": stat.S_ISFIFO,
+        "a device": lambda m: stat.S_ISCHR(m) or stat.S_ISBLK(m),
+        "a socket": stat.S_ISSOCK,
+    }
     return next((name for name, is_it in kinds.items() if is_it(mode)), "something special")
 
 
 @contextmanager
 def reader_of(path: str | Path, what: str = "file") -> Iterator[None]:
-    """Turns what a library throws over a damaged file into a SourceError that names the file; for the library's calls alone."""
+    """Turns what a library throws over a damaged file into a SourceError that names it; for the library's calls alone."""
     try:
         yield
     except (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as e:
-        said = "it holds text that is not UTF-8" if isinstance(e, UnicodeDecodeError) else " ".join(str(e).split()) or type(e).__name__
-        raise SourceError(f"cannot read {what} {path}: {shortened(said, 300).strip(chr(39))}; it is damaged or cut off") from e
+        said = (
+            "it holds text that is not UTF-8"
+            if isinstance(e, UnicodeDecodeError)
+            else " ".join(str(e).split()) or type(e).__name__
+        )
+        raise SourceError(
+            f"cannot read {what} {path}: {shortened(said, 300).strip(chr(39))}; it is damaged or cut off"
+        ) from e
 
 
 def read_bytes(path: str | Path, what: str = "file", largest: int | None = LARGEST_TEXT) -> bytes:
@@ -87,7 +103,9 @@ def read_text(path: str | Path, what: str = "file", largest: int = LARGEST_TEXT)
         text = raw.decode("utf-8")
     except UnicodeDecodeError as e:
         line = raw.count(b"\n", 0, e.start) + 1
-        raise SourceError(f"cannot read {what} {path}: line {line} is not text in UTF-8 (byte {e.start}); save it as UTF-8") from e
+        raise SourceError(
+            f"cannot read {what} {path}: line {line} is not text in UTF-8 (byte {e.start}); save it as UTF-8"
+        ) from e
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -100,7 +118,9 @@ def parse_json(text: str, where: str | Path) -> Any:
     """The content of a JSON text; `where` is for the sentence. Raises SourceError with line, column and cause."""
     weight = text.count(",") + 2 * text.count("[") + 8 * text.count("{")
     if weight > MOST_VALUES:
-        raise SourceError(f"{where} holds about {weight} values; at most {MOST_VALUES} are read; split it by camera or in time")
+        raise SourceError(
+            f"{where} holds about {weight} values; at most {MOST_VALUES} are read; split it by camera or in time"
+        )
     try:
         found = json.loads(text, parse_int=whole)
     except json.JSONDecodeError as e:
@@ -119,12 +139,20 @@ def too_deep(where: str | Path) -> str:
 
 
 def check_plain(value: Any, where: str | Path) -> None:
-    """Raise SourceError for plain values that are nested more than `DEEPEST` deep, and for whole numbers of more than `MOST_DIGITS` digits."""
+    """Raise SourceError for plain values nested more than `DEEPEST` deep and whole numbers of over `MOST_DIGITS` digits."""
     level = [value]
     for _ in range(DEEPEST + 1):
         if huge := next((x for x in level if isinstance(x, int) and abs(x) >= 10**MOST_DIGITS), None):
-            raise SourceError(f"{where} holds a whole number of about {huge.bit_length() * 3 // 10} digits; at most {MOST_DIGITS} are read")
-        level = [x for held in level if isinstance(held, dict | list) for x in (held.values() if isinstance(held, dict) else held)]
+            raise SourceError(
+                f"{where} holds a whole number of about {huge.bit_length() * 3 // 10} digits; at most {MOST_DIGITS} "
+                "are read"
+            )
+        level = [
+            x
+            for held in level
+            if isinstance(held, dict | list)
+            for x in (held.values() if isinstance(held, dict) else held)
+        ]
         if not level:
             return
     raise SourceError(too_deep(where))
@@ -133,7 +161,9 @@ def check_plain(value: Any, where: str | Path) -> None:
 def whole(text: str) -> int:
     """A whole number of at most `MOST_DIGITS` digits. Raises ValueError."""
     if len(text.strip().lstrip("+-").lstrip("0")) > MOST_DIGITS:
-        raise ValueError(f"whole number {text.strip()[:12]}... has {len(text.strip())} digits, at most {MOST_DIGITS} are read")
+        raise ValueError(
+            f"whole number {text.strip()[:12]}... has {len(text.strip())} digits, at most {MOST_DIGITS} are read"
+        )
     return int(text)
 
 
@@ -177,7 +207,10 @@ def read_xml(path: str | Path, what: str = "file") -> ElementTree.Element:
 
 
 def read_table(path: str | Path, what: str = "table") -> tuple[tuple[str, ...], Iterator[tuple[int, dict[str, str]]]]:
-    """(column names, (line number, {column: text}) of every row) of a CSV file with a head. Raises SourceError, also while rows are taken."""
+    """(column names, (line number, {column: text}) of every row) of a CSV file with a head.
+
+    Raises SourceError, also while rows are taken.
+    """
     lines = read_text(path, what).splitlines()
     reader = csv.DictReader(lines)
     try:

@@ -12,7 +12,7 @@ import numpy as np
 
 from storage import checksums
 from storage.capture import ONE_FILE, PER_VIEW, Capture, SourceFile, Stream
-from storage.errors import ArchiveError, BrokenRecord, CalibrationError
+from storage.errors import ArchiveError, BrokenRecord, CalibrationError, SourceError
 from storage.files import write_atomically
 from storage.places import check_camera_names, parse_json, read_file
 from storage.rig import Rig
@@ -81,7 +81,7 @@ def read_capture(record: dict[str, Any], file: Path) -> Capture:
         why = _fault(capture)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, IndexError) as e:
         why = f"{type(e).__name__}: {e}"
-    except CalibrationError as e:
+    except (CalibrationError, SourceError) as e:
         why = str(e)
     if why is not None:
         raise BrokenRecord(f"{file} does not describe a capture ({why}); put the file back as it was, or import the capture again")
@@ -107,8 +107,9 @@ def _fault(capture: Capture) -> str | None:
         streams = capture.streams(kind)
         if len(streams) not in ((count,) if kind == "pictures" else (0, count)) or (kind == "pictures" and None in streams):
             return f"{len(streams)} streams of {kind} for {count} cameras"
-    if not all(isinstance(n, str) for n in capture.held_out):
-        return "held-out cameras without a name"
+    for what, named in (("crops", capture.crops), ("held_out", capture.held_out)):
+        if strange := [n for n in named if n not in rig.names]:
+            return f"{what} name {str(strange[0])[:40]!r}, which is no camera"
     every = [s for k in (*PER_VIEW, "joints3d") for s in capture.streams(k) if s is not None]
     return next((why for s in every if (why := _stream_fault(s)) is not None), None)
 

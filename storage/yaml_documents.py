@@ -1,7 +1,7 @@
-"""YAML within bounds: nodes and nesting are counted while a document is composed, and what aliases stand for counts, too.
+"""YAML within bounds: nodes and nesting are counted while a document is composed, with what aliases stand for.
 
-A few lines of YAML can stand for more values than there is memory (&a [*b, *b], &b [*c, *c], ...), or for themselves. An alias
-is counted as all that it stands for before anybody walks through it.
+A few lines of YAML can stand for more values than there is memory (&a [*b, *b], &b [*c, *c], ...), or for themselves. An
+alias is counted as all that it stands for before anybody walks through it.
 """
 
 from __future__ import annotations
@@ -65,12 +65,17 @@ def _error(event: Any, problem: str) -> yaml.composer.ComposerError:
 
 
 class Loader(BoundedBase, yaml.SafeLoader):
-    """PyYAML's safe loader with the plain values of YAML 1.2: `1:9` is text and not sixty-nine, `on` and `no` are text too."""
+    """PyYAML's safe loader with the plain values of YAML 1.2: `1:9`, `on` and `no` are text."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number. Raises yaml.constructor.ConstructorError for one that does not fit 64 bits."""
         if len(node.value) > MOST_DIGITS + 1:
-            raise yaml.constructor.ConstructorError(None, None, f"a whole number has {len(node.value)} digits, at most {MOST_DIGITS} are read", node.start_mark)
+            raise yaml.constructor.ConstructorError(
+                None,
+                None,
+                f"a whole number has {len(node.value)} digits, at most {MOST_DIGITS} are read",
+                node.start_mark,
+            )
         return int(node.value)
 
     def construct_yaml_str(self, node: yaml.ScalarNode) -> str:
@@ -79,10 +84,21 @@ class Loader(BoundedBase, yaml.SafeLoader):
 
 
 _YAML_1_1 = {f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "bool", "timestamp")}
-Loader.yaml_implicit_resolvers = {first: [r for r in resolvers if r[0] not in _YAML_1_1] for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()}
-Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+Loader.yaml_implicit_resolvers = {
+    first: [r for r in resolvers if r[0] not in _YAML_1_1]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
+)
 Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
-Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^(?:[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN))$"), list("-+0123456789."))
+Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"^(?:[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN))$"
+    ),
+    list("-+0123456789."),
+)
 Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
 Loader.add_constructor("tag:yaml.org,2002:str", Loader.construct_yaml_str)
 
@@ -94,7 +110,9 @@ def compose(path: str | Path, what: str = "file") -> yaml.Node | None:
 
 def read_yaml(path: str | Path, what: str = "file", loader: type[BoundedBase] = Loader) -> Any:
     """The plain values of a YAML file, read with a loader of bounds. Raises SourceError with file:line:column."""
-    return parse(lambda text: yaml.load(text, Loader=loader), path, what)  # bounded, and a SafeLoader: builds plain values only
+    return parse(
+        lambda text: yaml.load(text, Loader=loader), path, what
+    )  # bounded, and a SafeLoader: builds plain values only
 
 
 def parse(reading: Any, path: str | Path, what: str = "file") -> Any:

@@ -93,7 +93,7 @@ def cost_volume(
 
 
 @njit(cache=True, nogil=True)
-def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: float) -> np.ndarray:
+def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: np.float32) -> np.ndarray:
     """[3 + channel, h, w] of the window around each wanted pixel: 1 / number of wanted pixels, the noise in all of them,
     1 / root of the summed squared deviation of all channels and the noise, and the mean of each channel."""
     channels, (height, width) = own.shape[0], mask.shape
@@ -196,7 +196,7 @@ def _sum_row(own: np.ndarray, y: int, warped: np.ndarray, span: tuple[int, int],
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _score_row(ring: np.ndarray, window: np.ndarray, y: int, span: tuple[int, int], rows: int, last: int, color: float, seen: np.ndarray, sums: np.ndarray, out: np.ndarray) -> None:
+def _score_row(ring: np.ndarray, window: np.ndarray, y: int, span: tuple[int, int], rows: int, last: int, color: np.float32, seen: np.ndarray, sums: np.ndarray, out: np.ndarray) -> None:
     """How alike the windows around row y are, 0..1, -1 where unseen: out [w].
 
     `ring` [2 radius + 1, 3, channel, w] holds the sums of the last rows, of which `rows` up to the slot `last` belong to the windows.

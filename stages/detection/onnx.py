@@ -85,13 +85,13 @@ class OnnxEstimator:
         d, count = self._d, len(joint_set(self.joint_set))
         self._net.setInput(blob)
         try:
-            outputs = [np.asarray(o)[0] for o in self._net.forward(list(d.outputs))]
+            outputs = [np.atleast_1d(o)[0] for o in self._net.forward(list(d.outputs))]
         except cv2.error as e:
             raise ConfigError(f"{d.path}: OpenCV's DNN cannot run it for outputs {', '.join(d.outputs)} and an input of {d.input[0]} x {d.input[1]} px ({_sentence(e)}); look at the names and sizes in the file") from e
         axes = 3 if d.kind == "heatmap" else 2
         for name, o in zip(d.outputs, outputs, strict=True):
-            if o.ndim != axes or len(o) != count:
-                raise ConfigError(f"{d.path}: output {name} has the shape {list(o.shape)}; a {d.kind} network of {self.joint_set} gives {count} joints by {axes - 1} more ax{'es' if axes == 3 else 'is'}")
+            if np.ndim(o) != axes or len(o) != count:
+                raise ConfigError(f"{d.path}: output {name} has the shape {list(np.shape(o))}; a {d.kind} network of {self.joint_set} gives {count} joints by {axes - 1} more ax{'es' if axes == 3 else 'is'}")
             if not np.isfinite(o).all():
                 raise ConfigError(f"{d.path}: output {name} is not finite; look at scale, mean and std of the description")
         return outputs

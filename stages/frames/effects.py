@@ -6,11 +6,11 @@ import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
 from stages.frames.layout import distort, reach
-from stages.survey.exposure import FEWEST, FEWEST_POINTS, match
-from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
+from stages.survey import exposure
+from stages.survey.params import LIGHT, OUTLINES, SURFACE
 from storage.rig import Rig
 
-NO_LINK = f"no two cameras share {FEWEST_POINTS} well exposed surface points, or patches of the body beside {FEWEST} joints"
+NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface points, dark and bright ones"
 """Why gains cannot be told."""
 GRID = 33
 """Points a side at which a lens is looked at."""
@@ -77,9 +77,9 @@ def _single_view(evidence: Evidence) -> str | None:
 
 
 def _exposure(evidence: Evidence, bound: float) -> Decision | None:
-    if not {COLORS, SURFACE} <= evidence.noted.keys():
+    if SURFACE not in evidence.noted:
         return None
-    found = match(evidence.noted[COLORS], evidence.noted[SURFACE][:, list(evidence.sources)])
+    found = exposure.match(evidence.noted[SURFACE][:, list(evidence.sources)])
     if found is None:
         return Decision(False, None, bound, NO_LINK)
     worst = int(found.proven.argmax())
@@ -160,7 +160,7 @@ EXPOSURE_MATCHING = Effect(
     0.25,
     "stops",
     _exposure,
-    asks=(COLORS, SURFACE),
+    asks=(SURFACE,),
     lacks=_single_view,
 )
 OUTLINE_CORRECTION = Effect(

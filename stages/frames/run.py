@@ -18,7 +18,7 @@ from stages.frames.person_matte import person_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs
 from stages.survey.exposure import match
-from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
+from stages.survey.params import LIGHT, OUTLINES, SURFACE
 from storage.errors import SourceError
 
 NEARLY_EMPTY = 0.002
@@ -128,8 +128,7 @@ def _offset(inputs: Inputs) -> float:
 def _gain(inputs: Inputs, view: int) -> np.ndarray:
     """[3] factor on the light of one source view, from what the survey saw of all of them."""
     sources = inputs.views.sources
-    colors, surface = (np.stack([inputs.read(array, v) for v in sources]) for array in (COLORS, SURFACE))
-    found = match(colors, surface[:, list(sources)])
+    found = match(np.stack([inputs.read(SURFACE, v) for v in sources])[:, list(sources)])
     if found is None:
         raise SourceError(f"effects.exposure_matching is on, but {NO_LINK}; set it to auto or off")
     return found.gains[sources.index(view)]

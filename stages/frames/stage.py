@@ -6,7 +6,7 @@ from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import ADDED
 from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
 from stages.frames.params import GIVEN_DEPTH, SEGMENTED, FramesParams, matte_choice, resolve_matte
-from stages.survey.params import COLORS, LIGHT, OUTLINES, SURFACE
+from stages.survey.params import LIGHT, OUTLINES, SURFACE
 from storage.spec import ArraySpec, Shape
 
 
@@ -79,7 +79,6 @@ STAGE = Stage(
         Read("pose/chosen", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
-        Read(COLORS, views="sources", when=_matched),
         Read(SURFACE, views="sources", when=_matched),
         Read(OUTLINES, views="own", when=_corrected),
         Read(LIGHT, views="sources", when=_tone_mapped),

@@ -1,36 +1,42 @@
-"""How differently cameras expose, from the colours around points that several of them show."""
+"""Findings on exposure and white balance of every camera, by the measure that `effects.exposure_matching` is decided by."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-FEWEST = 12
-"""Points that two cameras must share: a median of fewer is chance."""
+from stages.inspection.finding import Finding, measured, unmeasured
+from stages.inspection.footage import Footage
+from stages.survey.exposure import FEWEST_POINTS, match
+from stages.survey.params import NONE
+from stages.survey.surface import surface_stops
+
+LIGHT = (0.5, 2.0)
+"""Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""
+ADVICE = "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
+FEW = f"shares {FEWEST_POINTS} well exposed surface points, dark and bright ones"
 
 
-def stops_apart(differences: Mapping[tuple[int, int], np.ndarray], cameras: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Stops [V, 3] by which each camera is brighter than the middle one, and their standard errors [V]; None where nothing can be compared.
+def of_light(footage: Footage) -> list[Finding]:
+    """Exposure and white balance of every camera against the others, at surface points that they share."""
+    if len(footage.rig) < 2:
+        return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
+    surface = np.stack([surface_stops(footage.inputs, v, footage.numbers[v]) for v in range(len(footage.rig))])
+    found = match(surface)
+    if found is None:
+        return [unmeasured("exposure", (), "stops", *LIGHT, f"no camera {FEW} with another")]
+    shared = ((surface < NONE).all(axis=-1).sum(axis=-1) >= FEWEST_POINTS) | np.eye(len(surface), dtype=bool)
+    out: list[Finding] = []
+    for v, name in enumerate(footage.names):
+        if (shared[v] | shared[:, v]).sum() < 2:
+            out.append(unmeasured("exposure", (name,), "stops", *LIGHT, f"it {FEW} with no other camera"))
+        else:
+            out.append(_light(name, float(found.proven[v]), -np.log2(found.gains[v])))
+    return out
 
-    differences: for pairs of cameras, [n, 3] stops by which the first is brighter at shared points. Least squares over the pairs'
-    medians; a camera without a pair has error infinity.
-    """
-    known = {p: d for p, d in differences.items() if len(d) >= FEWEST}
-    if not known:
-        return None
-    rows, right, error, linked = [], [], [], np.zeros(cameras, bool)
-    for (a, b), d in known.items():
-        row = np.zeros(cameras)
-        row[a], row[b] = 1.0, -1.0
-        middle = np.median(d, axis=0)
-        rows.append(row)
-        right.append(middle)
-        # Of a median: 1.25 times a mean's; 1.4826 MAD is a normal's standard deviation.
-        error.append(1.25 * 1.4826 * float(np.median(np.abs(d - middle))) / np.sqrt(len(d)) + 0.02)
-        linked[[a, b]] = True
-    weight = 1 / np.array(error)
-    inverse = np.linalg.pinv(np.array(rows) * weight[:, None])
-    off = inverse @ (np.array(right) * weight[:, None])
-    off -= np.median(off[linked], axis=0)
-    return np.where(linked[:, None], off, 0.0), np.where(linked, np.sqrt((inverse**2).sum(axis=1)), np.inf)
+
+def _light(name: str, proven: float, stops: np.ndarray) -> Finding:
+    """A camera that is for certain `proven` stops off the middle one, and by `stops` [3] for all that is known."""
+    mean = float(stops.mean())
+    r, g, b = stops - mean
+    told = f"at shared surface points {abs(mean):.2f} stops {'brighter' if mean >= 0 else 'darker'} than the middle camera; white balance red {r:+.2f}, green {g:+.2f}, blue {b:+.2f}"
+    return measured("exposure", (name,), proven, "stops for sure", *LIGHT, told if proven > 0 else "no difference at shared surface points is beyond the error of the measure", ADVICE)

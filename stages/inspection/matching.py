@@ -12,7 +12,6 @@ from stages.inspection.finding import Finding, measured, unmeasured
 from stages.inspection.footage import Footage
 from stages.inspection.matches import EpipolarFit, epipolar_fit
 from stages.inspection.pairs import Rectified
-from stages.survey.surface import colors_at
 
 WIDEST = 55.0
 """Degrees at the subject beyond which features of the same place no longer look alike (SIFT loses them from 40 to 50 degrees on)."""
@@ -89,20 +88,3 @@ def _of_pair(footage: Footage, pair: Rectified, found: Matched | None) -> Findin
     close = int((fit.distances[fit.agree] * found.px <= good).sum())
     freely = f"; without any calibration {int(fit.free.sum())} fit each other within a median of {fit.free_error * found.px:.2f} px" if fit.free_error is not None else ""
     return measured(what, names, error, "px", good, bad, f"{right} of {n} matched points are held for right, {close} of them within {good:g} px of the calibration's lines, median {error:.2f} px{freely}", ADVICE)
-
-
-def color_differences(footage: Footage, found: list[Matched]) -> dict[tuple[int, int], np.ndarray]:
-    """Stops [n, 3] by which the first camera of each pair is brighter around the right matches."""
-    out = {}
-    for m in found:
-        parts = []
-        for n in footage.looked_at:
-            here = m.fit.agree & (m.numbers == n)
-            pictures = [footage.picture(v, n) for v in m.views]
-            if here.any() and pictures[0] is not None and pictures[1] is not None:
-                a, b = colors_at(pictures[0], m.first[here]), colors_at(pictures[1], m.second[here])
-                known = (a > 0).all(axis=1) & (b > 0).all(axis=1)
-                parts.append(np.log2(a[known]) - np.log2(b[known]))
-        if parts:
-            out[m.views] = np.concatenate(parts)
-    return out

@@ -87,7 +87,7 @@ def _counted(footage: Footage) -> dict[int, list[int]]:
 
 def _crowded(counted: dict[int, list[int]]) -> float:
     """Share of the pictures with more than one person."""
-    return float(np.mean([n > 1 for found in counted.values() for n in found] or [0]))
+    return float(np.mean([n > 1 for found in counted.values() for n in found] or [False]))
 
 
 def people(joints: Any) -> int:

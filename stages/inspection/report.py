@@ -8,12 +8,13 @@ from stages.geometry.sync import TimeOffsets
 from stages.inspection.cameras import of_aim, of_frames, of_lens
 from stages.inspection.finding import ORDER, Finding, Verdict, overall, worst_first
 from stages.inspection.footage import Footage
+from stages.inspection.light import of_light
 from stages.inspection.matching import Matched, matched_pairs, of_matches
 from stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from stages.inspection.pairs import Rectified, every_pair, of_pairs
 from stages.inspection.people import of_people
 from stages.inspection.planned import Planned
-from stages.inspection.subject import of_focus, of_joints, of_light, of_masks, of_poses, of_time
+from stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
 
 WORDS = {
     Verdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
@@ -95,6 +96,6 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
     findings = [
         *sizes, *of_frames(footage.names, footage.numbers), *cameras, *of_aim(footage.source_rig),
         *of_matches(footage, pairs, found), *of_joints(footage), *of_poses(footage), *of_masks(footage),
-        *time, *of_light(footage, found), *of_focus(footage), *of_people(footage, planned), of_matte(planned), of_cameras(planned), *of_pairs(planned, pairs),
+        *time, *of_light(footage), *of_focus(footage), *of_people(footage, planned), of_matte(planned), of_cameras(planned), *of_pairs(planned, pairs),
     ]  # fmt: skip
     return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned)

@@ -1,4 +1,4 @@
-"""Findings from the subject: joints in space and time, masks, light on the body, focus."""
+"""Findings from the subject: joints in space and time, masks, focus."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ from stages.inspection.bundle import pair_error, refit
 from stages.inspection.finding import Finding, measured, unmeasured
 from stages.inspection.footage import LOOSE, Footage
 from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
-from stages.inspection.light import stops_apart
-from stages.inspection.matching import Matched, color_differences
 from stages.inspection.sharpness import edge_width
-from stages.survey.exposure import match, patch_colors, typical_colors
-from stages.survey.joints import SCORE, joints_in_space
+from stages.survey.joints import SCORE
 from stages.survey.silhouettes import agreeing_share, masks_of
 
 RESIDUAL = (0.008, 0.016)
@@ -28,8 +25,6 @@ POSES = (0.005, 0.008)
 about a centimetre in what a detector calls a hip, in every frame alike, so that less is no proof against a calibration."""
 OFFSET = (0.25, 0.75)
 """Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be corrected."""
-LIGHT = (0.5, 2.0)
-"""Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""
 BLUR = (0.7, 2.0)
 """Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave none of it."""
 SHARP = (2.0, 4.0)
@@ -117,44 +112,6 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
         advice = f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected" if round(float(numbers[v])) else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
         out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
     return out, found
-
-
-def of_light(footage: Footage, found: list[Matched]) -> list[Finding]:
-    """Exposure and white balance of every camera against the others: around matched points, and where none are, on the body."""
-    if len(footage.rig) < 2:
-        return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
-    advice = "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
-    compared = stops_apart(color_differences(footage, found), len(footage.rig))
-    matching = match(_patches(footage)) if compared is None and footage.facts & {"joints2d", "joints3d"} else None
-    if matching is not None:
-        gains = -np.log2(matching.gains)
-        return [_light((n,), float(p), g, "on the body", advice) for n, p, g in zip(footage.names, matching.proven, gains, strict=True)]
-    if compared is None:
-        return [unmeasured("exposure", (), "stops", *LIGHT, "no two cameras share enough well exposed places, neither beside joints nor around matched points")]
-    out: list[Finding] = []
-    for name, stops, error in zip(footage.names, *compared, strict=True):
-        if not np.isfinite(error):
-            out.append(unmeasured("exposure", (name,), "stops", *LIGHT, "no other camera shares enough matched points"))
-        else:
-            out.append(_light((name,), max(0.0, float(np.abs(stops).max()) - 2 * float(error)), stops, "around matched points", advice))
-    return out
-
-
-def _light(names: tuple[str, ...], proven: float, stops: np.ndarray, where: str, advice: str) -> Finding:
-    mean = float(stops.mean())
-    r, g, b = stops - mean
-    return measured("exposure", names, proven, "stops for sure", *LIGHT, f"{where} {abs(mean):.2f} stops {'brighter' if mean >= 0 else 'darker'} than the middle camera; white balance red {r:+.2f}, green {g:+.2f}, blue {b:+.2f}", advice)
-
-
-def _patches(footage: Footage) -> np.ndarray:
-    """[V, 192, 3] typical colours of patches of the body, as the survey takes them, over the frames that are looked at."""
-    samples = np.zeros((len(footage.looked_at), len(footage.rig), 192, 3))
-    for i, n in enumerate(footage.looked_at):
-        space = joints_in_space(footage.joint_inputs, n)
-        for v in range(len(footage.rig)):
-            if n in footage.numbers[v]:
-                samples[i, v] = patch_colors(footage.raw(v, n), space, footage.rig, footage.source_rig, footage.captured_to_calibrated, v)
-    return np.stack([typical_colors(samples[:, v]) for v in range(len(footage.rig))])
 
 
 def of_masks(footage: Footage) -> list[Finding]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
-from stages.frames.effects import NO_LINK
 from stages.frames.params import SEGMENTED
 from stages.geometry.subject import look_at_point
 from stages.survey.disagreement import FEWEST, disagreement
@@ -81,10 +80,10 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
     if not {COLORS, SURFACE, NOISE} <= evidence.noted.keys():
         return None
     colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
-    matching = match(colors, evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
+    matching = match(evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
     left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
     if patches < FEWEST:
-        return Decision(False, None, bound, NO_LINK)
+        return Decision(False, None, bound, f"cameras share fewer than {FEWEST} patches of the body beside joints")
     even = " after exposure matching" if matching is not None else ""
     return Decision(bool(left > bound), left, bound, f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of {noise:.1f}/255")
 

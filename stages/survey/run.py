@@ -8,13 +8,13 @@ import numpy as np
 
 from stages.detection.reader import EstimatedJoints, joint_reader
 from stages.io import Block, Inputs
-from stages.survey.exposure import PATCHES, patch_colors, typical_colors
 from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
 from stages.survey.light import light_beyond_white
 from stages.survey.motion import jitter_and_motion, run_starts
 from stages.survey.noise import noise_level
 from stages.survey.outlines import outline_offsets, typical_offset
 from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from stages.survey.patches import PATCHES, patch_colors, typical_colors
 from stages.survey.plate import UNKNOWN, PlateLook, padded
 from stages.survey.sample import FEWEST, Look, look, sample_numbers, worked_numbers
 from stages.survey.silhouettes import agreement_of_view

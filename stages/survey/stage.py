@@ -77,7 +77,7 @@ STAGE = Stage(
             when=SPREAD,
         ),
         ArraySpec(COLORS, ("view", "patch", "rgb"), "float32", "linear light", "Median colour of 192 patches of the body, the same in every source view (12 joints x 16 directions), 0..1; 0 where not seen.", when=COLORS, noted=True),
-        ArraySpec(SURFACE, ("view", "other_view", "point", "rgb"), "float32", "stops", "By how much a source view is brighter than each later one at up to 64 surface points that both show; 99 where there is none.", when=SURFACE, noted=True),
+        ArraySpec(SURFACE, ("view", "other_view", "point", "rgb"), "float32", "stops", "By how much a source view is brighter than each later one at up to 64 surface points that both show, the darkest first; 99 where there is none.", when=SURFACE, noted=True),
         ArraySpec(
             MOTION,
             ("view", "motion"),

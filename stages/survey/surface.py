@@ -1,7 +1,7 @@
 """How bright two cameras see the same surface points, of the subject or of what stands around: features that both show, along the calibration's lines.
 
-A matte surface sends the same light to every camera. Gloss, wrong matches and blur are errors; medians over many points must
-bear them, and `exposure.match` counts their spread.
+A matte surface sends the same light to every camera. Points that glint, are nearly black or touch what is clipped are left out;
+what is left of gloss, wrong matches and blur are errors, whose spread `exposure.match` counts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from stages.geometry.features import Features, features, matched
 from stages.io import Block, Inputs
 from stages.pose.points import to_frames
-from stages.survey.exposure import BRIGHTEST, DARKEST
 from stages.survey.params import KEPT_PICTURES, NONE, SURFACE
 from storage.rig import points_to_integer_centres
 
@@ -30,6 +29,16 @@ BESIDE = 0.004
 """Distance of a right match from the calibration's line, as a share of the longer side."""
 POINTS = 64
 """Points kept of a pair of cameras."""
+DARKEST = 32
+"""sRGB value below which a step of 1/255, a reflection or a lens's haze is a tenth of a stop and more."""
+CLIPPED = 250
+"""sRGB value from which on a pixel may have been brighter: nothing near a point may be."""
+GLINT = 2.0
+"""Stops by which all channels of a pixel near a point exceed the point: a highlight, which is elsewhere for another camera."""
+NEAR = 2.0
+"""Radius, over the blur's, within which a point's surroundings count."""
+TONES = 0.7
+"""Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single tone may be gloss or haze."""
 
 
 class Seen(NamedTuple):
@@ -75,27 +84,29 @@ def _later(inputs: Inputs, view: int) -> list[int]:
     return [v for v in inputs.views.sources if v > view] if view in inputs.views.sources else []
 
 
-def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[int, Seen]) -> np.ndarray:
+def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[int, Seen] | None = None) -> np.ndarray:
     """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both show.
 
-    Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Of more than 64 points those are kept
-    that lie evenly in the order of their brightness, so that medians stay. `seen`: what is known of the view's own pictures.
+    Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Points are in the order of tone, the
+    darkest first; of more than 64 those are kept that lie evenly in it. A pair whose points hardly differ in tone has none.
+    `seen`: what is known of the view's own pictures, by frame; what is not is looked at.
     """
     out = np.full((len(inputs.rig), POINTS, 3), NONE, dtype=np.float32)
     later, chosen = _later(inputs, view), compared_numbers(numbers)
     found: dict[int, list[np.ndarray]] = {v: [] for v in later}
     for number in chosen if later else ():
-        own = seen[int(number)]
+        own = (seen or {}).get(int(number)) or _seen(inputs, view, int(number))
         for v in later:
-            other = _seen(inputs, v, int(number))
-            if other is not None:
-                found[v].append(_differences(inputs, (view, v), own, other))
+            other = _seen(inputs, v, int(number)) if own is not None else None
+            if own is not None and other is not None:
+                found[v].append(_shared_light(inputs, (view, v), own, other))
     for v, parts in found.items():
-        stops = np.concatenate(parts) if parts else np.zeros((0, 3))
-        if len(stops):
-            order = np.argsort(stops.sum(axis=1), kind="stable")
-            kept = stops[order[np.unique(np.rint(np.linspace(0, len(stops) - 1, POINTS)).astype(int))]]
-            out[v, : len(kept)] = kept
+        light = np.concatenate(parts) if parts else np.zeros((0, 2, 3))
+        tone = light.mean(axis=(1, 2))
+        order = np.argsort(tone, kind="stable")
+        if len(light) and np.median(tone[order[-(len(light) + 2) // 3 :]]) - np.median(tone[order[: (len(light) + 2) // 3]]) >= TONES:
+            kept = order[np.unique(np.rint(np.linspace(0, len(light) - 1, POINTS)).astype(int))]
+            out[v, : len(kept)] = light[kept, 0] - light[kept, 1]
     return out
 
 
@@ -123,8 +134,8 @@ def keep(identity: str, shown: np.ndarray) -> Seen:
     return _KEPT[identity]
 
 
-def _differences(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen) -> np.ndarray:
-    """[n, 3] stops between two cameras at the features they share."""
+def _shared_light(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen) -> np.ndarray:
+    """[n, 2, 3] logarithm to base 2 of the light of two cameras at the features they share."""
     pairs = matched(own.features, other.features)
     ideal, known = [], np.ones(len(pairs), bool)
     for i, (v, seen) in enumerate(zip(views, (own, other), strict=True)):
@@ -136,13 +147,16 @@ def _differences(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen)
     right = known & (off <= BESIDE * inputs.rig.size[list(views)].max())
     light = [seen.light[pairs[right, i]] for i, seen in enumerate((own, other))]
     both = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
-    return np.log2(light[0][both]) - np.log2(light[1][both])
+    return np.log2(np.stack([light[0][both], light[1][both]], axis=1))
 
 
 def colors_at(picture: np.ndarray, points: np.ndarray, blur: float = 3.0) -> np.ndarray:
-    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black or clipped."""
-    soft = cv2.GaussianBlur(picture, (0, 0), blur)
+    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black, or beside what is clipped or glints."""
     at = np.rint(points_to_integer_centres(points)).astype(int)
-    sampled = soft[np.clip(at[:, 1], 0, soft.shape[0] - 1), np.clip(at[:, 0], 0, soft.shape[1] - 1)].astype(np.float64)
-    exposed = ((sampled >= DARKEST) & (sampled <= BRIGHTEST)).all(axis=1)
-    return np.where(exposed[:, None], to_linear(sampled), 0.0)
+    at = np.clip(at, 0, np.array(picture.shape[1::-1]) - 1)
+    around = np.ones((2 * round(NEAR * blur) + 1,) * 2, np.uint8)
+    sampled, brightest = (p[at[:, 1], at[:, 0]].astype(np.float64) for p in (cv2.GaussianBlur(picture, (0, 0), blur), cv2.dilate(picture, around)))
+    exposed = ((sampled >= DARKEST) & (brightest < CLIPPED)).all(axis=1)
+    light = to_linear(sampled)
+    glints = (to_linear(brightest) > np.exp2(GLINT) * light).all(axis=1)
+    return np.where((exposed & ~glints)[:, None], light, 0.0)

@@ -125,7 +125,7 @@ def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> Ra
     distortion = intri.get(f"D_{name}", intri.get(f"dist_{name}", []))
     try:
         size = (int(_number(intri[f"W_{name}"])), int(_number(intri[f"H_{name}"]))) if f"W_{name}" in intri and f"H_{name}" in intri else None
-    except ValueError:
+    except (ValueError, OverflowError):
         raise CalibrationError(f"camera {name}: W_{name} {intri[f'W_{name}']!r} and H_{name} {intri[f'H_{name}']!r} in intri.yml must be whole numbers") from None
     return RawCamera(
         name,

@@ -97,7 +97,9 @@ def test_another_capture_under_a_used_name_is_refused_with_what_is_there_and_wha
 def test_replacing_leaves_nothing_of_the_other_capture(two: tuple[Pipeline, Pipeline]) -> None:
     """The survey is kept when a capture grows: a background plate of another room must not be."""
     _, new = two
-    assert register_again(new, replace=True) == []
+    (said,) = register_again(new, replace=True)
+    assert said.startswith("replaced: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1), pictures in ")
+    assert said.endswith("; deleted: all that was computed from it (8 results)")
     assert new.context().sequence.partition_frames == 3
     assert new.context().capture.rig.names == ("cam00", "cam01", "mid00")
     assert {r for v in new.plan().verdicts.values() for r in v.reasons if v.state is State.STALE} == {"never made"}

@@ -38,7 +38,11 @@ def main() -> int:
     print(table([f.name for f in rows], outcomes))
     faults = [o for o in outcomes if o.how not in GOOD]
     print(*told(faults), sep="\n")
-    print(f"{len(outcomes)} variants in {time.monotonic() - start:.0f} s, slowest {max(o.seconds for o in outcomes):.1f} s, largest {max(o.grown for o in outcomes) / 1e6:.0f} MB: {len(faults)} faults")
+    print(
+        f"{len(outcomes)} variants in {time.monotonic() - start:.0f} s, slowest "
+        f"{max(o.seconds for o in outcomes):.1f} s, largest {max(o.grown for o in outcomes) / 1e6:.0f} MB: "
+        f"{len(faults)} faults"
+    )
     return 1 if faults else 0
 
 
@@ -48,7 +52,11 @@ def table(names: list[str], outcomes: list[Outcome]) -> str:
     for name in names:
         found = [o for o in outcomes if o.format == name]
         count = Counter(o.how for o in found)
-        lines.append(f"| {name} | {len(found)} | {' | '.join(str(count[c]) for c in COLUMNS)} | {max((o.seconds for o in found), default=0):.1f} | {max((o.grown for o in found), default=0) / 1e6:.0f} |")
+        lines.append(
+            f"| {name} | {len(found)} | {' | '.join(str(count[c]) for c in COLUMNS)} | "
+            f"{max((o.seconds for o in found), default=0):.1f} | "
+            f"{max((o.grown for o in found), default=0) / 1e6:.0f} |"
+        )
     count = Counter(o.how for o in outcomes)
     return "\n".join([*lines, f"| all | {len(outcomes)} | {' | '.join(str(count[c]) for c in COLUMNS)} | | |"])
 
@@ -58,7 +66,11 @@ def told(faults: list[Outcome]) -> list[str]:
     kinds: dict[str, list[Outcome]] = {}
     for o in faults:
         kinds.setdefault(f"{o.how} {o.said.partition(': ')[0]}", []).append(o)
-    return [f"{o.format} --index {o.index} [{o.damage}] {o.how} ({len(found)} alike): {o.said}" for found in kinds.values() for o in found[:EXAMPLES]]
+    return [
+        f"{o.format} --index {o.index} [{o.damage}] {o.how} ({len(found)} alike): {o.said}"
+        for found in kinds.values()
+        for o in found[:EXAMPLES]
+    ]
 
 
 if __name__ == "__main__":

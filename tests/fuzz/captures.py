@@ -30,9 +30,25 @@ def trc(path: Path) -> None:
     from storage.joints import JOINT_SETS
 
     names = JOINT_SETS["trc21"].names
-    head = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"]
-    head += [f"30\t30\t{FRAMES}\t{len(names)}\tm\t30\t1\t{FRAMES}", "Frame#\tTime\t" + "\t\t\t".join(names), "\t\t" + "\t".join(f"{a}{i}" for i in range(len(names)) for a in "XYZ")]
-    rows = ["\t".join([str(f + 1), f"{f / 30:.3f}", *(f"{0.02 * m + 0.3 * a + 0.01 * f:.4f}" for m in range(len(names)) for a in range(3))]) for f in range(FRAMES)]
+    head = [
+        "PathFileType\t4\t(X/Y/Z)\twalk.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+    ]
+    head += [
+        f"30\t30\t{FRAMES}\t{len(names)}\tm\t30\t1\t{FRAMES}",
+        "Frame#\tTime\t" + "\t\t\t".join(names),
+        "\t\t" + "\t".join(f"{a}{i}" for i in range(len(names)) for a in "XYZ"),
+    ]
+    rows = [
+        "\t".join(
+            [
+                str(f + 1),
+                f"{f / 30:.3f}",
+                *(f"{0.02 * m + 0.3 * a + 0.01 * f:.4f}" for m in range(len(names)) for a in range(3)),
+            ]
+        )
+        for f in range(FRAMES)
+    ]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join([*head, *rows]) + "\n")
 
@@ -58,7 +74,9 @@ def caliscope(base: Path) -> None:
         for c, found in test_caliscope.SEEN.items() for k, n in enumerate(found) for j in range(33)
     ]  # fmt: skip
     (base / "POSE").mkdir()
-    (base / "POSE" / "xy_POSE.csv").write_text("\n".join(["sync_index,cam_id,frame_index,frame_time,point_id,img_loc_x,img_loc_y", *rows]) + "\n")
+    (base / "POSE" / "xy_POSE.csv").write_text(
+        "\n".join(["sync_index,cam_id,frame_index,frame_time,point_id,img_loc_x,img_loc_y", *rows]) + "\n"
+    )
 
 
 def easymocap(base: Path) -> None:
@@ -92,7 +110,9 @@ def images(base: Path) -> None:
         for kind in ("depth", "depth_maps"):
             (base / kind / name).mkdir(parents=True)
             for n in range(FRAMES):
-                write_exr(base / kind / name / f"{n:06d}.exr", np.where(disc() > 0, np.float32(2.5 + 0.1 * n), np.float32(0)))
+                write_exr(
+                    base / kind / name / f"{n:06d}.exr", np.where(disc() > 0, np.float32(2.5 + 0.1 * n), np.float32(0))
+                )
 
 
 def pictures_of(suffix: str, base: Path) -> None:
@@ -105,9 +125,19 @@ def pictures_of(suffix: str, base: Path) -> None:
         for kind in ("images", "masks"):
             (base / kind / name).mkdir(parents=True)
             for n in range(FRAMES):
-                values = random.integers(0, 256, (made.SIZE[1], made.SIZE[0], 3)).astype(np.uint8) if kind == "images" else np.repeat(disc()[..., None], 3, axis=2)
+                values = (
+                    random.integers(0, 256, (made.SIZE[1], made.SIZE[0], 3)).astype(np.uint8)
+                    if kind == "images"
+                    else np.repeat(disc()[..., None], 3, axis=2)
+                )
                 picture = oiio.ImageBuf(np.ascontiguousarray(values / np.float32(255) if suffix == ".exr" else values))
-                for tag, text in {"Artist": f"person {v}", "Copyright": "nobody", "ImageDescription": "a picture", "Software": "made", "DateTime": "2024:01:02 03:04:05"}.items():
+                for tag, text in {
+                    "Artist": f"person {v}",
+                    "Copyright": "nobody",
+                    "ImageDescription": "a picture",
+                    "Software": "made",
+                    "DateTime": "2024:01:02 03:04:05",
+                }.items():
                     picture.specmod()[tag] = text
                 picture.specmod()["Orientation"] = 1
                 if not picture.write(str(base / kind / name / f"{n:06d}{suffix}"), "half" if suffix == ".exr" else ""):
@@ -142,7 +172,9 @@ def depth_maps_of(suffix: str, base: Path) -> None:
     for name in made.NAMES:
         (base / "depth_maps" / name).mkdir(parents=True)
         for n in range(FRAMES):
-            oiio.ImageBuf(np.ascontiguousarray((disc() > 0)[..., None] * np.uint16(2500 + n))).write(str(base / "depth_maps" / name / f"{n:06d}{suffix}"), "uint16")
+            oiio.ImageBuf(np.ascontiguousarray((disc() > 0)[..., None] * np.uint16(2500 + n))).write(
+                str(base / "depth_maps" / name / f"{n:06d}{suffix}"), "uint16"
+            )
 
 
 def path_file(base: Path) -> None:

@@ -136,20 +136,37 @@ def record(folder: Path, out: Path) -> None:
 def archived(base: Path) -> None:
     """An archive with one imported sequence and its arrays."""
     captures.images(base / "capture")
-    register(Archive.open(str(base / "archive"), create=True), "sequence", find_capture("images", base / "capture", [], settings()), settings())
+    register(
+        Archive.open(str(base / "archive"), create=True),
+        "sequence",
+        find_capture("images", base / "capture", [], settings()),
+        settings(),
+    )
 
 
 def capture_formats() -> list[Format]:
     """All importers, and each file of theirs."""
-    pose2sim, easymocap, images = partial(imported, "pose2sim"), partial(imported, "easymocap"), partial(imported, "images")
+    pose2sim, easymocap, images = (
+        partial(imported, "pose2sim"),
+        partial(imported, "easymocap"),
+        partial(imported, "images"),
+    )
     in_mm = partial(imported, "images", depth_scale=0.001)
     return [
         Format("pose2sim: calibration TOML", captures.pose2sim, "calib/*.toml", "toml", pose2sim),
         Format("pose2sim: Qualisys XML", captures.qualisys, "*.qca.txt", "xml", pose2sim),
         Format("pose2sim: OpenPose JSON", captures.pose2sim, "pose/**/*.json", "json", pose2sim),
-        Format("pose2sim: TRC", captures.pose2sim, "pose-3d/*.trc", "table", partial(imported, "pose2sim", trc="pose-3d/walk.trc")),
+        Format(
+            "pose2sim: TRC",
+            captures.pose2sim,
+            "pose-3d/*.trc",
+            "table",
+            partial(imported, "pose2sim", trc="pose-3d/walk.trc"),
+        ),
         Format("caliscope: calibration TOML", captures.caliscope, "*.toml", "toml", partial(imported, "caliscope")),
-        Format("caliscope: timestamps CSV", captures.caliscope, "timestamps.csv", "table", partial(imported, "caliscope")),
+        Format(
+            "caliscope: timestamps CSV", captures.caliscope, "timestamps.csv", "table", partial(imported, "caliscope")
+        ),
         Format("caliscope: landmarks CSV", captures.caliscope, "POSE/*.csv", "table", partial(imported, "caliscope")),
         Format("easymocap: intri and extri YAML", captures.easymocap, "*.yml", "yaml", easymocap),
         Format("easymocap: annots JSON", captures.easymocap, "annots/**/*.json", "json", easymocap),
@@ -161,8 +178,14 @@ def capture_formats() -> list[Format]:
         Format("depth: EXR", captures.images, "depth*/**/*.exr", "binary", images),
         Format("depth maps: PNG", partial(captures.depth_maps_of, ".png"), "depth_maps/**/*.png", "binary", in_mm),
         Format("depth maps: TIFF", partial(captures.depth_maps_of, ".tif"), "depth_maps/**/*.tif", "binary", in_mm),
-        *(Format(f"pictures: {s[1:].upper()}", partial(captures.pictures_of, s), f"images/**/*{s}", "binary", images) for s in (".png", ".jpg", ".exr", ".tif", ".bmp", ".webp")),
-        *(Format(f"videos: {s[1:].upper()}", partial(captures.videos_of, s), f"videos/*{s}", "binary", pose2sim) for s in (".mp4", ".mov", ".mkv", ".avi", ".webm")),
+        *(
+            Format(f"pictures: {s[1:].upper()}", partial(captures.pictures_of, s), f"images/**/*{s}", "binary", images)
+            for s in (".png", ".jpg", ".exr", ".tif", ".bmp", ".webp")
+        ),
+        *(
+            Format(f"videos: {s[1:].upper()}", partial(captures.videos_of, s), f"videos/*{s}", "binary", pose2sim)
+            for s in (".mp4", ".mov", ".mkv", ".avi", ".webm")
+        ),
     ]
 
 
@@ -177,5 +200,3 @@ def formats() -> list[Format]:
         *(Format(name, make, files, kind, use) for name, make, files, kind, use in models.rows()),
         Format("sequence record JSON", archived, "archive/sequence/zarr.json", "json", record),
     ]
-
-

@@ -58,7 +58,18 @@ def weights(base: Path) -> None:
 
     base.mkdir(parents=True)
     preset = Preset("fast", widths=(8, 8, 8, 8), hidden=8)
-    card = Card("tiny", "fast", preset.as_json(), 6, "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
+    card = Card(
+        "tiny",
+        "fast",
+        preset.as_json(),
+        6,
+        "Two spheres.",
+        "1 and 2",
+        0.5,
+        "one core",
+        (("measure", "value"), ("EPE", "1.5")),
+        ("Anything at all.",),
+    )
     save_weights(base / "tiny.safetensors", PoseGaussianNetwork(preset).state_dict(), card)
 
 
@@ -79,7 +90,13 @@ def checkpoint(base: Path) -> None:
     from storage.checkpoints import write_checkpoint
 
     for step in (100, 200):
-        state = {"network": {"w": torch.zeros(3, 4)}, "optimiser": {"state": {0: {"step": 3, "mean": torch.ones(4)}}, "groups": [{"rate": 1e-3, "betas": (0.9, 0.99), "none": None}]}}
+        state = {
+            "network": {"w": torch.zeros(3, 4)},
+            "optimiser": {
+                "state": {0: {"step": 3, "mean": torch.ones(4)}},
+                "groups": [{"rate": 1e-3, "betas": (0.9, 0.99), "none": None}],
+            },
+        }
         write_checkpoint(base / "checkpoints", step, packed(state), {"minutes": 1.5})
 
 
@@ -97,7 +114,9 @@ def described(base: Path) -> None:
     base.mkdir(parents=True)
     onnx_files.heatmap_network(base / "net.onnx", 96, 128, 4)
     lines = [f"{k}: {v}" for k, v in test_onnx.HEATMAP.items()]
-    (base / "own.yaml").write_text("\n".join([*lines, "mean: [0.1, 0.2, 0.3]", "std: [0.5, 0.6, 0.7]", "channels: bgr", "margin: 1.25"]) + "\n")
+    (base / "own.yaml").write_text(
+        "\n".join([*lines, "mean: [0.1, 0.2, 0.3]", "std: [0.5, 0.6, 0.7]", "channels: bgr", "margin: 1.25"]) + "\n"
+    )
 
 
 def read_model(folder: Path, out: Path) -> None:
@@ -106,7 +125,9 @@ def read_model(folder: Path, out: Path) -> None:
     from stages.detection.onnx import OnnxEstimator
 
     add([folder / "own.yaml"])
-    OnnxEstimator(read_description(folder / "own.yaml")).look(np.full((64, 64, 3), 100, np.uint8), np.array([[32.0, 32.0, 40.0, 0.0]]))
+    OnnxEstimator(read_description(folder / "own.yaml")).look(
+        np.full((64, 64, 3), 100, np.uint8), np.array([[32.0, 32.0, 40.0, 0.0]])
+    )
 
 
 def bought(base: Path) -> None:
@@ -134,7 +155,10 @@ def scan(base: Path) -> None:
     from storage.media import write_png
 
     base.mkdir(parents=True)
-    (base / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1.7 0.2\nv 0 1.7 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\nf -4 -3 -2\n")
+    (base / "a.obj").write_text(
+        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1.7 0.2\nv 0 1.7 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 "
+        "4/4\nf -4 -3 -2\n"
+    )
     (base / "a.mtl").write_text("newmtl skin\nmap_Kd a.png\n")
     write_png(base / "a.png", np.full((8, 8, 3), 100, np.uint8))
 

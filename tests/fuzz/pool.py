@@ -26,6 +26,13 @@ import OpenImageIO  # noqa: F401
 import safetensors.torch  # noqa: F401
 import zarr  # noqa: F401
 
+import dags.cli
+import dags.importing
+import dags.models
+import dags.network_weights
+import dags.simulate
+import dags.training_config
+import dags.training_state  # noqa: F401
 import stages.detection.onnx
 import stages.geometry.agreement
 import stages.geometry.path_file
@@ -74,7 +81,13 @@ def variant(format: Format, index: int, whole: Path, place: Path) -> Outcome:
     shutil.copytree(whole, inside, copy_function=os.link)
     random, damage = Random(f"{format.name} {index}"), "nothing"
     if index >= 0:
-        damage = rename(inside, random) if not format.files else spoil(random.choice(sorted(p for p in inside.glob(format.files) if p.is_file())), format.kind, outside, random)
+        damage = (
+            rename(inside, random)
+            if not format.files
+            else spoil(
+                random.choice(sorted(p for p in inside.glob(format.files) if p.is_file())), format.kind, outside, random
+            )
+        )
     before = _listing(place, out)
     start, held = time.process_time(), _reset_peak()
     how, said = _read(format, inside, out)
@@ -101,13 +114,23 @@ def _read(format: Format, inside: Path, out: Path) -> tuple[str, str]:
 
 def _where(error: BaseException) -> str:
     """The innermost line of the project's own."""
-    own = [f for f in traceback.extract_tb(error.__traceback__) if any(f"/{p}/" in f.filename for p in ("storage", "stages", "dags")) and "site-packages" not in f.filename]
+    own = [
+        f
+        for f in traceback.extract_tb(error.__traceback__)
+        if any(f"/{p}/" in f.filename for p in ("storage", "stages", "dags")) and "site-packages" not in f.filename
+    ]
     return " < ".join(f"{Path(f.filename).name}:{f.lineno}" for f in reversed(own[-3:]))
 
 
 def _listing(place: Path, but: Path) -> set[tuple[str, int, int]]:
     """(path, size, time) of everything below a folder, but for one that may change."""
-    return {(str(p), s.st_size, s.st_mtime_ns) for p in place.rglob("*") if not p.is_relative_to(but) for s in [p.lstat()] if not p.is_dir()} | {(str(p), 0, 0) for p in place.rglob("*") if p.is_dir() and not p.is_relative_to(but)}
+    return {
+        (str(p), s.st_size, s.st_mtime_ns)
+        for p in place.rglob("*")
+        if not p.is_relative_to(but)
+        for s in [p.lstat()]
+        if not p.is_dir()
+    } | {(str(p), 0, 0) for p in place.rglob("*") if p.is_dir() and not p.is_relative_to(but)}
 
 
 def _reset_peak() -> int:
@@ -117,7 +140,11 @@ def _reset_peak() -> int:
 
 
 def _peak() -> int:
-    return next(int(line.split()[1]) * 1024 for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return next(
+        int(line.split()[1]) * 1024
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
 
 
 def _resident(process: int) -> int:
@@ -164,13 +191,22 @@ class _Worker:
         theirs.close()
 
     def give(self, job: tuple[str, int]) -> None:
-        self.job, self.since, self.spent, self.first = job, time.monotonic(), _processor(self.process.pid), _resident(self.process.pid)
+        self.job, self.since, self.spent, self.first = (
+            job,
+            time.monotonic(),
+            _processor(self.process.pid),
+            _resident(self.process.pid),
+        )
         self.pipe.send(job)
 
     def overdue(self, seconds: float) -> Outcome | None:
         """A fault of the variant that is read now, which ends the worker."""
         assert self.job is not None
-        grown, took, waited = _resident(self.process.pid) - self.first, _processor(self.process.pid) - self.spent, time.monotonic() - self.since
+        grown, took, waited = (
+            _resident(self.process.pid) - self.first,
+            _processor(self.process.pid) - self.spent,
+            time.monotonic() - self.since,
+        )
         if grown <= 2 * MEMORY and took <= seconds and waited <= max(seconds, WAIT):
             return None
         return self.replaced("memory" if grown > 2 * MEMORY else "hang", took, grown)
@@ -190,7 +226,9 @@ class _Worker:
         self.process.join()
 
 
-def run(formats: Sequence[Format], jobs: Sequence[tuple[str, int]], work: Path, workers: int, seconds: float = SECONDS) -> Iterator[Outcome]:
+def run(
+    formats: Sequence[Format], jobs: Sequence[tuple[str, int]], work: Path, workers: int, seconds: float = SECONDS
+) -> Iterator[Outcome]:
     """The outcome of every (format, index), as they come."""
     by_name = {f.name: f for f in formats}
     team = [_Worker(by_name, work / "whole", work / f"worker{n}") for n in range(workers)]

@@ -18,7 +18,33 @@ NUMBERS = (
     "2147483648", "-9223372036854775809", "18446744073709551616", "0.5", "3.7e5", "1e5", "true", "null", "[]", "{}", '""', '"text"', "[[1, 2], [3]]", "1,5", "0x10", "1e", "--1", "1_0",
 )  # fmt: skip
 """What may stand in the place of a number."""
-WORDS = ("", ".", "..", "../../../planted", "../../outside/planted", "{outside}/planted", "a/b", "nul\\u0000l", "x" * 300, "x" * 70000, "\\ud800", "\\u202e", "é", "*", "cam1", "0", "-", " ", "\\n", "%s%n", "~", "CON", "null", "true", "1e400")
+WORDS = (
+    "",
+    ".",
+    "..",
+    "../../../planted",
+    "../../outside/planted",
+    "{outside}/planted",
+    "a/b",
+    "nul\\u0000l",
+    "x" * 300,
+    "x" * 70000,
+    "\\ud800",
+    "\\u202e",
+    "é",
+    "*",
+    "cam1",
+    "0",
+    "-",
+    " ",
+    "\\n",
+    "%s%n",
+    "~",
+    "CON",
+    "null",
+    "true",
+    "1e400",
+)
 """What may stand in the place of a text."""
 EXTREME = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 """What may stand in the place of four bytes."""
@@ -31,7 +57,9 @@ Spoiler = Callable[[bytes, Random], bytes]
 
 def _at(raw: bytes, random: Random) -> int:
     """A place, more often within the first kilobyte, where headers are."""
-    return random.randrange(max(1, min(len(raw), 1024))) if random.random() < 0.6 else random.randrange(max(1, len(raw)))
+    return (
+        random.randrange(max(1, min(len(raw), 1024))) if random.random() < 0.6 else random.randrange(max(1, len(raw)))
+    )
 
 
 def flip(raw: bytes, random: Random) -> bytes:
@@ -63,7 +91,15 @@ def double(raw: bytes, random: Random) -> bytes:
 
 def overwrite(raw: bytes, random: Random) -> bytes:
     at = _at(raw, random)
-    new = random.choice((struct.pack(random.choice("<>") + "I", random.choice(EXTREME)), b"\xff" * 30, bytes(30), struct.pack("<d", float("nan")), random.choice(NOT_UTF8)))
+    new = random.choice(
+        (
+            struct.pack(random.choice("<>") + "I", random.choice(EXTREME)),
+            b"\xff" * 30,
+            bytes(30),
+            struct.pack("<d", float("nan")),
+            random.choice(NOT_UTF8),
+        )
+    )
     return raw[:at] + new + raw[at + len(new) :]
 
 
@@ -120,7 +156,17 @@ def lines(raw: bytes, random: Random) -> bytes:
 def encoding(raw: bytes, random: Random) -> bytes:
     text = raw.decode("utf-8", "replace")
     at = random.randrange(len(raw) + 1)
-    return random.choice((raw[:at] + random.choice(NOT_UTF8) + raw[at:], text.encode("utf-16"), text.encode("utf-32"), b"\xef\xbb\xbf" + raw, raw.replace(b"\n", b"\r"), raw.replace(b"\n", b"\0"), raw[:at] + b"\0" + raw[at:]))
+    return random.choice(
+        (
+            raw[:at] + random.choice(NOT_UTF8) + raw[at:],
+            text.encode("utf-16"),
+            text.encode("utf-32"),
+            b"\xef\xbb\xbf" + raw,
+            raw.replace(b"\n", b"\r"),
+            raw.replace(b"\n", b"\0"),
+            raw[:at] + b"\0" + raw[at:],
+        )
+    )
 
 
 def deep(raw: bytes, random: Random) -> bytes:
@@ -130,7 +176,21 @@ def deep(raw: bytes, random: Random) -> bytes:
     return nested.encode() if random.random() < 0.5 else _replaced(raw, random, rb"-?\d+\.?\d*", lambda _: nested)
 
 
-TEXT: tuple[Spoiler, ...] = (flip, cut, insert, take_out, number, number, number, many_numbers, word, word, lines, encoding, deep)
+TEXT: tuple[Spoiler, ...] = (
+    flip,
+    cut,
+    insert,
+    take_out,
+    number,
+    number,
+    number,
+    many_numbers,
+    word,
+    word,
+    lines,
+    encoding,
+    deep,
+)
 
 
 def json_node(raw: bytes, random: Random) -> bytes:
@@ -148,7 +208,31 @@ def json_node(raw: bytes, random: Random) -> bytes:
     if not places:
         return raw
     holder, key = random.choice(places)
-    wrong = random.choice((None, True, -1, 0, 1e308, -1e308, 10**25, 10**400, float("nan"), float("inf"), "", "text", "../../planted", [], {}, [[]], [None], {"a": [1]}, [1, 2, 3, 4], "x" * 100_000, [[1.0] * 3] * 3))
+    wrong = random.choice(
+        (
+            None,
+            True,
+            -1,
+            0,
+            1e308,
+            -1e308,
+            10**25,
+            10**400,
+            float("nan"),
+            float("inf"),
+            "",
+            "text",
+            "../../planted",
+            [],
+            {},
+            [[]],
+            [None],
+            {"a": [1]},
+            [1, 2, 3, 4],
+            "x" * 100_000,
+            [[1.0] * 3] * 3,
+        )
+    )
     how = random.random()
     if how < 0.7:
         holder[key] = wrong
@@ -162,29 +246,81 @@ def json_node(raw: bytes, random: Random) -> bytes:
 
 
 ANCHORS = "abcdefghijklmnopqrstuvwxyz"
-BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in pairwise(ANCHORS))
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in pairwise(ANCHORS)
+)
 """YAML of a kilobyte that stands for 9^26 values."""
 
 
 def yaml_bomb(raw: bytes, random: Random) -> bytes:
     text = raw.decode("utf-8", "replace")
-    hostile = ("x: &x {y: *x}\n", "x: !!python/object/apply:os.system ['touch {outside}/planted']\n", "? [a, b]\n: 1\n", "!!binary x: 1\n", "<<: {a: 1}\n", "x: !!timestamp 2020-99-99\n", "x: 1:2:3:4\n", "x: *unknown\n", "--- \n---\n", "%YAML 9.9\n", "x: !!set {a, b}\n")
-    return random.choice((BOMB, BOMB + text, text + BOMB, *(h + text for h in hostile), *(text + h for h in hostile), "x: " + "9" * 5000 + "\n" + text)).encode()
+    hostile = (
+        "x: &x {y: *x}\n",
+        "x: !!python/object/apply:os.system ['touch {outside}/planted']\n",
+        "? [a, b]\n: 1\n",
+        "!!binary x: 1\n",
+        "<<: {a: 1}\n",
+        "x: !!timestamp 2020-99-99\n",
+        "x: 1:2:3:4\n",
+        "x: *unknown\n",
+        "--- \n---\n",
+        "%YAML 9.9\n",
+        "x: !!set {a, b}\n",
+    )
+    return random.choice(
+        (
+            BOMB,
+            BOMB + text,
+            text + BOMB,
+            *(h + text for h in hostile),
+            *(text + h for h in hostile),
+            "x: " + "9" * 5000 + "\n" + text,
+        )
+    ).encode()
 
 
 def toml_bomb(raw: bytes, random: Random) -> bytes:
     text = raw.decode("utf-8", "replace")
-    keys = (".".join(["a"] * 50_000) + " = 1\n", "[" + ".".join(["a"] * 50_000) + "]\n", ". ".join(['"b"'] * 3000) + " = 2\n", "".join(f"{'.'.join(['c'] * 30)}.k{i} = 1\n" for i in range(3000)), "".join(f"[[d{i}.e]]\n" for i in range(9000)))
-    return random.choice((*(k + text for k in keys), text + "date = 1979-05-27\n", text.replace("translation = ", "translation = 1979-05-27 # "), text.replace("size = ", "size = {a = 1} # "))).encode()
+    keys = (
+        ".".join(["a"] * 50_000) + " = 1\n",
+        "[" + ".".join(["a"] * 50_000) + "]\n",
+        ". ".join(['"b"'] * 3000) + " = 2\n",
+        "".join(f"{'.'.join(['c'] * 30)}.k{i} = 1\n" for i in range(3000)),
+        "".join(f"[[d{i}.e]]\n" for i in range(9000)),
+    )
+    return random.choice(
+        (
+            *(k + text for k in keys),
+            text + "date = 1979-05-27\n",
+            text.replace("translation = ", "translation = 1979-05-27 # "),
+            text.replace("size = ", "size = {a = 1} # "),
+        )
+    ).encode()
 
 
 def xml_bomb(raw: bytes, random: Random) -> bytes:
     text = raw.decode("utf-8", "replace")
     entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise(ANCHORS))
-    return random.choice((f"<!DOCTYPE x [{entities}]><x>&z;</x>", f'<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>{text}', f"<?xml version='1.0' encoding='no-such'?>{text}", f"<?xml version='1.0' encoding='utf-7'?>{text}", "<a>" * DEEP, text * 3)).encode()
+    return random.choice(
+        (
+            f"<!DOCTYPE x [{entities}]><x>&z;</x>",
+            f'<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>{text}',
+            f"<?xml version='1.0' encoding='no-such'?>{text}",
+            f"<?xml version='1.0' encoding='utf-7'?>{text}",
+            "<a>" * DEEP,
+            text * 3,
+        )
+    ).encode()
 
 
-STRUCTURE: dict[str, tuple[Spoiler, ...]] = {"json": (json_node,) * 8, "yaml": (yaml_bomb,) * 3, "toml": (toml_bomb,) * 3, "xml": (xml_bomb,) * 3, "table": (), "binary": ()}
+STRUCTURE: dict[str, tuple[Spoiler, ...]] = {
+    "json": (json_node,) * 8,
+    "yaml": (yaml_bomb,) * 3,
+    "toml": (toml_bomb,) * 3,
+    "xml": (xml_bomb,) * 3,
+    "table": (),
+    "binary": (),
+}
 """What only the format's own grammar makes possible."""
 
 
@@ -251,7 +387,31 @@ def spoil(file: Path, kind: str, outside: Path, random: Random) -> str:
 def rename(root: Path, random: Random) -> str:
     """Give a file or folder of a capture a hostile name."""
     chosen = random.choice(sorted(p for p in root.rglob("*")))
-    new = random.choice(("", "..x", "-", " ", "a b", "é" * 20, "\udcff", "\n", "9" * 30, "000000", "x" * 200, "*", "?", "%s", "cam1", ".hidden", "~", "nul", "1e9", "-5", "0_0")) + random.choice(("", chosen.suffix))
+    new = random.choice(
+        (
+            "",
+            "..x",
+            "-",
+            " ",
+            "a b",
+            "é" * 20,
+            "\udcff",
+            "\n",
+            "9" * 30,
+            "000000",
+            "x" * 200,
+            "*",
+            "?",
+            "%s",
+            "cam1",
+            ".hidden",
+            "~",
+            "nul",
+            "1e9",
+            "-5",
+            "0_0",
+        )
+    ) + random.choice(("", chosen.suffix))
     target = chosen.with_name(new or "_")
     if target.exists():
         shutil.rmtree(chosen) if chosen.is_dir() else chosen.unlink()

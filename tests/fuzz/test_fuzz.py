@@ -61,8 +61,19 @@ def dying(folder: Path, out: Path) -> None:
     os._exit(3)
 
 
-@pytest.mark.parametrize(("use", "how"), [(planting, "outside"), (hungry, "memory"), (silent, "traceback"), (crashing, "traceback"), (lambda folder, out: None, "accepted")])
-def test_the_harness_sees_each_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, use: Callable[[Path, Path], object], how: str) -> None:
+@pytest.mark.parametrize(
+    ("use", "how"),
+    [
+        (planting, "outside"),
+        (hungry, "memory"),
+        (silent, "traceback"),
+        (crashing, "traceback"),
+        (lambda folder, out: None, "accepted"),
+    ],
+)
+def test_the_harness_sees_each_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, use: Callable[[Path, Path], object], how: str
+) -> None:
     monkeypatch.setattr(pool, "MEMORY", 40_000_000)
     row = Format("a", written, "*.json", "json", use)
     row.make(tmp_path / "whole")
@@ -70,7 +81,11 @@ def test_the_harness_sees_each_fault(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_a_worker_that_hangs_or_dies_is_a_fault_and_the_others_go_on(tmp_path: Path) -> None:
-    rows = [Format("hangs", written, "*.json", "json", endless), Format("dies", written, "*.json", "json", dying), Format("works", written, "*.json", "json", lambda folder, out: None)]
+    rows = [
+        Format("hangs", written, "*.json", "json", endless),
+        Format("dies", written, "*.json", "json", dying),
+        Format("works", written, "*.json", "json", lambda folder, out: None),
+    ]
     for row in rows:
         row.make(tmp_path / "whole" / row.name)
     found = list(run(rows, [(r.name, n) for n in range(2) for r in rows], tmp_path, workers=1, seconds=0.3))

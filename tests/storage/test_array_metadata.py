@@ -21,7 +21,7 @@ from tests.storage.samples import make_sequence
 
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 SHAPE = {"frame": 10, "view": 3, "y": 6, "x": 8}
-EVERY = {**SHAPE, "source_y": 6, "source_x": 8, "camera_y": 6, "camera_x": 8, "camera": 2, "joint": 17, "sample": 5, "person": 2, "other_view": 3}
+EVERY = {**SHAPE, "source_y": 6, "source_x": 8, "camera_y": 6, "camera_x": 8, "camera": 2, "joint": 17, "sample": 5, "person": 2, "other_view": 3, "found_joint": 33}
 
 
 @pytest.fixture

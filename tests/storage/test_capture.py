@@ -12,7 +12,8 @@ import pytest
 
 from storage.capture import Capture, SourceFile, Stream
 from storage.crop import Crop
-from storage.errors import SourceError, UserError
+from storage.errors import BrokenRecord, SourceError, UserError
+from storage.records import read_capture
 from tests.storage.samples import fake_file, make_capture
 
 
@@ -43,6 +44,15 @@ def test_crops_and_roles_are_kept_and_records_without_them_are_read() -> None:
     assert (back.crops, back.held_out) == ({name: Crop(scale=1.5, offset=(1, -2))}, (name,))
     old = {k: v for k, v in capture.to_json().items() if k not in ("crops", "held_out")}
     assert Capture.from_json(old).to_json() == through_json(capture).to_json()
+
+
+@pytest.mark.parametrize(("key", "value"), [("crops", {"../x": {"scale": 1}}), ("held_out", ["nobody"]), ("held_out", [3]), ("crops", {"a": {"scale": 1e300}}), ("crops", {"a": {"scale": 1, "offset": [0, 1e300]}}), ("crops", 5)])
+def test_a_record_with_crops_or_roles_of_no_camera_is_broken(key: str, value: object) -> None:
+    capture = make_capture()
+    capture = replace(capture, rig=replace(capture.rig, names=("a", *capture.rig.names[1:])))
+    assert read_capture({"capture": capture.to_json()}, Path("zarr.json")).rig.names == capture.rig.names
+    with pytest.raises(BrokenRecord, match=r"zarr\.json does not describe a capture"):
+        read_capture({"capture": {**capture.to_json(), key: value}}, Path("zarr.json"))
 
 
 def test_cameras_keep_every_bit() -> None:

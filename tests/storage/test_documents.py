@@ -31,7 +31,12 @@ def test_only_regular_files_are_opened(tmp_path: Path, reader: str) -> None:
     pipe, endless, gone = tmp_path / "pipe.png", tmp_path / "endless.png", tmp_path / "gone.png"
     os.mkfifo(pipe)
     endless.symlink_to("/dev/zero")
-    for path, what in ((pipe, "it is a pipe"), (endless, "it is a device"), (tmp_path, "it is a folder"), (gone, "No such file")):
+    for path, what in (
+        (pipe, "it is a pipe"),
+        (endless, "it is a device"),
+        (tmp_path, "it is a folder"),
+        (gone, "No such file"),
+    ):
         with pytest.raises((SourceError, ConfigError), match=f"{path}: .*{what}" if path != tmp_path else what):
             READERS[reader](path)
 
@@ -45,7 +50,9 @@ def test_a_file_is_too_large_before_it_is_read(tmp_path: Path) -> None:
             read(file)
 
 
-BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
 HOSTILE: dict[str, tuple[Callable[[Path], Any], bytes, str]] = {
     "json, deep": (read_json, b"[" * 100_000, "nested more than 32 deep"),
     "json, deep objects": (read_json, b'{"a":' * 33 + b"1" + b"}" * 33, "nested more than 32 deep"),
@@ -104,7 +111,9 @@ def test_what_is_ordinary_is_read(tmp_path: Path) -> None:
     assert regular(file).st_size == len("<a><b c='1'/></a>")
 
 
-def test_a_json_of_too_many_values_is_refused_before_it_is_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_json_of_too_many_values_is_refused_before_it_is_parsed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(documents, "MOST_VALUES", 1000)
     (tmp_path / "a.json").write_text("[" + "[]," * 500 + "1]")
     with pytest.raises(SourceError, match="about 1502 values; at most 1000 are read"):

@@ -33,13 +33,33 @@ def rig(part: str, at: tuple[int, ...], value: float) -> Any:
 
 
 CAMERAS = {
-    "focal length beyond all lenses": ("intrinsics", (1, 0, 0), 1e12, "cam02: focal length fx = 1e\\+12 px is beyond 2 to 4000 px"),
-    "focal length in widths of the picture": ("intrinsics", (1, 1, 1), 1.2, "fy = 1.2 px .* is it in millimetres, or in widths of the picture"),
+    "focal length beyond all lenses": (
+        "intrinsics",
+        (1, 0, 0),
+        1e12,
+        "cam02: focal length fx = 1e\\+12 px is beyond 2 to 4000 px",
+    ),
+    "focal length in widths of the picture": (
+        "intrinsics",
+        (1, 1, 1),
+        1.2,
+        "fy = 1.2 px .* is it in millimetres, or in widths of the picture",
+    ),
     "focal lengths of two units": ("intrinsics", (1, 0, 0), 3000.0, "differ more than 5 times"),
-    "principal point of another picture": ("intrinsics", (1, 0, 2), 960.0, "principal point cx = 960 px .* pictures of another size"),
+    "principal point of another picture": (
+        "intrinsics",
+        (1, 0, 2),
+        960.0,
+        "principal point cx = 960 px .* pictures of another size",
+    ),
     "distortion in pixels": ("distortion", (1, 0), 1e308, "distortion k1 = 1e\\+308 is beyond 1000"),
     "tangential distortion": ("distortion", (1, 3), -50.0, "distortion p2 = -50 is beyond 10"),
-    "translation in millimetres": ("world_to_camera", (1, 2, 3), 3000.0, "its translation holds 3000 m, .* millimetres"),
+    "translation in millimetres": (
+        "world_to_camera",
+        (1, 2, 3),
+        3000.0,
+        "its translation holds 3000 m, .* millimetres",
+    ),
     "translation beyond numbers": ("world_to_camera", (1, 0, 3), -1e308, "its translation holds 1e\\+308 m"),
     "picture beyond all pictures": ("size", (1, 0), 10**9, "picture size .* whole numbers from 1 to 32768"),
     "picture without pixels": ("size", (1, 1), 0, "picture size .* whole numbers from 1 to 32768"),
@@ -62,13 +82,31 @@ def test_a_header_that_promises_more_than_memory_holds_is_refused(tmp_path: Path
     raw[29:33] = struct.pack(">I", zlib.crc32(raw[12:29]))
     file.write_bytes(raw)
     for read in (read_picture, picture_size):
-        with pytest.raises(SourceError, match=r"a\.png: it says it is 9000x9000 px; at most 32768 px a side and 67108864 px in all"):
+        with pytest.raises(
+            SourceError, match=r"a\.png: it says it is 9000x9000 px; at most 32768 px a side and 67108864 px in all"
+        ):
             read(file)
 
 
-@pytest.mark.parametrize(("change", "sentence"), [({"K": [[1e12, 0, 20], [0, 50, 15], [0, 0, 1]]}, "focal length fx = 1e.12 px"), ({"t": [0, 0, 4000]}, "its translation holds 4000 m")])
-def test_a_camera_path_that_cannot_be_names_camera_and_file(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
-    camera = {"name": "a", "width": 40, "height": 30, "K": [[50, 0, 20], [0, 50, 15], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0, 0, 3], **change}
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"K": [[1e12, 0, 20], [0, 50, 15], [0, 0, 1]]}, "focal length fx = 1e.12 px"),
+        ({"t": [0, 0, 4000]}, "its translation holds 4000 m"),
+    ],
+)
+def test_a_camera_path_that_cannot_be_names_camera_and_file(
+    tmp_path: Path, change: dict[str, Any], sentence: str
+) -> None:
+    camera = {
+        "name": "a",
+        "width": 40,
+        "height": 30,
+        "K": [[50, 0, 20], [0, 50, 15], [0, 0, 1]],
+        "R": np.eye(3).tolist(),
+        "t": [0, 0, 3],
+        **change,
+    }
     (tmp_path / "path.json").write_text(json.dumps({"pixel_center": "half", "cameras": [camera]}))
     with pytest.raises(CalibrationError, match=rf"camera 'a' of .*path\.json: {sentence}"):
         read_path_file(str(tmp_path / "path.json"), np.arange(3))
@@ -84,10 +122,10 @@ def test_numbers_of_a_scene_are_bounded_with_their_place(tmp_path: Path) -> None
     (tmp_path / "s.yaml").write_text("seed: 3\nrig: {kind: ring, radius: 1.0e+300, roll: 1.0e+9}\n")
     with pytest.raises(ConfigError) as error:
         read_scene(tmp_path / "s.yaml")
-    assert [line.partition("s.yaml")[2] for line in str(error.value).splitlines()] == [
+    assert {line.partition("s.yaml")[2] for line in str(error.value).splitlines()} == {
         ":2:19 rig.radius: 1e+300 is beyond 100000; lengths are metres, angles degrees and times seconds",
         ":2:37 rig.roll: 1e+09 is beyond 100000; lengths are metres, angles degrees and times seconds",
-    ]
+    }
 
 
 def test_a_rotation_vector_in_degrees_is_told() -> None:
@@ -112,7 +150,12 @@ def test_a_time_in_milliseconds_since_1970(seconds: float) -> None:
 
 @pytest.mark.parametrize(
     ("flat", "sentence"),
-    [([1e308, 5, 0.5], "holds the coordinate 1e\\+308 px"), ([-2e5, 5, 0.5], "at most 100000 are plausible"), ([10, 5, 640], "holds the confidence 640, .* the order"), ([10**25, 5, 0.5], "26 digits")],
+    [
+        ([1e308, 5, 0.5], "holds the coordinate 1e\\+308 px"),
+        ([-2e5, 5, 0.5], "at most 100000 are plausible"),
+        ([10, 5, 640], "holds the confidence 640, .* the order"),
+        ([10**25, 5, 0.5], "26 digits"),
+    ],
 )
 def test_joints_beyond_every_picture_are_refused(tmp_path: Path, flat: list[float], sentence: str) -> None:
     file = tmp_path / "0_keypoints.json"
@@ -130,8 +173,17 @@ def test_joints_beyond_every_picture_are_refused(tmp_path: Path, flat: list[floa
     ],
 )  # fmt: skip
 def test_parts_of_coco_of_the_wrong_kind_are_named(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
-    annotation = {"image_id": 1, "keypoints": [1, 2, 2], "bbox": [0, 0, 5, 5], "score": 0.5, "keypoint_scores": [0.25], **change}
-    (tmp_path / "a.json").write_text(json.dumps({"images": [{"id": 1, "file_name": "a/0.png"}], "annotations": [annotation]}))
+    annotation = {
+        "image_id": 1,
+        "keypoints": [1, 2, 2],
+        "bbox": [0, 0, 5, 5],
+        "score": 0.5,
+        "keypoint_scores": [0.25],
+        **change,
+    }
+    (tmp_path / "a.json").write_text(
+        json.dumps({"images": [{"id": 1, "file_name": "a/0.png"}], "annotations": [annotation]})
+    )
     with pytest.raises(SourceError, match=sentence):
         read_coco(tmp_path / "a.json")
 
@@ -142,7 +194,9 @@ def test_a_trc_in_millimetres_that_says_metres_is_told(tmp_path: Path) -> None:
     assert trc_joints(file, "yzx").options["joint_set"] == "trc21"
     text = file.read_text()
     file.write_text(text.replace("\tm\t", "\tmm\t"))
-    with pytest.raises(SourceError, match=r"0\.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"):
+    with pytest.raises(
+        SourceError, match=r"0\.05 to 10 m are plausible of a person; is the file's unit right. It may be metres"
+    ):
         trc_joints(file, "yzx")
     file.write_text(text.replace("\t0.0400", "\t4e7"))
     with pytest.raises(SourceError, match=r"a marker lies 4e\+07 m from the origin, .* millimetres"):

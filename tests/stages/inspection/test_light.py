@@ -1,32 +1,55 @@
-"""Exposures that differ by known stops are found around shared points."""
+"""Exposure in an inspection is the survey's measure: the same numbers, in the same words for the same cameras."""
 
 from __future__ import annotations
 
-import numpy as np
+from types import SimpleNamespace
+from typing import Any
 
-from stages.inspection.light import FEWEST, stops_apart
+import numpy as np
+import pytest
+
+from stages.inspection.finding import Verdict
+from stages.inspection.light import of_light
+from stages.survey.exposure import match
+from stages.survey.params import NONE
 from stages.survey.surface import colors_at
 
-
-def test_known_stops_are_found_from_pairs() -> None:
-    random = np.random.default_rng(1)
-    stops = np.array([[0.0, 0, 0], [1.0, 1.2, 0.8], [0.0, 0, 0], [0, 0, 0]])
-    pairs = {(a, b): stops[a] - stops[b] + 0.1 * random.normal(size=(40, 3)) for a, b in ((0, 1), (1, 2), (0, 2))}
-    found = stops_apart(pairs, 4)
-    assert found is not None
-    np.testing.assert_allclose(found[0][:3], stops[:3], atol=0.1)
-    assert found[1][3] == np.inf
-    assert (found[1][:3] < 0.1).all()
+STOPS = np.array([[0.0, 0, 0], [1.0, 1.2, 0.8], [0.0, 0, 0], [0, 0, 0]])
 
 
-def test_few_points_tell_nothing() -> None:
-    assert stops_apart({(0, 1): np.ones((FEWEST - 1, 3))}, 2) is None
-    assert stops_apart({}, 2) is None
+@pytest.fixture
+def surface(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    """[4, 4, 64, 3] as the survey takes it; the last camera shares nothing."""
+    rng, out = np.random.default_rng(1), np.full((4, 4, 64, 3), NONE)
+    for a, b in ((0, 1), (1, 2), (0, 2)):
+        out[a, b, :40] = STOPS[a] - STOPS[b] + 0.1 * rng.normal(size=(40, 3))
+    monkeypatch.setattr("stages.inspection.light.surface_stops", lambda inputs, view, numbers: out[view])
+    return out
 
 
-def test_clipped_and_black_colours_do_not_count() -> None:
-    picture = np.full((40, 60, 3), 128, np.uint8)
-    picture[:, :20], picture[:, 40:] = 2, 255
-    found = colors_at(picture, np.array([[5.0, 20.0], [30.0, 20.0], [55.0, 20.0]]), blur=1.0)
-    assert (found[[0, 2]] == 0).all()
-    np.testing.assert_allclose(found[1], 0.2159, atol=1e-3)  # sRGB 128 is 21.6 % of white
+def footage(cameras: int = 4) -> Any:
+    return SimpleNamespace(rig=range(cameras), names=tuple("abcd"[:cameras]), numbers=[np.arange(3)] * cameras, inputs=None)
+
+
+def test_an_inspection_says_what_the_effect_is_decided_by(surface: np.ndarray) -> None:
+    found, matching = of_light(footage()), match(surface)
+    assert matching is not None
+    assert [f.value for f in found[:3]] == [pytest.approx(p) for p in matching.proven[:3]]
+    assert [f.verdict for f in found] == [Verdict.GOOD, Verdict.DOUBTFUL, Verdict.GOOD, Verdict.UNKNOWN]
+    assert "brighter than the middle camera" in found[1].sentence
+
+
+def test_few_points_and_one_camera_tell_nothing(surface: np.ndarray) -> None:
+    surface[..., 10:, :] = NONE
+    assert [f.verdict for f in of_light(footage())] == [Verdict.UNKNOWN]
+    assert [f.verdict for f in of_light(footage(1))] == [Verdict.UNKNOWN]
+
+
+def test_clipped_black_and_glinting_colours_do_not_count() -> None:
+    picture = np.full((60, 100, 3), 128, np.uint8)
+    picture[:, :20], picture[:, 60:70] = 20, 255
+    picture[:, 70:] = 60
+    picture[30:32, 84:86] = 230
+    found = colors_at(picture, np.array([[5.0, 20.0], [40.0, 20.0], [58.0, 20.0], [85.0, 31.0], [95.0, 10.0]]), blur=2.0)
+    assert (found[[0, 2, 3]] == 0).all()
+    np.testing.assert_allclose(found[[1, 4]], [[0.2159] * 3, [0.0452] * 3], atol=1e-3)  # sRGB 128 and 60

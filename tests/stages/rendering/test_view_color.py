@@ -112,7 +112,10 @@ def test_views_that_disagree_are_blended_to_a_picture_closer_to_the_truth(person
 
 
 def evidence(colors: np.ndarray, noise: float, *facts: str, sources: int = 2) -> SimpleNamespace:
-    noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise), SURFACE: np.full((len(colors), len(colors), 64, 3), NONE)}
+    """The first camera is brighter by as much at 40 surface points as on all patches of the body."""
+    surface = np.full((len(colors), len(colors), 64, 3), NONE)
+    surface[0, 1, :40] = np.log2(np.maximum(colors[0], 1e-3) / np.maximum(colors[1], 1e-3)).mean(axis=0)
+    noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise), SURFACE: surface}
     return SimpleNamespace(params=RenderingParams(sources=sources), facts=frozenset({"joints3d", *facts}), sources=(0, 1), joint_views=(), noted=noted)
 
 

@@ -23,9 +23,10 @@ STOPS = np.array([[0.0, 0.0, 0.0], [0.9, 0.6, 0.4], [-0.5, -0.3, -0.6]])
 
 
 def wall() -> np.ndarray:
-    """[h, w, 3] linear light of a wall 3 m wide, 100 px a metre: blots of a few centimetres."""
+    """[h, w, 3] linear light of a wall 3 m wide, 100 px a metre: blots of a few centimetres on broad stripes, one in two of them darker."""
     noise = np.random.default_rng(5).random((300, 300, 3)).astype(np.float32)
-    return 0.05 + 0.25 * cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.5), None, 0, 1, cv2.NORM_MINMAX)
+    blots = 0.05 + 0.25 * cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.5), None, 0, 1, cv2.NORM_MINMAX)
+    return np.where((np.arange(300) // 50 % 2 > 0)[:, None], blots, 0.35 * blots).astype(np.float32)
 
 
 def photograph(rig: Rig, view: int, stops: np.ndarray) -> np.ndarray:
@@ -75,14 +76,14 @@ def test_differences_of_pairs_are_those_of_the_gains(found: np.ndarray) -> None:
 
 
 def test_gains_bring_all_cameras_to_the_middle_one(found: np.ndarray) -> None:
-    matching = match(np.zeros((3, 192, 3)), found)
+    matching = match(found)
     assert matching is not None
     np.testing.assert_allclose(np.log2(matching.gains), -STOPS, atol=0.08)
     assert matching.proven[0] < 0.06
     assert (matching.proven[1:] > 0.4).all()
 
 
-def test_too_few_points_leave_the_word_to_the_patches(found: np.ndarray) -> None:
+def test_too_few_points_say_nothing(found: np.ndarray) -> None:
     few = np.full_like(found, NONE)
     few[..., : FEWEST_POINTS - 1, :] = 1.0
-    assert match(np.zeros((3, 192, 3)), few) is None
+    assert match(few) is None
