@@ -63,8 +63,8 @@ class Terms:
     """Seconds a lease holds without renewal."""
     timeout: float | None = None
     """Seconds a task may take; None: any time."""
-    kept: int = 0
-    """Bytes of results of other settings that may lie aside."""
+    kept: int | None = None
+    """Bytes of results of other settings that may lie aside; None: as they are, and nothing is put aside."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,8 @@ def enter(plan: Plan, terms: Terms) -> Lease:
     presence = Lease.take(folder(sequence) / f"{terms.run}{SUFFIX}", terms.run, "driver", terms.lease)
     try:
         _sweep(sequence, terms)
-        put_aside(plan, terms.kept)
+        if terms.kept is not None:
+            put_aside(plan, terms.kept)
         make_arrays(plan, terms)
     except BaseException:
         presence.drop()

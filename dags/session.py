@@ -147,7 +147,7 @@ class Session:
         todo = [p for p in plans if not p.all_fresh]
         return self.room(todo).sentences(self.configuration.default.run.keep_variants) if todo else []
 
-    def _rules(self, name: str, kept: int = 0) -> Rules:
+    def _rules(self, name: str, kept: int | None = None) -> Rules:
         run = self.configuration.default.run
         return Rules(Terms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
 

@@ -100,6 +100,13 @@ def test_what_is_aside_costs_no_bytes_until_the_sequence_s_own_is_replaced_and_k
     assert sum(e.own for e in aside(a)) == 0
 
 
+def test_a_run_without_a_budget_leaves_what_lies_aside(a: Pipeline) -> None:
+    run(a.with_settings("rendering.sources=1"))
+    before = {e.folder for e in aside(a)}
+    a.with_settings("rendering.sources=3").run()
+    assert {e.folder for e in aside(a)} == before
+
+
 def test_what_was_not_used_for_the_longest_time_goes_first(a: Pipeline) -> None:
     one, two = (a.with_settings(f"rendering.sources={n}") for n in (1, 3))
     run(one)
