@@ -28,7 +28,7 @@ FACTS = (*CAPTURE_FACTS, *EFFECTS)
 OPTIONAL = tuple(s for s in STAGES if s.optional)
 EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
-EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) if "joints2d" in c or "detected" not in c for on in EFFECT_STATES]
+EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c) for on in EFFECT_STATES]
 SHAPE = {"frame": 16, "view": 8, "other_view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "found_joint": 33, "sample": 25, "person": 3}
 HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh", "ai_edge_litert"}
 
