@@ -84,6 +84,6 @@ def _outputs(context: Context, task: Task) -> list[Output]:
         name = spec.name.format(path=task.path)
         every = isinstance(spec, ArraySpec) and spec.per_view and task.view is None
         for view in range(len(context.rig)) if every else [task.view]:
-            key = f"{name}/c/{task.partition or 0}/{0 if view is None else view}" if isinstance(spec, ArraySpec) else f"{name}/p{task.partition:06d}.parquet"
+            key = f"{name}/c.{task.partition or 0}.{0 if view is None else view}" if isinstance(spec, ArraySpec) else f"{name}/p{task.partition:06d}.parquet"
             found.append(Output(name, view, digest([name, view, task.partition]), (ShardFile(key, 0, 0),)))
     return found

@@ -28,6 +28,7 @@ from dags.tasks import Product, Task, tasks
 from dags.wording import number
 from stages.registry import stage as stage_named
 from storage.archive import RESHARD, SOURCES, Archive, Sequence
+from storage.chunk_keys import named_as_in
 from storage.errors import ArchiveError, NotWritten
 from storage.files import link_or_copy, link_tree, make_folder, sync_folder
 from storage.lease import SUFFIX, Lease
@@ -124,9 +125,11 @@ def _sources(old: Context, new: Context, task: Task) -> list[Task]:
 
 def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
     """What is not partitioned along time, as it is."""
-    for file in (f for o in receipt.outputs for f in o.files):
-        link_or_copy(results.context.sequence.place(file.key), sequence.place(file.key))
-    return receipt
+    own = named_as_in(sequence, receipt)
+    for there, output in zip(receipt.outputs, own.outputs, strict=True):
+        for old, new in zip(there.files, output.files, strict=True):
+            link_or_copy(results.context.sequence.place(old.key), sequence.place(new.key))
+    return own
 
 
 def _cut(results: Results, book: Book, context: Context, task: Task, digests: Mapping[Product, str]) -> Receipt:

@@ -8,6 +8,7 @@ place, so neither side can change the other's bytes.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -15,6 +16,8 @@ from dags.context import Context, make_context
 from dags.plan import Plan, Selection, State, judge, make_plan
 from dags.tasks import Task
 from storage.archive import Archive, Sequence
+from storage.array_metadata import copy_description
+from storage.chunk_keys import named_as_in
 from storage.files import link_or_copy, link_tree, write_atomically
 from storage.places import folders_in
 from storage.receipts import Receipt, missing_files, scan_receipts, write_receipt
@@ -84,18 +87,19 @@ def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Rec
         match = found.get((task, digest(parts))) if state is not State.FRESH else None
         if match is None or any(o.dropped for o in match[1].outputs) or missing_files(*match):
             continue
-        _take(plan.context.sequence, *match)
-        plan.book.add(task, match[1])
+        plan.book.add(task, _take(plan.context.sequence, *match))
         taken += 1
     return taken
 
 
-def _take(here: Sequence, source: Sequence, receipt: Receipt) -> None:
-    """Link a task's shards, copy what describes their arrays, and last write the receipt."""
-    for output in receipt.outputs:
-        meta = source.place(f"{output.array}/zarr.json")
-        if meta.is_file():
-            write_atomically(here.place(f"{output.array}/zarr.json"), meta.read_bytes())
-        for file in output.files:
-            link_or_copy(source.place(file.key), here.place(file.key))
-    write_receipt(here, receipt)
+def _take(here: Sequence, source: Sequence, receipt: Receipt) -> Receipt:
+    """Copy what describes a task's arrays, link its shards, and last write the receipt, which is returned."""
+    for array in dict.fromkeys(o.array for o in receipt.outputs):
+        with contextlib.suppress(FileNotFoundError):  # a table has no description
+            copy_description(source.place(array), here.place(array))
+    own = named_as_in(here, receipt)
+    for there, output in zip(receipt.outputs, own.outputs, strict=True):
+        for old, new in zip(there.files, output.files, strict=True):
+            link_or_copy(source.place(old.key), here.place(new.key))
+    write_receipt(here, own)
+    return own

@@ -19,7 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from storage.array_metadata import ForeignArray, is_group, is_sealed, read_metadata, refuse_huge, seal, unseal
+from storage.array_metadata import SHARD_NAMES, ForeignArray, is_group, is_sealed, read_metadata, refuse_huge, seal, unseal
 from storage.capture import Capture
 from storage.errors import ArchiveError, NotWritten
 from storage.files import make_folder, refusals, sync_folder, write_atomically
@@ -248,6 +248,7 @@ class Sequence:
                 data=np.ascontiguousarray(data),
                 chunks=tuple(max(1, n) for n in chunk or data.shape),
                 compressors=codecs(data.dtype),
+                chunk_key_encoding=SHARD_NAMES,
                 overwrite=True,
                 dimension_names=dims,
                 attributes=attributes,
@@ -282,7 +283,7 @@ class Sequence:
     def ensure_array(self, spec: ArraySpec, shape: Shape, path: str = "") -> None:
         """Create the array of a spec, grow or shrink it along time, or replace it when any other length changed.
 
-        `{path}` in the name is replaced. Existing shards are kept when only the number of frames changed.
+        `{path}` in the name is replaced. Existing shards, and how they are named, are kept when only the number of frames changed.
         """
         import zarr
 
@@ -308,6 +309,7 @@ class Sequence:
                 shards=shard,
                 dtype=spec.dtype,
                 compressors=codecs(np.dtype(spec.dtype)),
+                chunk_key_encoding=SHARD_NAMES,
                 fill_value=0,
                 overwrite=True,
                 dimension_names=spec.dims,

@@ -6,6 +6,7 @@ of bytes packed by Blosc (zstd) with a checksum; nothing else is opened. Descrip
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -40,6 +41,12 @@ MOST_SHARDS = 2**22
 
 TYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64")
 """Types of elements."""
+
+SHARD_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "."}}
+"""How new arrays name their shards: one file each in the array's folder. Every folder takes an inode, as a file does."""
+
+NESTED_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "/"}}
+"""How arrays of earlier versions do: a folder for every number."""
 
 PART_BYTES = 2**26
 """Bytes of an array that are read at a time for its digest."""
@@ -79,6 +86,24 @@ def unseal(folder: Path) -> None:
 def is_sharded(metadata: dict[str, Any]) -> bool:
     """Whether an array is written shard by shard, each promised by a receipt; else it was written whole."""
     return metadata["codecs"][0]["name"] == "sharding_indexed"
+
+
+def separator(metadata: dict[str, Any]) -> str:
+    """What stands between the numbers in the name of a shard."""
+    return str(metadata["chunk_key_encoding"]["configuration"]["separator"])
+
+
+def copy_description(source: Path, folder: Path) -> None:
+    """Describe an array as the one in another folder; one that is there keeps its names of shards, by which they lie there.
+
+    Raises ForeignArray for either, FileNotFoundError where there is no source.
+    """
+    found = read_metadata(source)
+    with contextlib.suppress(FileNotFoundError):
+        found = {**found, "chunk_key_encoding": read_metadata(folder)["chunk_key_encoding"]}
+    if _is_sealed(found):
+        found["attributes"] = {**found["attributes"], checksums.KEY: _checksum(found)}
+    write_atomically(folder / FILE, json.dumps(found, indent=2).encode())
 
 
 def values_digest(array: Any) -> str:
@@ -145,7 +170,7 @@ def _fault(meta: dict[str, Any]) -> str | None:
         return f"data type {json.dumps(meta['data_type'])[:80]}, read are {', '.join(TYPES)}"
     if isinstance(meta["fill_value"], str) or meta["fill_value"] != 0:
         return f"fill value {json.dumps(meta['fill_value'])[:40]}, ours is 0"
-    if meta["chunk_key_encoding"] != {"name": "default", "configuration": {"separator": "/"}} or meta["chunk_grid"]["name"] != "regular":
+    if meta["chunk_key_encoding"] not in (SHARD_NAMES, NESTED_NAMES) or meta["chunk_grid"]["name"] != "regular":
         return "another chunk grid or another naming of chunks"
     shape, names = meta["shape"], meta["dimension_names"]
     if not isinstance(meta["attributes"], dict) or not isinstance(names, list) or len(names) != len(shape) or not all(isinstance(n, str) for n in names):

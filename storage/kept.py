@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 from storage.archive import Archive, Sequence
 from storage.array_metadata import read_metadata
+from storage.chunk_keys import named_as_in
 from storage.errors import ArchiveError
 from storage.files import PARTIAL, link_or_copy, sync_folder
 from storage.lease import Lease
@@ -86,7 +87,7 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
 
 
 def _layout(sequence: Sequence, array: str) -> str:
-    """Digest of how an array's shards are laid out, its lengths along frames and views left out; of a table nothing."""
+    """Digest of how an array's shards are laid out, its lengths along frames and views and the names of its shards left out; of a table nothing."""
     try:
         found = read_metadata(sequence.place(array))
     except FileNotFoundError:
@@ -125,6 +126,7 @@ def take(sequence: Sequence, key: ReceiptKey, fingerprint: str, run: str, second
     if receipt is None or any(layouts.get(o.array) != _layout(sequence, o.array) for o in receipt.outputs):
         return None
     place = _place(sequence, key, fingerprint)
+    receipt = named_as_in(sequence, receipt)
     pairs = [(place / str(i), f) for i, f in enumerate(f for output in receipt.outputs for f in output.files)]
     try:
         if any(zlib.crc32(read_file(source, MOST_SHARD_BYTES)) != f.crc32 for source, f in pairs):

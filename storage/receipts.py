@@ -31,8 +31,8 @@ MOST_SHARD_BYTES = 2**34
 MOST_NUMBER = 2**31
 """Largest number of a partition or a view."""
 
-_KEY = re.compile(r"c(/[0-9]{1,10})*|(all|p[0-9]{6,10})\.parquet")
-"""What follows an array's or a table's name in the key of a file: a chunk's place, or a partition of a table."""
+_KEY = re.compile(r"c((/[0-9]{1,10})*|(\.[0-9]{1,10})*)|(all|p[0-9]{6,10})\.parquet")
+"""What follows an array's or a table's name in the key of a file: a shard's place, or a partition of a table."""
 
 NUMBERS = ("seconds", "cpu_seconds", "work", "raw_bytes", "peak_rss", "projected_ram")
 """Facts that are counted together."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from storage.archive import Sequence
 from storage.array_metadata import refuse_huge
+from storage.chunk_keys import shard_key, unpromised
 from storage.errors import ShardCorrupt, ShardMissing
 from storage.files import refusals, sync_folder, write_atomically
 from storage.places import Look
@@ -88,7 +89,7 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
     for where in product(*axes):
         into, of = _region(spec.dims, array.shards, where, index)
         guard()
-        key = "/".join([name, "c", *map(str, where)])
+        key = shard_key(name, array, where)
         file = sequence.place(key)
         made = _missing_folders(file)
         with refusals(file, data[of].nbytes):
@@ -148,12 +149,16 @@ def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range
     Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
 
     Raises:
-        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match.
+        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, or the array would be read from
+            other files than `files`: one that is not there would be read as zeros.
     """
+    files = tuple(files)
     verify_files(sequence, files)
     array = _open(sequence, name, "r")
     index = tuple(slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None) for d in dims)
     refuse_huge(name, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
+    if (other := unpromised(name, array, index, files)) is not None:
+        raise ShardMissing(f"array {name} of sequence {sequence.name} is described so that {other} is read, which no receipt promises; `posegaussian verify --sequence {sequence.name} --repair` has the next run make it anew")
     try:
         return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:

@@ -60,9 +60,9 @@ def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collect
 
 
 def _partition_folder(sequence: Sequence, key: str) -> Path:
-    """`<array>/c/<partition>` of a shard: other tasks may be writing into it, so a run leaves it there."""
-    array, _, rest = key.partition("/c/")
-    return sequence.root / array / "c" / rest.partition("/")[0]
+    """The folder of a shard that other tasks may be writing into, so that a run leaves it: the array's, or `<array>/c/<partition>` of arrays of earlier versions."""
+    array, nested, rest = key.partition("/c/")
+    return sequence.root / array / "c" / rest.partition("/")[0] if nested else (sequence.root / key).parent
 
 
 def forget(sequence: Sequence, receipt: Receipt) -> None:
@@ -134,7 +134,10 @@ def strays(sequence: Sequence, receipts: Iterable[Receipt], arrays: Collection[s
     """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left. Raises Unsafe."""
     named = {f.key for r in receipts for o in r.outputs if not o.dropped for f in o.files}
     for array in sorted(arrays):
-        for file in sorted([*map(Path, files_below(sequence.place(f"{array}/c"))), *sequence.place(array).glob("*.parquet")]):
+        folder = sequence.place(array)
+        for file in sorted([*map(Path, files_below(folder / "c")), *folder.glob("c.*"), *folder.glob("*.parquet")]):
+            if file.is_symlink():
+                refuse_link(str(file), file.lstat().st_mode)
             key = file.relative_to(sequence.root).as_posix()
             if file.is_file() and key not in named and file.suffix != ".partial" and settled(file):
                 yield file

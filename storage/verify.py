@@ -18,7 +18,8 @@ import pyarrow.parquet as pq
 from storage import checksums
 from storage.archive import Sequence
 from storage.array_metadata import ForeignArray, is_sealed, is_sharded, read_metadata, refuse_huge, seal, values_digest
-from storage.errors import ArchiveError
+from storage.chunk_keys import unpromised
+from storage.errors import ArchiveError, ShardMissing
 from storage.lease import Lease, living
 from storage.places import Unsafe, files_below
 from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, load_receipt, read_receipt, read_shard, remove_receipt
@@ -166,26 +167,35 @@ def _of_content(sequence: Sequence, receipt: Receipt, output: Output) -> str | N
             if block is None:
                 return None
             found = array_digest(block)
+    except ShardMissing as e:
+        return str(e)
     except Exception as e:  # a broken array record or codec may raise anything; whatever it is, this output cannot be read
         return f"does not decode ({type(e).__name__}: {e})"
     return None if found == output.digest else "its content is not the promised one"
 
 
 def _block(sequence: Sequence, receipt: Receipt, output: Output) -> np.ndarray | None:
-    """The block as it was written; None where the array was cut or grown since, so that it cannot be read back whole."""
+    """The block as it was written; None where the array was cut or grown since, so that it cannot be read back whole.
+
+    Raises ShardMissing where the array is read from other files than the output's.
+    """
     array = sequence.open_array(output.array)
     dims: tuple[str | None, ...] = getattr(array.metadata, "dimension_names", None) or ()
     index: list[slice | int] = []
+    whole = True
     for dim, length, shard in zip(dims, array.shape, array.shards or array.chunks, strict=True):
         if dim == "frame":
             assert receipt.partition is not None, f"{output.array} has frames, its receipt no partition"
             start = receipt.partition * shard
             frames = len(receipt.parts["bounds"][0])
-            if frames != min(shard, length - start):
-                return None
+            whole = frames == min(shard, length - start)
             index.append(slice(start, start + frames))
         else:
             index.append(output.view if dim == "view" and output.view is not None else slice(None))
+    if (other := unpromised(output.array, array, tuple(index), output.files)) is not None:
+        raise ShardMissing(f"its array is described so that {other} is read instead")
+    if not whole:
+        return None
     refuse_huge(output.array, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
     return np.asarray(array[tuple(index)])
 

@@ -136,8 +136,7 @@ LINKS: dict[str, Spoil] = {
     "receipt": lambda root, out: link(root / NAME / "_receipts/depth/p000000.json", out / "there.json"),
     "array": lambda root, out: link(root / NAME / "depth/depth", out / "there"),
     "group of arrays": lambda root, out: link(root / NAME / "depth", out / "there"),
-    "partition": lambda root, out: link(root / NAME / "depth/depth/c/1", out / "there"),
-    "shard": lambda root, out: link(root / NAME / "depth/depth/c/1/2/0/0", out / "there"),
+    "shard": lambda root, out: link(root / NAME / "depth/depth/c.1.2.0.0", out / "there"),
     "table": lambda root, out: link(next((root / NAME / "metrics").rglob("p000001.parquet")), out / "there"),
     "leftover reshard": lambda root, out: link(root / "_reshard", out),
 }
@@ -184,8 +183,10 @@ def test_nothing_is_copied_or_filmed_through_a_link(archive: Pipeline, outside: 
 
 def test_strays_are_not_looked_for_behind_links(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
     (archive.root / NAME / "rendering/arc-01234567").mkdir()
-    (archive.root / NAME / "rendering/arc-01234567/alpha").symlink_to(outside)
-    assert_refused(archive, outside, tmp_path, ("gc",), "is a symbolic link to")
+    for place in ("rendering/arc-01234567/alpha", "depth/depth/c.9.9.0.0", "depth/depth/c"):
+        (archive.root / NAME / place).symlink_to(outside)
+        assert_refused(archive, outside, tmp_path, ("gc",), "is a symbolic link to")
+        (archive.root / NAME / place).unlink()
 
 
 def test_leases_lead_nowhere(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
@@ -202,7 +203,7 @@ def test_leases_lead_nowhere(archive: Pipeline, outside: Path, tmp_path: Path) -
     assert state(outside) == before
 
 
-@pytest.mark.parametrize("place", ["zarr.json", "_receipts/depth/p000000.json", "depth/depth/zarr.json", "depth/depth/c/1/2/0/0"])
+@pytest.mark.parametrize("place", ["zarr.json", "_receipts/depth/p000000.json", "depth/depth/zarr.json", "depth/depth/c.1.2.0.0"])
 def test_a_pipe_in_place_of_a_file_is_not_waited_for(place: str, archive: Pipeline, outside: Path, tmp_path: Path) -> None:
     pipe(archive.root / NAME / place)
     commands = ("verify", "sheet") if place == "depth/depth/zarr.json" else ("status", "gc", "verify")

@@ -57,7 +57,7 @@ def dropped(dropping: tuple[Pipeline, int], tmp_path: Path) -> Pipeline:
 
 
 def shards(pipeline: Pipeline, array: str) -> list[Path]:
-    return [p for p in (pipeline.root / NAME / array / "c").rglob("*") if p.is_file()]
+    return list((pipeline.root / NAME / array).glob("c.*"))
 
 
 def dropped_arrays(plan: Plan) -> set[str]:

@@ -25,7 +25,7 @@ def worked_out(pipeline: Pipeline) -> Numbers:
 
 
 def shard(pipeline: Pipeline) -> Path:
-    return next(p for p in sorted((pipeline.root / NAME / "depth/depth/c").rglob("*")) if p.is_file())
+    return next(p for p in sorted((pipeline.root / NAME / "depth/depth").glob("c.*")))
 
 
 def change_a_setting(pipeline: Pipeline) -> Pipeline:

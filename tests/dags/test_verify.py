@@ -17,7 +17,7 @@ from storage.lease import Lease
 from storage.receipts import ReceiptKey, lease_file
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
 
-SHARD = "depth/depth/c/1/2/0/0"
+SHARD = "depth/depth/c.1.2.0.0"
 """Partition 1 of view cam02."""
 
 
@@ -53,15 +53,15 @@ def test_an_undisturbed_archive_has_no_fault(archive: Pipeline) -> None:
 
 
 def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_anew(archive: Pipeline, finished: Pipeline) -> None:
-    shards = ["depth/depth/c/1/2/0/0", "gaussians/scale/c/2/3/0/0/0", "smoothing/heatmaps/c/0/1/0/0/0", "frames/color/c/1/4/0/0/0"]
+    shards = ["depth/depth/c.1.2.0.0", "gaussians/scale/c.2.3.0.0.0", "smoothing/heatmaps/c.0.1.0.0.0", "frames/color/c.1.4.0.0.0"]
     for shard, (do, _) in zip(shards, HARMS.values(), strict=True):
         do(archive.root / NAME / shard)
     status, said = say(archive)
     assert status == 1
     names = archive.context().views.names
     for shard, (_, cause) in zip(shards, HARMS.values(), strict=True):
-        array, _, place = shard.partition("/c/")
-        partition, view = place.split("/")[:2]
+        array, _, place = shard.partition("/c.")
+        partition, view = place.split(".")[:2]
         assert f"{array}, partition {partition}, view {names[int(view)]}: {shard}: {cause}" in said
     assert said.count("--repair would remove the receipt of") == 4
     assert "receipt of depth p0001, so that the next run makes it anew" in said
@@ -93,7 +93,7 @@ def test_a_table_a_receipt_and_a_left_over_are_verified_too(archive: Pipeline, f
     flip(table)
     receipt = root / "_receipts/gaussians/p000002.json"
     receipt.write_bytes(receipt.read_bytes()[:99])
-    left = root / "depth/depth/c/0/0/0" / "0.0123abcd.partial"
+    left = root / "depth/depth/c.0.0.0.0123abcd.partial"
     left.write_bytes(b"half a shard")
     status, said = say(archive)
     assert status == 1

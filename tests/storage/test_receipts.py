@@ -18,7 +18,7 @@ word = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,7}", fullmatch=True)
 maybe = st.none() | st.integers(0, 99)
 plain = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | text, lambda v: st.lists(v, max_size=3) | st.dictionaries(text, v, max_size=3), max_leaves=6)
 arrays = st.lists(word, min_size=1, max_size=3).map("/".join)
-keys = st.lists(st.integers(0, 99).map(str), max_size=4).map(lambda where: "/".join(["c", *where])) | st.sampled_from(["all.parquet", "p000012.parquet"])
+keys = st.tuples(st.sampled_from("./"), st.lists(st.integers(0, 99).map(str), max_size=4)).map(lambda key: key[0].join(["c", *key[1]])) | st.sampled_from(["all.parquet", "p000012.parquet"])
 
 
 @st.composite
@@ -49,7 +49,7 @@ def test_json_and_back_is_the_identity(receipt: Receipt) -> None:
 
 
 def make_receipt(sequence: Sequence, stage: str = "depth", partition: int | None = 0, view: int | None = None, path: str | None = None, content: bytes = b"12345") -> Receipt:
-    key = f"{stage}/x/c/{partition or 0}/{view or 0}"
+    key = f"{stage}/x/c.{partition or 0}.{view or 0}"
     file = sequence.root / key
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)

@@ -92,7 +92,7 @@ def test_every_partition_length_holds_the_same_content(frames: int, partition: i
         outputs = write_all(sequence, DEPTH, values, frames)
         np.testing.assert_array_equal(sequence.get(DEPTH.name), values)
         files = [f.key for o in outputs.values() for f in o.files]
-        on_disk = [p.relative_to(sequence.root).as_posix() for p in (sequence.root / DEPTH.name / "c").rglob("*") if p.is_file()]
+        on_disk = [p.relative_to(sequence.root).as_posix() for p in (sequence.root / DEPTH.name).glob("c.*")]
         assert sorted(files) == sorted(on_disk), "a receipt names every file of its output, each once"
 
 
@@ -187,7 +187,7 @@ def shard(sequence: Sequence, output: Output) -> Path:
 def test_a_deleted_shard_is_missing(damaged: tuple[Sequence, np.ndarray, Outputs]) -> None:
     sequence, values, outputs = damaged
     shard(sequence, outputs[1, 1]).unlink()
-    with pytest.raises(ShardMissing, match=r"depth/depth/c/1/1/0/0 of sequence kick is missing; run again"):
+    with pytest.raises(ShardMissing, match=r"depth/depth/c.1.1.0.0 of sequence kick is missing; run again"):
         read_frames(sequence, DEPTH.name, outputs, GRID, range(FRAMES), 1)
     assert issubclass(ShardMissing, UserError)
     np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, outputs, GRID, range(4), 1), values[:4, 1])
@@ -263,4 +263,4 @@ def test_the_path_of_a_task_fills_the_name_of_its_array(tmp_path: Path) -> None:
     sequence.ensure_array(spec, SHAPE, "still-1")
     output = write_array(sequence, spec, "still-1", GRID.bounds(2), 2, None, make_values(JOINTS)[8:])
     assert output.array == "rendering/still-1/joints"
-    assert output.files[0].key == "rendering/still-1/joints/c/2/0/0"
+    assert output.files[0].key == "rendering/still-1/joints/c.2.0.0"

@@ -28,7 +28,7 @@ def sequence(tmp_path: Path) -> Sequence:
 def made(s: Sequence, partition: int, fingerprint: str = "f") -> Receipt:
     outputs = []
     for array in ("a/one", "a/two"):
-        key = f"{array}/c/{partition}/0/0"
+        key = f"{array}/{'c/%d/0/0' if array == 'a/one' else 'c.%d.0.0'}" % partition
         (s.root / key).parent.mkdir(parents=True, exist_ok=True)
         (s.root / key).write_bytes(b"x" * 10)
         outputs.append(Output(array, 0, "d" + array, (ShardFile(key, 10, 0),)))
@@ -62,7 +62,7 @@ def test_the_receipt_says_dropped_before_the_first_file_goes(sequence: Sequence,
     now = on_disk(sequence, 0)
     assert now is not None
     assert all(o.dropped for o in now.outputs)
-    assert (sequence.root / "a/two/c/0/0/0").exists(), "a file is left over, and no promise is broken"
+    assert (sequence.root / "a/two/c.0.0.0").exists(), "a file is left over, and no promise is broken"
 
 
 @pytest.mark.parametrize("change", ["another fingerprint", "gone"])
