@@ -16,7 +16,7 @@ from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file,
 
 @pytest.fixture
 def sequence(tmp_path: Path) -> Sequence:
-    """Two arrays of one task, two partitions; files stand for shards."""
+    """Two arrays of one task, two partitions; files stand for shards, those of the one in folders as earlier versions made them."""
     s = Sequence(tmp_path / "s")
     for partition in (0, 1):
         write_receipt(s, made(s, partition))
@@ -119,5 +119,5 @@ def test_strays_are_old_files_that_no_receipt_names(sequence: Sequence) -> None:
     for file in (sequence.root / "a").rglob("*"):
         os.utime(file, (then, then))
     assert list(sweep.strays(sequence, receipts, ["a/one", "a/two"])) == []
-    assert [p.relative_to(sequence.root).as_posix() for p in sweep.strays(sequence, receipts[:1], ["a/one"])] == ["a/one/c/1/0/0"]
+    assert [p.relative_to(sequence.root).as_posix() for p in sweep.strays(sequence, receipts[:1], ["a/one", "a/two"])] == ["a/one/c/1/0/0", "a/two/c.1.0.0"]
     assert list(sweep.strays(sequence, receipts[:1], ["a/three"])) == []
