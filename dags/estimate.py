@@ -18,19 +18,21 @@ from dags.tasks import Task
 from stages.registry import stage as stage_named
 
 TYPICAL = {
-    "survey": 1.6e-7,
-    "detection": 6.0e-7,
-    "pose": 2.0e-7,
-    "frames": 2.5e-7,
-    "smoothing": 3.0e-7,
-    "depth": 3.0e-6,
-    "network": 1.6e-6,
-    "gaussians": 3.0e-7,
-    "refinement": 2.0e-5,
-    "rendering": 1.5e-6,
-    "metrics": 1.0e-6,
+    "survey": 1.2e-7,
+    "detection": 3e-7,
+    "pose": 1e-7,
+    "frames": 1e-6,
+    "smoothing": 1e-7,
+    "depth": 3.6e-6,
+    "network": 1e-6,
+    "gaussians": 5e-7,
+    "refinement": 4e-6,
+    "rendering": 1.9e-6,
+    "metrics": 6e-7,
 }
-"""Seconds of one core per unit of work (frames x views x pixels) by stage; `python -m benchmarks.typical_rates ARCHIVE` prints an archive's."""
+"""Seconds of one core per unit of work (frames x views x pixels) by stage, for a guess: of a filmed person at 512 px, four
+cameras, five frames (`python -m benchmarks.typical_rates ARCHIVE` prints an archive's); network and refinement, which did
+not run there, from docs/network.md and the first steps of docs/refinement.md."""
 
 TRUST = 2.0
 """Tasks that have to be done before what they took weighs as much as what was expected of their stage."""

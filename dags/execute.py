@@ -126,6 +126,8 @@ class Order:
     """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
     estimator: DetectionParams | None
     """Whose pose estimator a stage that declares it gets."""
+    models: dict[str, str]
+    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with them."""
     survey_sources: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int
@@ -212,7 +214,7 @@ class StoreInputs:
 
     def _as_planned(self, kind: str, found: str) -> None:
         """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
-        if found != self._order.parts["sources"][kind]:
+        if found != self._order.models[kind]:
             raise OtherCode(f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same files there, then run again")
 
 

@@ -11,7 +11,7 @@ from dags.estimator import estimator_digest
 from dags.moment import once
 from dags.network_weights import weights_digest
 from dags.tasks import Product, Task, inputs, path_frames, selected_views
-from stages.contract import Stage
+from stages.contract import Read, Stage
 from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.spec import digest
@@ -94,18 +94,29 @@ def _camera_parts(context: Context, task: Task) -> list[Any]:
     return parts
 
 
-def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
-    """Digest of the source files a task may open, by kind and camera."""
-    found: dict[str, str] = {}
+def _source_reads(context: Context, stage: Stage) -> list[Read]:
+    """Sources that a stage reads under the context's settings."""
     key = ("sources", stage.name)
     if key not in context.memo:
         context.memo[key] = [r for r in stage.reads_for(context.params(stage), context.facts) if r.is_source]
-    for read in context.memo[key]:
-        if read.array == "estimator":
-            found["estimator"] = estimator_digest(context.estimator)
-            continue
-        if read.array == NETWORK:
-            found[NETWORK] = weights_digest(context.settings.network)
+    return context.memo[key]
+
+
+def models(context: Context, stage: Stage) -> dict[str, str]:
+    """{source: digest} of the models and weights that a stage opens, which are no files of the capture."""
+    key = ("models", stage.name)
+    if key not in context.memo:
+        asked = {r.array for r in _source_reads(context, stage)}
+        found = {"estimator": estimator_digest(context.estimator)} if "estimator" in asked else {}
+        context.memo[key] = found | ({NETWORK: weights_digest(context.settings.network)} if NETWORK in asked else {})
+    return context.memo[key]
+
+
+def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
+    """Digest of the source files a task may open, by kind and camera."""
+    found = models(context, stage).copy()
+    for read in _source_reads(context, stage):
+        if read.array in found:
             continue
         streams = context.capture.streams(read.array)
         span = None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))

@@ -11,6 +11,7 @@ import numpy as np
 
 from dags.context import Context
 from dags.execute import Load, Order, Promise, Reading
+from dags.fingerprint import models
 from dags.plan import Book, Plan, State, survey_sources
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
 from stages.contract import Resources, Stage
@@ -66,6 +67,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
         estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
+        models=models(context, stage),
         survey_sources=survey_sources(context, task) if stage.sequence_wide else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from dags.fingerprint import models
 from stages.frames.stage import STAGE as FRAMES
+from stages.network.params import NETWORK
 from stages.registry import stage
 from tests.pipeline import Pipeline, film
 
@@ -57,3 +61,17 @@ def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_wo
     (said,) = [n for n in plan.notes if "frames.matte" in n]
     assert "posegaussian models fetch blazepose" in said
     assert not [n for n in captures["masks"].plan().notes if "frames.matte" in n]
+
+
+def test_every_task_that_opens_models_is_told_which_the_plan_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The survey's fingerprint names no sources, yet it looks at pictures through the estimator, too."""
+    monkeypatch.setattr("dags.context.blazepose_is_here", lambda: True)
+    film(tmp_path / "capture", size=32, frames=2, masks=False, joints=False)
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture").with_settings("network.weights=fast")
+    pipeline.register()
+    plan = pipeline.plan()
+    for task in plan.verdicts:
+        declared = stage(task.stage)
+        asked = {r.array for r in declared.reads_for(plan.context.params(declared), plan.context.facts) if r.is_source}
+        assert set(models(plan.context, declared)) == asked & {"estimator", NETWORK}, task.stage
+    assert "estimator" in models(plan.context, stage("survey"))

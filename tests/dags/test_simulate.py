@@ -83,7 +83,7 @@ def test_scenes_that_ship_are_valid_and_found_by_name() -> None:
 
 def test_a_missing_or_broken_scan_is_named(tmp_path: Path) -> None:
     scene = read_scene(write(tmp_path, "subject: {obj: body.obj}\n"))
-    with pytest.raises(SourceError, match=r"cannot read the scan .*body\.obj"):
+    with pytest.raises(SourceError, match=r"cannot read scan .*body\.obj"):
         stage_scene(scene, tmp_path)
     (tmp_path / "body.obj").write_text("v 0 0 0\nv 1 x 3\n")
     with pytest.raises(SourceError, match=r"body\.obj: line 2"):

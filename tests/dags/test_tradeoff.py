@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def test_a_variant_under_equal_settings_takes_over_everything(finished: Pipeline
     mine = archive.context().sequence
     before = files(mine.root)
     if not links:
-        monkeypatch.setattr(os, "link", lambda a, b: (_ for _ in ()).throw(OSError("no links here")))
+        monkeypatch.setattr(os, "link", lambda a, b: (_ for _ in ()).throw(OSError(errno.EPERM, "no links here")))
     context = variant(mine, archive.context().settings, {"nothing": "differs"}, ("held_out",))
     assert share(context, others(mine)) == len(archive.plan().verdicts)
     assert make_plan(context).all_fresh
