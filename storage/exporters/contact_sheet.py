@@ -20,7 +20,7 @@ MARGIN = 0.02
 LABEL = 18
 """Height of a caption, px."""
 
-WIDTH = 2200
+WIDTH = 2240
 """Width at which a line is broken, px."""
 
 BACKGROUND = 24
