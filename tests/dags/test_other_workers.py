@@ -83,6 +83,18 @@ def test_where_no_worker_fits_the_run_fails_with_the_sentence(archive: Pipeline)
     assert {(r.stage, r.partition): r.facts["token"] for r in scan_receipts(archive.context().sequence)} == before
 
 
+OLD = """import sys
+
+class Gone:
+    def find_spec(self, name, path=None, target=None):
+        if name == "dags.on_worker":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Gone())
+"""
+"""A version from before that module: an editable installation would find today's beside it."""
+
+
 def other_code(folder: Path) -> Path:
     """A copy of the packages in which arrays are written otherwise."""
     for package in ("dags", "stages", "storage"):
@@ -95,7 +107,7 @@ def other_code(folder: Path) -> Path:
 def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     edited, old = other_code(tmp_path / "edited"), tmp_path / "old"
     (old / "dags").mkdir(parents=True)
-    (old / "dags/__init__.py").touch()
+    (old / "dags/__init__.py").write_text(OLD)
     with ExitStack() as stack:
         others = Cluster(stack, tmp_path / "scheduler.json")
         others.add("edited", code=edited)
