@@ -57,6 +57,17 @@ def make(root: Path, frames: int, receipts: bool = True, more: tuple[str, ...] =
     return made
 
 
+def make_many(root: Path, sequences: int, frames: int) -> Session:
+    """Register that many sequences of `frames` partitions each, as if all of them had been made."""
+    archive = Archive.open(str(root), create=True)
+    for n in range(sequences):
+        archive.create_sequence(f"{NAME}{n:04d}", capture(frames), 1)
+    made = session(root)
+    for n in range(sequences):
+        write(made.context(f"{NAME}{n:04d}"))
+    return made
+
+
 def write(context: Context) -> int:
     """Write receipts and empty shards of every task, in the order of flow; returns how many tasks."""
     outputs: dict[Task, dict[tuple[str, int | None], Output]] = {}
