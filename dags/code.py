@@ -56,26 +56,37 @@ def module_file(module: str, root: Path = ROOT) -> Path | None:
     return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
 
 
-def _strip_docstrings(tree: ast.Module) -> ast.Module:
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant) and isinstance(s.value.value, str))]  # type: ignore[attr-defined]
-    return tree
+def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:
+    """Every list of statements of a module, outermost first; expressions hold none and are not looked into."""
+    todo = [tree]
+    while todo:
+        node = todo.pop()
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            inner = getattr(node, field, None)
+            if isinstance(inner, list):
+                if field not in ("handlers", "cases"):
+                    yield inner
+                todo += inner
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    """Whether a statement is a string that stands for itself: a docstring."""
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str)
 
 
 @lru_cache(maxsize=4096)
 def _parsed(file: str, stamp: Stamp) -> tuple[str, tuple[str, ...]]:
-    """(digest of the syntax tree, dotted names the module imports)."""
+    """(digest of the syntax tree without docstrings, dotted names the module imports)."""
     tree = ast.parse(read_started(Path(file)), file)
     imports: list[str] = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            imports += [a.name for a in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            imports += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
-    text = ast.dump(_strip_docstrings(tree))
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest(), tuple(dict.fromkeys(imports))
+    for block in _blocks(tree):
+        block[:] = [s for s in block if not _is_text(s)]
+        for node in block:
+            if isinstance(node, ast.Import):
+                imports += [a.name for a in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                imports += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+    return hashlib.blake2b(ast.dump(tree).encode(), digest_size=16).hexdigest(), tuple(dict.fromkeys(imports))
 
 
 def read_started(file: Path) -> bytes:
