@@ -19,8 +19,8 @@ from rich.console import Console
 
 from dags.config import load_configuration
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from dags.session import Session
 from storage import media
 from storage.archive import Archive

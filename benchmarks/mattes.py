@@ -39,9 +39,9 @@ from dags.config import load_configuration
 from dags.context import Context
 from dags.events import Event, TaskDone, TaskFailed
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.session import Session
 from dags.simulate import film, stage_scene

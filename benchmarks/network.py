@@ -30,8 +30,8 @@ from benchmarks.quality import means, seeds
 from benchmarks.report import publish, show
 from dags.filmed import depths, run_capture
 from dags.network_weights import card_of, shipped, weights_digest
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from dags.threads import limit
 from stages.capture.benchmark import REPORTING_SEEDS
 from stages.network.params import NetworkParams

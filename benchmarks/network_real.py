@@ -31,9 +31,9 @@ from dags.config import load_configuration
 from dags.events import Event, TaskFailed
 from dags.importing import find_capture, register
 from dags.network_weights import card_of, shipped
-from dags.plan import Selection
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.session import Session
 from dags.threads import limit

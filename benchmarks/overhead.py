@@ -31,11 +31,12 @@ from benchmarks import synthetic
 from benchmarks.report import publish
 from dags.config import RunSettings
 from dags.events import Event, TaskDone, TaskFailed, TaskStarted
-from dags.execute import Order, StoreInputs
-from dags.plan import Selection
+from dags.execute import StoreInputs
 from dags.pools import CPU
 from dags.run import Run
+from dags.selection import Selection
 from dags.window import MOST
+from dags.work_order import Order
 from stages.contract import Stage
 from stages.io import Block
 from storage.archive import Sequence

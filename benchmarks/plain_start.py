@@ -14,8 +14,8 @@ import torch
 from stages.refinement.optimise import Filmed, loss
 from stages.rendering.lift import Maps, lift
 from stages.rendering.quaternions import rotations
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
 
 POINTS = 60_000
 """On the hull's surface, of all views together."""

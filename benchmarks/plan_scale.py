@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks import synthetic
 from benchmarks.report import publish
-from dags.plan import Selection
+from dags.selection import Selection
 
 
 def plan_once(root: Path, count: int, finished: bool, repeats: int) -> dict[str, Any]:

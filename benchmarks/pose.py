@@ -31,8 +31,8 @@ from benchmarks.pose_joints import CLEAN, NAMES, SPOILS, constant_of, offsets, s
 from benchmarks.report import publish, show
 from dags.estimator import blazepose_is_here
 from dags.filmed import CAPTURE, film_capture, run_capture
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from stages.capture.scene import Scene
 from stages.pose.steadiness import in_space, measures, off_heatmaps
 from storage.exporters.images_layout import write_capture

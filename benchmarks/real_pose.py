@@ -23,8 +23,8 @@ from rich.console import Console
 from benchmarks.report import publish
 from dags.config import load_configuration
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from dags.session import Session
 from stages.geometry.projection import project
 from stages.pose.points import to_frames

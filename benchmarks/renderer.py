@@ -30,8 +30,8 @@ from benchmarks.workloads import GUITAR, blobs, guitar, person
 from stages.rendering import cpu
 from stages.rendering.cpu_projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
 from stages.rendering.cpu_tiles import TILE_X, TILE_Y
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
 from stages.rendering.simd import choose, exp2_minus, fma, least, minus_magnitude, splat, store
 
 SCENES: dict[str, tuple[Callable[[int], tuple[Gaussians, Camera]], int]] = {"person512": (person, 512), "person1024": (person, 1024), "blobs512": (blobs, 512), "guitar512": (guitar, 512)}

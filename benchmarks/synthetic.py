@@ -9,7 +9,7 @@ from rich.console import Console
 
 from dags.config import load_configuration
 from dags.context import Context
-from dags.effects import declared
+from dags.effect_settings import declared
 from dags.fingerprint import all_parts, own_parts
 from dags.session import Session
 from dags.tasks import Task, inputs, producer, tasks

@@ -11,7 +11,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from dags.fingerprint import reasons
-from dags.plan import Plan, Selection, State, judge
+from dags.plan import Plan, State, judge
+from dags.selection import Selection
 from dags.tasks import Task, dependencies
 from storage.errors import UserError
 from storage.receipts import Receipt, ReceiptKey, read_receipt, write_receipt

@@ -41,7 +41,7 @@ from dags.cli_options import (
 )
 from dags.cli_train import train
 from dags.outputs import output_file, output_folder
-from dags.plan import Selection
+from dags.selection import Selection
 from dags.tasks import Task
 from dags.wording import number
 from storage.errors import ConfigError, UserError

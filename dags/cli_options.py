@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
-from dags.plan import Selection
+from dags.selection import Selection
 from dags.session import Session
 from dags.wording import Voice
 from storage.errors import ConfigError

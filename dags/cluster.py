@@ -26,7 +26,6 @@ from typing import Any, NoReturn
 
 from dags import build
 from dags.config import RunSettings
-from dags.execute import Order
 from dags.failures import Failure, Kind, failure
 from dags.local_cluster import deafness, start_local
 from dags.on_worker import Introduction, execute_packed, introduce
@@ -34,6 +33,7 @@ from dags.pools import CPU, GPU, Pool, pool_for
 from dags.tasks import Task
 from dags.window import Window
 from dags.wording import number
+from dags.work_order import Order
 from storage.archive import Sequence
 from storage.errors import ConfigError, OtherCode, SchedulerLost
 from storage.lease import read_lease

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 
-from dags.effects import EffectSettings
+from dags.effect_settings import EffectSettings
 from dags.yaml_marks import Document, Location, load, parse_value
 from stages.contract import Params, setting
 from stages.registry import STAGES

@@ -12,11 +12,10 @@ import numpy as np
 from dags.effects import Verdict, judged, refusals
 from dags.estimator import blazepose_is_here, named_joint_set
 from stages.contract import Evidence, Facts, Stage
-from stages.depth.params import SINGLE_SOURCE
-from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice
-from stages.detection.stage import ESTIMATED
+from stages.detection.params import DetectionParams, estimator_choice
+from stages.facts import BLAZEPOSE, ESTIMATED, GIVEN_DEPTH, GIVEN_JOINTS, SEGMENTED, SINGLE_SOURCE
 from stages.frames.layout import captured_to_calibrated, frames_rig
-from stages.frames.params import GIVEN_DEPTH, SEGMENTED, wants_segmentation
+from stages.frames.params import wants_segmentation
 from stages.geometry.paths import make_path
 from stages.geometry.stretch import best_stretch
 from stages.io import Views
@@ -101,13 +100,13 @@ class Context:
     @cached_property
     def rig(self) -> Rig:
         """Cameras of `frames/*`."""
-        return frames_rig(self.capture.rig, self.settings.frames)
+        return frames_rig(self.capture.rig, self.settings.frames.size)
 
     def rig_of(self, stage: Stage) -> Rig:
         """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
         if stage.longest is None:
             return self.rig
-        return frames_rig(self.capture.rig, self.settings.frames.model_copy(update={"size": stage.longest}))
+        return frames_rig(self.capture.rig, stage.longest)
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:

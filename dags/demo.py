@@ -12,8 +12,8 @@ from rich.console import Console
 
 from dags.exporting import write_exports
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from dags.session import Session
 
 SETTINGS = Path(__file__).with_name("demo.yaml")

@@ -10,8 +10,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from dags.effects import Verdict
-from dags.orders import load
 from dags.plan import Plan
+from dags.task_cost import load
 from dags.tasks import tasks_of
 from stages.contract import Stage
 from stages.registry import STAGES

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Mapping
 from dags.events import Event, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.plan import Plan, State
 from dags.projection import History, Loads
-from dags.tables import seconds_text
 from dags.tasks import Task
+from dags.wording import seconds_text
 from stages.registry import stage as stage_named
 
 TYPICAL = {

@@ -14,8 +14,9 @@ from dags.moment import once
 from stages.detection.description import Description, read_description
 from stages.detection.estimator import Estimator
 from stages.detection.models import BLAZEPOSE, model_files
-from stages.detection.params import BLAZEPOSE_JOINTS, DetectionParams
+from stages.detection.params import DetectionParams
 from storage.capture import SourceFile
+from storage.joints import BLAZEPOSE33
 from storage.spec import digest
 
 KERNELS = {"blazepose": "stages.detection.blazepose", "onnx": "stages.detection.onnx"}
@@ -31,7 +32,7 @@ def blazepose_is_here() -> bool:
 
 def named_joint_set(params: DetectionParams) -> str:
     """Id of the joint set of a resolved estimator. Raises SourceError for a description that cannot be read."""
-    return BLAZEPOSE_JOINTS if params.estimator == "blazepose" else described(params).joint_set
+    return BLAZEPOSE33.id if params.estimator == "blazepose" else described(params).joint_set
 
 
 @lru_cache(maxsize=8)

@@ -12,7 +12,6 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -27,125 +26,19 @@ from dags.memory import Peak
 from dags.network_weights import network_of, weights_digest
 from dags.stopwatch import Stopwatch
 from dags.watchdog import time_limit, worker_name
-from stages.contract import Facts, Stage, resolve
-from stages.detection.params import DetectionParams
-from stages.io import Block, Views
+from dags.work_order import Order, Reading
+from stages.contract import Stage, resolve
+from stages.io import Block
 from stages.network.params import NETWORK
 from stages.registry import stage as stage_named
 from storage.archive import Sequence
 from storage.capture import Capture
 from storage.errors import ArchiveError, OtherCode
 from storage.lease import Lease
-from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
-from storage.rig import CameraPath, Rig
+from storage.receipts import Output, Receipt, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
 from storage.shards import read_array, write_array, write_table
 from storage.sources import open_source
 from storage.spec import ArraySpec, TableSpec, digest
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How one array is read: its name, dimensions, frames, and the files that hold each view."""
-
-    name: str
-    dims: tuple[str, ...]
-    span: range
-    files: dict[int | None, tuple[ShardFile, ...]]
-
-
-@dataclass(frozen=True)
-class Terms:
-    """The rules of the run a task belongs to; nothing here can change a result."""
-
-    run: str = "alone"
-    """Name of the run."""
-    lease: float = 60.0
-    """Seconds a lease holds without renewal."""
-    timeout: float | None = None
-    """Seconds a task may take; None: any time."""
-    kept: int | None = None
-    """Bytes of results of other settings that may lie aside; None: as they are, and nothing is put aside."""
-
-
-@dataclass(frozen=True)
-class Load:
-    """The size of one task, known before it runs."""
-
-    work: int = 0
-    """Frames x views or cameras x pixels: what seconds are in proportion to."""
-    raw_bytes: int = 0
-    """Bytes of its outputs before compression."""
-    ram: int = 0
-    """Projected peak of its process, bytes: its own and the libraries'."""
-    vram: int = 0
-    """Projected peak of device memory, bytes."""
-
-
-@dataclass(frozen=True)
-class Promise:
-    """What a task counts on: a receipt that promises an output of a certain content."""
-
-    key: ReceiptKey
-    array: str
-    view: int | None
-    digest: str
-
-
-@dataclass(frozen=True, repr=False)
-class Order:
-    """Everything a worker needs to know about one task, about ten kilobytes."""
-
-    root: Path
-    """Folder of the sequence."""
-    stage: str
-    params: Any
-    partition: int | None
-    view: int | None
-    path_name: str | None
-    frames: range
-    source_frames: np.ndarray
-    time: np.ndarray
-    valid: np.ndarray
-    views: Views
-    rig: Rig
-    captured_to_calibrated: np.ndarray
-    late: tuple[int, ...]
-    """Frames by which each view is late."""
-    path: CameraPath | None
-    path_text: str | None
-    """What the path was asked for as."""
-    facts: Facts
-    joint_set: str | None
-    readings: dict[str, Reading]
-    """By declared name."""
-    parts: dict[str, Any]
-    """Fingerprint parts."""
-    source_spans: dict[str, range]
-    """Frame indices that the task works on, by declared source."""
-    footage: tuple[int, np.ndarray, np.ndarray]
-    """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
-    estimator: DetectionParams | None
-    """Whose pose estimator a stage that declares it gets."""
-    models: dict[str, str]
-    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with them."""
-    survey_sources: str | None
-    """Digest of the pictures a sequence-wide stage was taken from."""
-    threads: int
-    gpu: int
-    """GPUs the stage asks for."""
-    load: Load = Load()
-    """What the task is expected to take, kept beside what it took."""
-    promises: tuple[Promise, ...] = ()
-    """What the inputs must still be when the task is done."""
-    seen: str | None = None
-    """Token of the receipt that was judged and found stale; a receipt with another one was made since."""
-    terms: Terms = Terms()
-    """The rules of the run."""
-
-    @property
-    def key(self) -> ReceiptKey:
-        """Which receipt it leads to."""
-        return ReceiptKey(self.stage, self.partition, self.view, self.path_name)
 
 
 @lru_cache(maxsize=8)

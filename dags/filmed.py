@@ -14,8 +14,8 @@ from rich.console import Console
 from dags.config import load_configuration
 from dags.here import run_here
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from dags.session import Session
 from dags.simulate import film, stage_scene
 from stages.capture.scene import Scene

@@ -15,11 +15,11 @@ from typing import Protocol
 from uuid import uuid4
 
 from dags.events import Event, Notice, TaskRetried, TaskStarted
-from dags.execute import Order, Terms
 from dags.failures import Failure, Kind, with_advice
 from dags.held import HeldTasks, Priority
 from dags.pools import Pool
 from dags.tasks import Task
+from dags.work_order import Order, Terms
 from storage.receipts import Receipt
 
 MOST_SPARED = 3

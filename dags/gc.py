@@ -35,14 +35,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags import presence
+from dags.entering import PATIENCE
 from dags.keep import droppable, lost_source, settled_outputs
-from dags.plan import Plan, Selection
-from dags.projection import gigabytes
+from dags.plan import Plan
 from dags.reshard import leftovers
+from dags.selection import Selection
 from dags.session import Session
 from dags.tasks import PRODUCERS, Task
 from dags.variants import FOLDER as VARIANTS
-from dags.wording import number
+from dags.wording import gigabytes, number
 from stages.registry import stage as stage_named
 from storage import kept
 from storage.archive import Archive
@@ -130,7 +131,7 @@ def _delete(sequence: Group, item: Item) -> None:
     pieces = item.pieces()
     while True:
         try:
-            with wait_for(sequence.receipts / f"_arrays{SUFFIX}", "gc", 60.0, presence.PATIENCE):
+            with wait_for(sequence.receipts / f"_arrays{SUFFIX}", "gc", 60.0, PATIENCE):
                 presence.refuse_busy(sequence, "gc --apply")
                 item.delete()
             return

@@ -6,9 +6,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from dags.execute import Order
 from dags.tasks import Task
 from dags.wording import number
+from dags.work_order import Order
 from storage.archive import Sequence
 from storage.lease import Holder, ended, read_lease
 from storage.receipts import lease_file

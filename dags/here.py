@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dags.events import Event, TaskDone, TaskFailed
-from dags.plan import Plan, Selection
+from dags.plan import Plan
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.tasks import Task
 from storage.errors import UserError

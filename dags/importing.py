@@ -47,7 +47,7 @@ def partition_length(capture: Capture, settings: Any) -> int:
     wanted = settings.partition
     if wanted.frames is not None:
         return int(wanted.frames)
-    rig = frames_rig(capture.rig, settings.frames)
+    rig = frames_rig(capture.rig, settings.frames.size)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
     shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
     specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]

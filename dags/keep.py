@@ -17,21 +17,16 @@ and `posegaussian gc` drops afterwards what a run could have dropped.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from dags import presence
 from dags.context import Context
-from dags.events import Event, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.plan import Plan, State
 from dags.tasks import PRODUCERS, Product, Task, inputs
-from dags.wording import number
 from storage.capture import PER_VIEW
-from storage.errors import NotWritten
 from storage.receipts import Output
 from storage.spec import ArraySpec, Keep
-from storage.sweep import bytes_of, drop_outputs
 
 Part = tuple[str, int | None]
 """An array (path filled in) and a partition: what is dropped together, over all views."""
@@ -91,78 +86,7 @@ class Readers:
         return bool(readers) and all(r in fresh for r in readers)
 
 
-class Keeper:
-    """A listener that drops outputs as soon as their `keep` says so."""
-
-    def __init__(self, plans: Iterable[Plan]) -> None:
-        """Nothing is dropped of a sequence whose sources are not all there."""
-        self.plans = {p.context.sequence.name: p for p in plans}
-        self._refused: list[str] = []
-        self.readers: dict[str, Readers] = {}
-        self.fresh: set[Task] = set()
-        self.ended: set[Task] = set()
-        self.outputs, self.bytes = 0, 0
-        for name, plan in self.plans.items():
-            keeps = droppable(plan.context.settings)
-            lost = lost_source(plan.context) if keeps else None
-            if lost is not None:
-                self._refused.append(f"{name}: nothing is dropped, because {lost} is not there and dropped bytes could not be made again")
-            self.readers[name] = Readers(plan, {} if lost is not None else keeps)
-
-    def __call__(self, event: Event) -> None:
-        """Take one event of the run."""
-        if isinstance(event, TaskDone | TaskFresh):
-            self.fresh.add(event.task)
-            self.ended.add(event.task)
-            self._drop(event.task)
-        elif isinstance(event, TaskFailed | TaskBlocked | TaskLeftOut):
-            self.ended.add(event.task)
-            self._drop(event.task)
-        elif isinstance(event, TaskNeeded):
-            self.fresh.discard(event.task)
-            self.ended.discard(event.task)
-
-    @property
-    def sentences(self) -> list[str]:
-        """What the user should know after the run."""
-        dropped = f"dropped {number(self.outputs, 'output')} that no task needs any more, {self.bytes / 1e6:.1f} MB; they are made again where something needs them (run.keep, keep)"
-        return [*self._refused, *([dropped] if self.outputs else [])]
-
-    def sweep(self) -> None:
-        """Drop what a run in which every task is fresh would drop."""
-        for plan in self.plans.values():
-            for task in plan.verdicts:
-                self(TaskFresh(task))
-
-    def _drop(self, task: Task) -> None:
-        """Drop what a task made or read, as far as it is due now; nothing while another run may be reading it."""
-        plan, readers = self.plans[task.sequence], self.readers[task.sequence]
-        if readers.context is not plan.context:  # an effect was decided since: other tasks, other inputs
-            readers = self.readers[task.sequence] = Readers(plan, readers.keeps)
-        chosen: dict[Task, set[tuple[str, int | None]]] = defaultdict(set)
-        for part in readers.by.get(task, ()):
-            if readers.due(part, self.fresh, self.ended):
-                for maker in readers.makers[part]:
-                    if maker in self.fresh:
-                        chosen[maker] |= {(o.array, o.view) for o in _kept(plan, maker) if o.array == part[0]}
-        if any(chosen.values()) and not presence.others(plan.context.sequence):
-            for maker, outputs in chosen.items():
-                self._give_up(plan, maker, outputs)
-
-    def _give_up(self, plan: Plan, maker: Task, outputs: set[tuple[str, int | None]]) -> None:
-        before = plan.book.receipts[maker]
-        try:
-            after = drop_outputs(plan.context.sequence, before, outputs)
-        except NotWritten as e:  # a receipt has to say so first
-            self._refused = list(dict.fromkeys([*self._refused, f"{maker.sequence}: not all that could go was dropped: {e}"]))
-            return
-        plan.book.receipts[maker] = after
-        gone = [a for b, a in zip(before.outputs, after.outputs, strict=True) if a.dropped and not b.dropped]
-        self.outputs += len(gone)
-        self.bytes += sum(bytes_of(o.files) for o in gone)
-
-
-def _kept(plan: Plan, maker: Task) -> Iterator[Output]:
+def kept_outputs(plan: Plan, maker: Task) -> Iterator[Output]:
     """Outputs of a task that are on disk and that no export asked for."""
     for o in plan.book.receipts[maker].outputs:
         if not o.dropped and Product(o.array, maker.partition, o.view) not in plan.book.held:
@@ -177,4 +101,4 @@ def settled_outputs(plan: Plan, keeps: dict[str, Keep]) -> Iterator[tuple[Task, 
         if readers.due(part, fresh, fresh):
             for maker in makers:
                 if maker in fresh:
-                    yield from ((maker, o) for o in _kept(plan, maker) if o.array == part[0])
+                    yield from ((maker, o) for o in kept_outputs(plan, maker) if o.array == part[0])

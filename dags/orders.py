@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from dags.book import Book
 from dags.context import Context
-from dags.execute import Load, Order, Promise, Reading
 from dags.fingerprint import models
-from dags.plan import Book, Plan, State, survey_sources
+from dags.plan import Plan, State, survey_sources
+from dags.task_cost import load, needs_of
 from dags.tasks import Task, inputs, path_frames, producer, source_spans
-from stages.contract import Resources, Stage
-from stages.detection.stage import ESTIMATED
-from stages.frames.params import SEGMENTED
+from dags.work_order import Order, Promise, Reading
+from stages.facts import ESTIMATED, SEGMENTED
 from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage.receipts import ReceiptKey, ShardFile
@@ -83,45 +81,6 @@ def _path(context: Context, task: Task) -> CameraPath | None:
         return None
     span = path_frames(context, task)
     return context.paths[task.path].slice(slice(span.start, span.stop))
-
-
-def partition_shape(context: Context, path: str | None = None) -> dict[str, int]:
-    """Dimensions of one partition: as the sequence's, but `frame` is the partition's length."""
-    return {**context.shape(path), "frame": min(context.grid.length, context.grid.frames)}
-
-
-RESERVED = 576 * 2**20
-"""Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
-
-
-def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:
-    """{declared array: bytes before compression} of a task over so many frames."""
-    shape = {**context.shape(task.path), "frame": frames} | ({"view": 1} if task.view is not None else {})
-    specs = [w for w in stage_named(task.stage).writes_for(context.facts) if isinstance(w, ArraySpec)]
-    return {w.name: math.prod(w.lengths(shape)) * np.dtype(w.dtype).itemsize for w in specs}
-
-
-def load(context: Context, task: Task, frames: int | None = None) -> Load:
-    """What one task is expected to take, from its declarations and the shape of its partition, or of one of `frames` frames."""
-    stage = stage_named(task.stage)
-    if frames is None:
-        frames = len(context.grid.bounds(task.partition)) if task.partition is not None else 0
-    shape = context.shape(task.path)
-    if task.path is not None:
-        work = frames * shape["camera"] * shape["camera_y"] * shape["camera_x"]
-    elif stage.sequence_wide:
-        work = shape["sample"] * shape["source_y"] * shape["source_x"]
-    else:
-        work = frames * (1 if task.view is not None else len(context.views.sources)) * shape["y"] * shape["x"]
-    needs = needs_of(context, stage, task.path, frames)
-    return Load(work, sum(raw_bytes(context, task, frames).values()), needs.ram, needs.vram)
-
-
-def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:
-    """What one task of a stage needs over a whole partition, or over one of `frames` frames; the memory is its whole process's."""
-    shape = partition_shape(context, path) | ({} if frames is None else {"frame": frames})
-    needs = stage.needs(shape, context.params(stage))
-    return dataclasses.replace(needs, ram=needs.ram + RESERVED)
 
 
 def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from dags.tradeoff import Level
+from dags.pareto import Level, front
 
 WIDTH, HEIGHT = 640, 460
 """One panel, px."""
@@ -33,7 +31,6 @@ def draw(file: Path, levels: Sequence[Level], what: str, where: str) -> None:
     """
     import cv2
 
-    from dags.tradeoff import front
     from storage.media import write_png
 
     measures = [m for m in TITLES if all(m in level.quality for level in levels)]

@@ -9,18 +9,21 @@ import gc
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dags import network_weights
+from dags.book import Book
 from dags.context import Context
 from dags.effects import Verdict as EffectVerdict
 from dags.effects import noted
 from dags.fingerprint import all_parts, own_parts, reasons, still_good
-from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, inputs, producer, tasks
+from dags.selection import Selection
+from dags.tasks import PRODUCERS, Product, Task, deciding, dependencies, tasks
 from stages.contract import Stage
 from stages.depth.params import resolve_method
 from stages.frames.params import better_matte
@@ -33,9 +36,7 @@ from stages.registry import STAGES
 from stages.registry import stage as stage_named
 from storage import kept
 from storage.capture import PER_VIEW
-from storage.errors import ConfigError
-from storage.places import Look
-from storage.receipts import Output, Receipt, ReceiptKey, missing_files, scan_receipts
+from storage.receipts import Receipt, ReceiptKey
 from storage.spec import digest
 
 TAKEN_OVER = "taken over from an earlier run with these settings"
@@ -60,116 +61,6 @@ READY = (State.FRESH, State.KEPT)
 
 
 @dataclass(frozen=True)
-class Selection:
-    """Which stages a run may touch."""
-
-    only: frozenset[str] = frozenset()
-    """Run these stages alone; everything they read must be fresh. Empty: all."""
-    start: str | None = None
-    """Rerun this stage and every later one, fresh or not."""
-    force: frozenset[str] = frozenset()
-    """Rerun these stages even where they are fresh."""
-
-    def __post_init__(self) -> None:
-        known = [s.name for s in STAGES]
-        for name in sorted({*self.only, *self.force, *([self.start] if self.start else [])}):
-            if name not in known:
-                raise ConfigError(f"no stage {name!r}; the stages are {', '.join(known)}")
-        if self.only and (left := self.force - self.only):
-            raise ConfigError(f"--force {' '.join(sorted(left))} is left out by --only {' '.join(sorted(self.only))}; name it in both, or in neither")
-        if self.only and self.start and not any(self.forced(name) for name in self.only):
-            raise ConfigError(f"--from {self.start} is left out by --only {' '.join(sorted(self.only))}: no stage is in both")
-
-    def forced(self, stage: str) -> str | None:
-        """The option that reruns a stage though it is fresh, or None."""
-        names = [s.name for s in STAGES]
-        if stage in self.force:
-            return f"forced by --force {stage}"
-        if self.start is not None and names.index(stage) >= names.index(self.start):
-            return f"forced by --from {self.start}"
-        return None
-
-    def allows(self, stage: str) -> bool:
-        """Whether a stage may run at all."""
-        return not self.only or stage in self.only
-
-
-@dataclass
-class Book:
-    """The receipts of one sequence, and what they prove: outputs that are whole."""
-
-    context: Context
-    """The sequence."""
-    receipts: dict[Task, Receipt] = field(default_factory=dict)
-    """By task."""
-    problems: dict[Task, str] = field(default_factory=dict)
-    """Receipts whose files are gone or of another size."""
-    held: frozenset[Product] = frozenset()
-    """Products that must be there when the run is over, because an export reads them: made again where they were dropped."""
-    needed: dict[Task, str] = field(default_factory=dict)
-    """Tasks whose dropped output must be made again, and for whom."""
-    kept: dict[Task, Receipt] = field(default_factory=dict)
-    """Receipts that were put aside and that a run will take over."""
-
-    @classmethod
-    def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
-        """Scan the receipts of a sequence."""
-        book = cls(context, held=held)
-        name, look = context.sequence.name, Look(context.sequence.root)
-        for r in scan_receipts(context.sequence):
-            task = Task(name, r.stage, r.partition, r.view, r.path)
-            book.receipts[task] = r
-            bad = missing_files(context.sequence, r, look)
-            if bad:
-                book.problems[task] = f"shard {bad[0]} is missing or of another size" + (f", and {len(bad) - 1} more" if len(bad) > 1 else "")
-            if held and any(o.dropped and Product(o.array, r.partition, o.view) in held for o in r.outputs):
-                book.call_back(task, "the export")
-        return book
-
-    def add(self, task: Task, receipt: Receipt) -> None:
-        """Note a task that just finished."""
-        self.receipts[task] = receipt
-        self.problems.pop(task, None)
-        self.needed.pop(task, None)
-
-    def call_back(self, task: Task, reader: str) -> None:
-        """Have a task's dropped output made again for a reader: a stage, or what else needs it."""
-        self.needed[task] = f"its output was dropped and is needed by {reader}"
-
-    def dropped_inputs(self, task: Task) -> tuple[Task, ...]:
-        """Tasks that made what this one reads and what was dropped since, each once."""
-        found: dict[Task, None] = {}
-        for i in inputs(self.context, task):
-            for p in i.products:
-                output = self.output(p, task)
-                if output is not None and output.dropped:
-                    found[producer(p, task)] = None
-        return tuple(found)
-
-    def expected(self, task: Task) -> Receipt | None:
-        """A task's receipt, that which will be taken over before that which is there."""
-        return self.kept.get(task) or self.receipts.get(task)
-
-    def output(self, product: Product, reader: Task) -> Output | None:
-        """What the producer's receipt says of a product."""
-        receipt = self.expected(producer(product, reader))
-        if receipt is None:
-            return None
-        return next((o for o in receipt.outputs if (o.array, o.view) == (product.array, product.view)), None)
-
-    def digests(self, task: Task) -> dict[Product, str] | None:
-        """Content digests of everything a task reads; None when something is not there."""
-        found = {}
-        for i in inputs(self.context, task):
-            for p in i.products:
-                output = self.output(p, task)
-                if output is None:
-                    return None
-                found[p] = output.digest
-        return found
-
-
-@dataclass(frozen=True)
 class Verdict:
     """State of one task and why."""
 
@@ -189,10 +80,13 @@ class Plan:
     """In the order of flow."""
     unneeded: dict[str, str]
     """{stage: why this capture does not need it}."""
-    notes: tuple[str, ...] = ()
-    """What the user should know besides."""
     selection: Selection = Selection()
     """Which stages a run may touch."""
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know besides; looked at only where somebody reads it."""
+        return _notes(self.context, self.book)
 
     def dropped(self, stage: str) -> int:
         """How many fresh tasks of a stage have outputs that were dropped."""
@@ -259,7 +153,7 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
             state, why = State.KEPT, (TAKEN_OVER,)
         verdicts[task] = Verdict(task, state, why)
     _call_back(book, verdicts)
-    return Plan(context, book, verdicts, context.unneeded(), _notes(context, book), selection)
+    return Plan(context, book, verdicts, context.unneeded(), selection)
 
 
 def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:

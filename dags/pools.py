@@ -16,8 +16,8 @@ from typing import Any
 import psutil
 
 from dags.context import Context
-from dags.orders import needs_of
 from dags.plan import READY, Plan
+from dags.task_cost import needs_of
 from stages.contract import Stage
 from stages.registry import STAGES
 

@@ -14,9 +14,8 @@ from rich.text import Text
 from dags.estimate import Remaining
 from dags.events import EffectsDecided, Event, Notice, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded, TaskStarted
 from dags.history import stamped
-from dags.tables import seconds_text
 from dags.tasks import Task
-from dags.wording import Voice, number
+from dags.wording import Voice, number, seconds_text
 from stages.registry import STAGES
 
 QUIET_SECONDS = 10.0

@@ -16,13 +16,13 @@ from typing import Any
 
 from dags.aside import replaced
 from dags.context import Context
-from dags.execute import Load
 from dags.keep import droppable
-from dags.orders import load, raw_bytes
 from dags.plan import READY, Plan
 from dags.pools import cpu_workers
+from dags.task_cost import Load, load, raw_bytes
 from dags.tasks import Task
 from dags.variants import variants
+from dags.wording import gigabytes
 from stages.contract import Stage
 from stages.registry import STAGES
 from storage import kept, ledger
@@ -206,8 +206,3 @@ def room(plans: Sequence[Plan], archive: Archive, history: History) -> Room:
     disk = lying + coming + shutil.disk_usage(archive.root).free - need
     bound = max(0, min(wanted, disk))
     return Room(bound, lying + coming - bound, disk < wanted)
-
-
-def gigabytes(count: float) -> str:
-    """Bytes for people."""
-    return f"{count / 1e9:.2f} GB" if abs(count) >= 1e8 else f"{count / 1e6:.1f} MB"

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from dags import presence
+from dags.book import Book
 from dags.context import Context
 from dags.fingerprint import all_parts, own_parts
 from dags.orders import prepare
-from dags.plan import Book, Plan, State, Verdict
-from dags.projection import gigabytes
+from dags.plan import Plan, State, Verdict
 from dags.results import Results
 from dags.tasks import Product, Task, tasks
-from dags.wording import number
+from dags.wording import gigabytes, number
 from stages.registry import stage as stage_named
 from storage.archive import RESHARD, SOURCES, Archive, Sequence
 from storage.chunk_keys import named_as_in

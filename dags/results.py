@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from dags.book import Book
 from dags.context import Context
-from dags.plan import Book
 from dags.tasks import PRODUCERS
 from storage.errors import ShardMissing
 from storage.receipts import Output

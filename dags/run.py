@@ -9,13 +9,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from dags import build
+from dags.book import Book
 from dags.code import code_digest
+from dags.entering import enter, make_arrays
 from dags.events import EffectsDecided, Event, Listener, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
 from dags.failures import Failure, Kind, failure
 from dags.flight import Backend, Flight, Rules
 from dags.orders import make_order
-from dags.plan import Book, Plan, Selection, State, judge, kept_result, take_decisions
-from dags.presence import enter, make_arrays
+from dags.plan import Plan, State, judge, kept_result, take_decisions
+from dags.selection import Selection
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
 from storage import kept

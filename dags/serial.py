@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dags.execute import Order, execute
+from dags.execute import execute
 from dags.failures import Failure, failure
 from dags.pools import CPU, Pool, machine_memory
 from dags.tasks import Task
+from dags.work_order import Order
 from storage.receipts import Receipt
 
 

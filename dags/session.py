@@ -12,28 +12,29 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dags import contribution, presence, projection, roles, tables, threads
+from dags import contribution, entering, presence, projection, roles, tables, threads
 from dags.config import Configuration, load_configuration
 from dags.context import Context, make_context
 from dags.estimate import Remaining
 from dags.events import Listener, RunEnded, SequenceRefused
-from dags.execute import Terms
+from dags.eviction import Keeper
 from dags.failures import Kind, failures_table
 from dags.flight import Backend, Rules
 from dags.history import RunLog, retry_command
 from dags.interrupt import STATUS, interruptible
-from dags.keep import Keeper
 from dags.moment import one_moment
 from dags.orders import lacks_cameras
-from dags.plan import Plan, Selection, make_plan
+from dags.plan import Plan, make_plan
 from dags.pools import CPU, local_pools, refusals
 from dags.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
 from dags.run import Run
 from dags.run_ending import results_and_next
+from dags.selection import Selection
 from dags.spending import Spending
 from dags.status import every_standing
 from dags.tasks import Product
 from dags.wording import Voice, number
+from dags.work_order import Terms
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConfigError, NotWritten, SchedulerLost, UserError
 from storage.files import write_atomically
@@ -251,7 +252,7 @@ class Session:
         if all(p.all_fresh for p in plans):
             for p in plans:
                 if lacks_cameras(p):
-                    presence.make_arrays(p, self._rules(p.context.sequence.name).terms)
+                    entering.make_arrays(p, self._rules(p.context.sequence.name).terms)
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
             keeper.sweep()

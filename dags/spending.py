@@ -6,8 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 
 from dags.events import Event, TaskDone
-from dags.tables import seconds_text
-from dags.wording import number
+from dags.wording import number, seconds_text
 from storage import ledger
 from storage.archive import Archive
 

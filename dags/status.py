@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from dags.code import PACKAGES, ROOT
 from dags.moment import once, one_moment
-from dags.plan import Plan, Selection, State
+from dags.plan import Plan, State
+from dags.selection import Selection
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
 from storage.archive import Sequence

@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from dags.plan import Plan, State
-from dags.projection import Projection, gigabytes
+from dags.projection import Projection
 from dags.status import Numbers
-from dags.wording import number
+from dags.wording import gigabytes, number, seconds_text
 from stages.registry import STAGES
 
 MOST_REASONS = 4
@@ -61,15 +61,6 @@ def projection_table(projections: Sequence[Projection]) -> Table:
     total = seconds_text(sum(known)) if len(known) == len(projections) else f"more than {seconds_text(sum(known))}" if known else "unknown"
     table.add_row("all", str(sum(p.tasks for p in projections)), gigabytes(sum(p.disk for p in projections)), "", "", total, end_section=True)
     return table
-
-
-def seconds_text(seconds: float | None) -> str:
-    """Seconds of work for people."""
-    if seconds is None:
-        return "unknown"
-    if seconds < 90:
-        return f"{seconds:.1f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided": "u", "dropped": "d"}

@@ -12,16 +12,18 @@ import platform
 import statistics
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from dags import effects, threads
+from dags.book import Book
 from dags.config import Settings, merge
 from dags.context import Context
-from dags.plan import Book, Selection, make_plan
+from dags.pareto import Level, front
+from dags.plan import make_plan
+from dags.selection import Selection
 from dags.session import Session
 from dags.tasks import Task
 from dags.variants import others, share, variant
@@ -41,31 +43,6 @@ MEASURES = "metrics"
 """The stage that measures and makes nothing: its seconds are no cost of the pictures."""
 QUALITIES = {"psnr box": "dB", "psnr full": "dB", "ssim box": "1", "ssim full": "1", "epe": "px"}
 """Measures in the order they are shown, with their units; `epe` is better when lower, the others when higher."""
-
-
-@dataclass
-class Level:
-    """One combination of the knobs' levels."""
-
-    values: dict[str, Any]
-    """{knob: value}."""
-    context: Context
-    """Its variant."""
-    identities: dict[str, str] = field(default_factory=dict)
-    """{stage: digest of the fingerprints of its tasks}: equal identity, equal output."""
-    seconds: dict[str, float] = field(default_factory=dict)
-    """{stage: seconds a frame}."""
-    quality: dict[str, float] = field(default_factory=dict)
-    """{measure: mean}."""
-
-    @property
-    def total(self) -> float:
-        """Seconds a frame of all stages."""
-        return sum(self.seconds.values())
-
-    def label(self) -> str:
-        """`depth.method=hull frames.size=128`."""
-        return " ".join(f"{k}={'full' if v is None else v}" for k, v in self.values.items())
 
 
 def declared_knobs() -> dict[str, list[Any]]:
@@ -194,17 +171,6 @@ def identities(context: Context) -> dict[str, str]:
         if task.stage != MEASURES:
             found[task.stage].append([*task[1:4], plan.book.receipts[task].fingerprint])
     return {stage: digest(parts) for stage, parts in found.items()}
-
-
-def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Of (cost, loss) pairs, both better when lower: whether no other point is as good in both and better in one."""
-    return [not any(a <= x and b <= y and (a < x or b < y) for a, b in points) for x, y in points]
-
-
-def front(levels: Sequence[Level], measure: str) -> list[bool]:
-    """Which levels are on the Pareto front of seconds a frame against a measure."""
-    sign = 1.0 if measure == "epe" else -1.0
-    return pareto([(level.total, sign * level.quality[measure]) for level in levels])
 
 
 def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[str], repeats: int) -> tuple[list[Level], int]:

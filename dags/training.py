@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dags.interrupt import interruptible
-from dags.projection import gigabytes
 from dags.threads import limit
 from dags.training_card import card
 from dags.training_folder import RunFolder, log_row
 from dags.training_frames import Frames, Item, Producers
 from dags.training_state import packed, unpacked
-from dags.wording import number
+from dags.wording import gigabytes, number
 from stages.contract import resolve
 from stages.training.config import TrainingConfig
 from storage.errors import ConfigError, UserError

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NoReturn
 
-from dags.execute import Order
 from dags.pools import Pool, pool_for
 from dags.tasks import Task
+from dags.work_order import Order
 from storage.errors import SchedulerLost
 
 

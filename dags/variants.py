@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from dags.context import Context, make_context
-from dags.plan import Plan, Selection, State, judge, make_plan
+from dags.plan import Plan, State, judge, make_plan
+from dags.selection import Selection
 from dags.tasks import Task
 from storage.archive import Archive, Sequence
 from storage.array_metadata import copy_description

@@ -19,3 +19,17 @@ class Voice(IntEnum):
 def number(count: int, noun: str) -> str:
     """`1 frame`, `3 frames`; `1 CPU worker`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def gigabytes(count: float) -> str:
+    """Bytes for people."""
+    return f"{count / 1e9:.2f} GB" if abs(count) >= 1e8 else f"{count / 1e6:.1f} MB"
+
+
+def seconds_text(seconds: float | None) -> str:
+    """Seconds of work for people."""
+    if seconds is None:
+        return "unknown"
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -18,11 +18,12 @@ from rich.console import Console
 from dags.config import Configuration, load_configuration
 from dags.context import Context
 from dags.events import Event, RunEnded, TaskDone
+from dags.eviction import Keeper
 from dags.flight import Backend
 from dags.importing import find_capture, register
-from dags.keep import Keeper
-from dags.plan import Plan, Selection
+from dags.plan import Plan
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.session import Session
 from stages.capture.person import PersonCapture, capture_person

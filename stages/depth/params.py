@@ -7,10 +7,8 @@ from typing import Literal
 from pydantic import field_validator
 
 from stages.contract import Facts, Params, setting
-from stages.frames.params import GIVEN_DEPTH
+from stages.facts import GIVEN_DEPTH, SINGLE_SOURCE
 
-SINGLE_SOURCE = "single_source"
-"""The fact that there is one source view only."""
 Method = Literal["given", "sgbm", "sweep", "hull", "relief", "truth"]
 MATCHING, SEVERAL = ("sgbm", "sweep"), ("sgbm", "sweep", "hull")
 """Methods that compare pictures, and those that take several source views."""

@@ -10,10 +10,11 @@ import numpy as np
 from stages.depth.estimate import estimate, estimate_open
 from stages.depth.given import given_depth
 from stages.depth.limbs import limbs_of
-from stages.depth.params import MATCHING, SINGLE_SOURCE, DepthParams, refusal, resolve_method
+from stages.depth.params import MATCHING, DepthParams, refusal, resolve_method
 from stages.depth.relief import relief
 from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
 from stages.depth.sweeping import sweep_hull, sweep_open
+from stages.facts import SINGLE_SOURCE
 from stages.geometry.hull import foreground
 from stages.geometry.subject import subject_distance
 from stages.io import Block, Inputs

@@ -19,15 +19,14 @@ from stages.detection.decoding import CROP, centred, detections, landmarks, sigm
 from stages.detection.estimator import PERSON_SIDE, Found, seen_inside
 from stages.detection.litert import Network
 from stages.detection.models import check_files, missing_sentence, model_files
-from stages.detection.params import BLAZEPOSE_JOINTS
 from stages.detection.regions import crop, region_of, squares, to_picture, whole
 from stages.detection.suppression import overlap
 from storage.errors import ConfigError
-from storage.joints import joint_map
+from storage.joints import BLAZEPOSE33, joint_map
 
 JOINTS = 33
 """Landmarks of the body; those after it serve the region."""
-COCO17 = joint_map(BLAZEPOSE_JOINTS, "coco17")
+COCO17 = joint_map(BLAZEPOSE33.id, "coco17")
 """[17] BlazePose's landmark for each joint of COCO-17."""
 CENTRE, RIM = 33, 34
 """Landmarks that say where the body's region is."""
@@ -52,7 +51,7 @@ ZOOMS = ((), (1.0,), (1.0, 0.5))
 class BlazePose:
     """The official three models, on one thread; one object serves one thread, equal pictures give equal bytes."""
 
-    joint_set = BLAZEPOSE_JOINTS
+    joint_set = BLAZEPOSE33.id
 
     def __init__(self, files: Mapping[str, Path] | None = None, rounds: int = ROUNDS, zoom: int = 1) -> None:
         """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or LiteRT are missing, SourceError where one is not what was published.

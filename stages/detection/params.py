@@ -8,14 +8,9 @@ from pydantic import Field, field_validator
 
 from stages.contract import Facts, Params, setting
 from stages.detection.models import FETCH
+from stages.facts import BLAZEPOSE, GIVEN_JOINTS
 
 Answer = Literal["files", "blazepose", "onnx", "none"]
-GIVEN_JOINTS = "given_joints"
-"""Fact: joints came with the capture, 2D ones of a source view or 3D ones."""
-BLAZEPOSE = "blazepose"
-"""Fact: BlazePose's models are in the cache and what runs them is installed."""
-BLAZEPOSE_JOINTS = "blazepose33"
-"""Joint set of what BlazePose finds."""
 ADDED = f"`{FETCH}` adds it"
 """What to do where BlazePose is missing."""
 

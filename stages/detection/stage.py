@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import DetectionParams, estimator_choice, refusal
-from stages.frames.effects import CROP_SCALE, UNDISTORTION
-from stages.frames.params import SEGMENTED
+from stages.facts import ESTIMATED, SEGMENTED
+from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
 from storage.spec import ArraySpec, Shape
-
-ESTIMATED = "detected"
-"""Fact: the 2D joints are estimated by this stage."""
 
 
 def needs(shape: Shape, params: DetectionParams) -> Resources:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from stages.detection.regions import to_own
+from stages.facts import SEGMENTED
 from stages.frames.layout import captured_positions, switched
-from stages.frames.params import SEGMENTED
 from stages.frames.person_matte import FAINT, Known
 from stages.geometry.projection import pixel_centres, rays
 from stages.geometry.subject import look_at_point

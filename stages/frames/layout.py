@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from stages.contract import Facts
-from stages.frames.params import FramesParams
 from storage.crop import Crop
 from storage.errors import ConfigError
 from storage.rig import Rig
@@ -49,12 +48,14 @@ def frames_size(calibrated: tuple[int, int], longest: int | None) -> tuple[int, 
     return max(1, round(width * ratio)), max(1, round(height * ratio))
 
 
-def frames_rig(source_rig: Rig, params: FramesParams) -> Rig:
+def frames_rig(source_rig: Rig, longest: int | None) -> Rig:
     """Cameras of `frames/*`: calibrated ones scaled to whole pixels, each axis by its exact ratio, without distortion.
+
+    `longest`: px of the longer side, or None for the calibrated size.
 
     With our pixel centres a scaled picture spans [0, k w], so a whole row of the intrinsics is multiplied by k.
     """
-    size = np.array([frames_size(tuple(s), params.size) for s in source_rig.size], dtype=np.int64).reshape(-1, 2)
+    size = np.array([frames_size(tuple(s), longest) for s in source_rig.size], dtype=np.int64).reshape(-1, 2)
     intrinsics = source_rig.intrinsics.copy()
     intrinsics[:, :2] *= (size / source_rig.size)[:, :, None]
     return Rig(source_rig.names, intrinsics, np.zeros_like(source_rig.distortion), source_rig.world_to_camera, size)

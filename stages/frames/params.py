@@ -7,17 +7,14 @@ from typing import Literal
 from pydantic import field_validator
 
 from stages.contract import Facts, Params, setting
-from stages.detection.params import ADDED, BLAZEPOSE
+from stages.detection.params import ADDED
+from stages.facts import BLAZEPOSE, SEGMENTED
 from storage.crop import Crop
 from storage.timegrid import parse_range
 
 Matte = Literal["given", "person", "plate", "none"]
-SEGMENTED = "segmented"
-"""Fact: BlazePose segments the person, beside the joints it estimates or in aid of others."""
 JOINTS = frozenset({"joints2d", "joints3d"})
 """Facts: joints of either kind are known, given or estimated."""
-GIVEN_DEPTH = "given_depth"
-"""The fact that every source view has depth maps to reconstruct from."""
 
 
 class FramesParams(Params):

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
+from stages.facts import GIVEN_DEPTH
 from stages.frames.display import gain_table, to_display, tone_mapped
 from stages.frames.effects import NO_LINK, proven_offsets, white_point
 from stages.frames.hints import Hints
 from stages.frames.layout import switched
 from stages.frames.matte import plate_matte
 from stages.frames.outline import moved
-from stages.frames.params import GIVEN_DEPTH, FramesParams, resolve_matte
+from stages.frames.params import FramesParams, resolve_matte
 from stages.frames.person_matte import person_matte
 from stages.frames.warp import Warp
 from stages.io import Block, Inputs

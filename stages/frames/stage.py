@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from stages.contract import Choice, Facts, Read, Resources, Stage
 from stages.detection.params import ADDED
-from stages.frames.effects import CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING, UNDISTORTION
-from stages.frames.params import GIVEN_DEPTH, SEGMENTED, FramesParams, matte_choice, resolve_matte
+from stages.facts import GIVEN_DEPTH, SEGMENTED
+from stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
+from stages.frames.params import FramesParams, matte_choice, resolve_matte
+from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
 from stages.survey.params import LIGHT, OUTLINES, SURFACE
 from storage.spec import ArraySpec, Shape
 

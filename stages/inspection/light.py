@@ -6,8 +6,7 @@ import numpy as np
 
 from stages.inspection.finding import Finding, measured, unmeasured
 from stages.inspection.footage import Footage
-from stages.survey.exposure import FEWEST_POINTS, match
-from stages.survey.params import NONE
+from stages.survey.exposure import FEWEST_POINTS, NONE, match
 from stages.survey.surface import surface_stops
 
 LIGHT = (0.5, 2.0)

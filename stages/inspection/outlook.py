@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stages.detection.models import FETCH
-from stages.frames.params import SEGMENTED
+from stages.facts import SEGMENTED
 from stages.geometry.pairs import Verdict as Pair
 from stages.inspection.finding import Finding, Verdict, measured
 from stages.inspection.planned import Planned

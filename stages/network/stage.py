@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.depth.params import SINGLE_SOURCE
+from stages.facts import SINGLE_SOURCE
 from stages.network.params import NETWORK, NetworkParams
 from stages.pose.effects import POSE_HEATMAPS
 from stages.smoothing.effects import TEMPORAL_SMOOTHING

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.detection.params import BLAZEPOSE_JOINTS
 from stages.io import Inputs
 from stages.pose.seen import DETECTIONS, in_frames
-from storage.joints import joint_set, to_set
+from storage.joints import BLAZEPOSE33, joint_set, to_set
 
 FEWEST = 5
 """Joints that both must have before they are compared."""
@@ -27,7 +26,7 @@ def found_subject(inputs: Inputs, joints: np.ndarray, set_id: str) -> np.ndarray
     for v in inputs.views.sources:
         found = np.asarray(inputs.read(DETECTIONS, v))[first : first + len(joints)]
         for f in range(len(joints)):
-            people = to_set(in_frames(inputs, v, found[f]), BLAZEPOSE_JOINTS, "coco17")
+            people = to_set(in_frames(inputs, v, found[f]), BLAZEPOSE33.id, "coco17")
             out[f, v] = nearest(people, to_set(joints[f, v], set_id, "coco17"))
     return out
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from stages.contract import Facts
-from stages.depth.params import SINGLE_SOURCE
-from stages.frames.params import SEGMENTED
+from stages.facts import SEGMENTED, SINGLE_SOURCE
 from stages.io import Block, Inputs
 from stages.pose.found import found_subject
 from stages.pose.heatmaps import draw, grid_of

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.frames.effects import CROP_SCALE, UNDISTORTION
-from stages.frames.params import SEGMENTED
+from stages.facts import SEGMENTED
+from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
 from stages.pose.effects import POSE_HEATMAPS
 from stages.pose.params import PoseParams, halo, uses_model_maps
 from storage.spec import ArraySpec, Shape

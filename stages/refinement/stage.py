@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.contract import Facts, Read, Resources, Stage
-from stages.depth.params import SINGLE_SOURCE
+from stages.facts import SINGLE_SOURCE
 from stages.network.params import depth_reads
 from stages.refinement.params import RefinementParams, halo
 from storage.spec import ArraySpec, Shape

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import torch
 
 from stages.rendering import gpu
-from stages.rendering.params import Backend
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
-
-if TYPE_CHECKING:
-    from stages.rendering.rasterizer import Drawing
+from stages.rendering.scene import Backend, Camera, Cutoffs, Drawing, Gaussians
 
 EXTRAS = ("depth", "normal")
 """Pictures beside colour and alpha."""

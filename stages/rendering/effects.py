@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stages.contract import Decision, Effect, Evidence
-from stages.frames.params import SEGMENTED
+from stages.facts import SEGMENTED
 from stages.geometry.subject import look_at_point
 from stages.survey.disagreement import FEWEST, disagreement
 from stages.survey.exposure import match

@@ -13,8 +13,8 @@ from stages.rendering.clipping import retouched, silhouettes_of
 from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.mip import mip_filter
 from stages.rendering.params import RenderingParams
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
 from stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
 from stages.rendering.view_color import Photo, color_towards
 

@@ -6,8 +6,6 @@ from typing import Literal
 
 from stages.contract import Params, setting
 
-Backend = Literal["auto", "reference", "cpu", "gpu"]
-
 
 class RenderingParams(Params):
     """Which pictures, from how many views, how exactly."""

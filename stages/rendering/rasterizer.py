@@ -9,29 +9,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cache
 
 import torch
 
 from stages.rendering import gpu, reference
 from stages.rendering.arguments import check
-from stages.rendering.params import Backend
-from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from stages.rendering.scene import Backend, Camera, Drawing, Gaussians, Rendering
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """How to draw."""
-
-    cutoffs: Cutoffs = field(default_factory=Cutoffs)
-    """Thresholds."""
-    backend: Backend = "auto"
-    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else `reference`."""
-    threads: int = 1
-    """Threads of the `cpu` back end; the result does not depend on it."""
 
 
 def rasterize(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str] = (), drawing: Drawing | None = None) -> Rendering:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -102,3 +102,18 @@ class Rendering(NamedTuple):
     """Of each camera: Gaussians left out because they, or their projections, were not finite."""
     backend: str
     """What rendered them."""
+
+
+Backend = Literal["auto", "reference", "cpu", "gpu"]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How to draw."""
+
+    cutoffs: Cutoffs = field(default_factory=Cutoffs)
+    """Thresholds."""
+    backend: Backend = "auto"
+    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else `reference`."""
+    threads: int = 1
+    """Threads of the `cpu` back end; the result does not depend on it."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.survey.params import NONE
-
+NONE = 99.0
+"""Stops where two cameras share no surface point."""
 FEWEST_POINTS = 16
 """Surface points that two cameras must share before they are compared."""
 TONES = 3

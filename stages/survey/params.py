@@ -10,9 +10,6 @@ BACKGROUND = "survey/background"
 LONGEST = 512
 """Longer side, px, of the cameras in which masks and joints are compared, whatever `frames.size` says: results do not hang on it."""
 
-NONE = 99.0
-"""Stops where two cameras share no surface point."""
-
 KEPT_PICTURES = 24
 """Pictures whose features a process keeps for its other views' tasks, some 3 MB each."""
 

@@ -18,7 +18,8 @@ from stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from stages.geometry.features import Features, features, matched
 from stages.io import Block, Inputs
 from stages.pose.points import to_frames
-from stages.survey.params import KEPT_PICTURES, NONE, SURFACE
+from stages.survey.exposure import NONE
+from stages.survey.params import KEPT_PICTURES, SURFACE
 from storage.rig import points_to_integer_centres
 
 FRAMES = 2

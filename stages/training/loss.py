@@ -18,8 +18,8 @@ from stages.network.network import PoseGaussianNetwork, Prediction
 from stages.network.views import Views
 from stages.rendering.lift import Maps as LiftMaps
 from stages.rendering.lift import lift
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Gaussians
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Drawing, Gaussians
 from stages.training.config import TrainingConfig
 from stages.training.examples import Example
 

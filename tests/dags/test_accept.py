@@ -121,7 +121,7 @@ def test_what_was_never_made_stays_to_be_made(edited: Pipeline) -> None:
 
 def test_dropped_inputs_do_not_stand_in_the_way(archive: Pipeline) -> None:
     """Their contents are known by their digests; making them again would be what acceptance is to save."""
-    from dags.keep import Keeper
+    from dags.eviction import Keeper
 
     kept = archive.with_settings("run.keep=as_declared")
     Keeper([kept.plan()]).sweep()

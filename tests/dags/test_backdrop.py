@@ -9,7 +9,7 @@ import pytest
 
 from dags.backdrop import Backdrop, filling, over, parse, turned
 from dags.export_order import ExportOrder
-from dags.plan import Selection
+from dags.selection import Selection
 from stages.capture.person import capture_person
 from storage.errors import ConfigError
 from storage.exporters.images_layout import write_capture

@@ -9,8 +9,8 @@ import pytest
 from dags import build, code
 from dags.events import Event, TaskDone, TaskFailed
 from dags.failures import Kind
-from dags.plan import Selection
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from storage.errors import OtherCode
 from tests.pipeline import Pipeline, ended

@@ -15,11 +15,11 @@ from dags import pools
 from dags.cluster import DaskBackend, start_local
 from dags.config import RunSettings
 from dags.events import Event, TaskDone, TaskFailed, TaskRetried
-from dags.execute import Terms
 from dags.flight import Rules
-from dags.plan import Selection
 from dags.pools import CPU, GPU, Pool, local_pools, refusals
 from dags.run import Run
+from dags.selection import Selection
+from dags.work_order import Terms
 from storage.errors import ConfigError
 from storage.receipts import scan_receipts
 from tests.dags.clusters import Cluster

@@ -11,7 +11,7 @@ import yaml
 from pydantic import BaseModel
 
 from dags.config import PACKAGED, Configuration, Settings, load_configuration, merge
-from dags.effects import EffectSettings
+from dags.effect_settings import EffectSettings
 from stages.registry import STAGES
 from storage.errors import ConfigError
 

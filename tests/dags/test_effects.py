@@ -12,8 +12,9 @@ from rich.console import Console
 from dags import effects
 from dags.effects_table import effects_reasons, effects_table, seconds
 from dags.events import EffectsDecided, TaskDone
-from dags.plan import Selection, State
+from dags.plan import State
 from dags.projection import History
+from dags.selection import Selection
 from dags.tasks import Task, dependencies, source_spans
 from storage.archive import Archive
 from storage.errors import ConfigError

@@ -12,14 +12,14 @@ from rich.console import Console
 
 from dags.config import load_configuration
 from dags.events import Event, TaskDone, TaskFailed, TaskRetried
-from dags.execute import Terms
 from dags.failures import Kind, TaskTimedOut, classify
 from dags.flight import Rules
 from dags.importing import find_capture, register
-from dags.plan import Selection
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.session import Session
+from dags.work_order import Terms
 from storage.archive import Archive
 from storage.errors import LeaseHeld, LeaseLost, SourceError
 from tests.pipeline import FORCED, Pipeline, film

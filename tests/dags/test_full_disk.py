@@ -17,7 +17,7 @@ from dags import gc
 from dags.events import RunEnded, RunStarted
 from dags.history import RunLog
 from dags.importing import find_capture, register
-from dags.plan import Selection
+from dags.selection import Selection
 from dags.session import Session
 from dags.simulate import film, read_scene, scene_file, stage_scene
 from storage import files, lease

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from dags import gc
-from dags.execute import Terms
+from dags.entering import enter
 from dags.plan import Plan
-from dags.presence import enter
 from dags.tasks import Task
+from dags.work_order import Terms
 from storage.archive import Archive
 from storage.errors import ArchiveError
 from storage.sweep import SETTLED_SECONDS, folder_bytes

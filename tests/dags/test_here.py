@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from dags.here import RunFailed, run_here
-from dags.plan import Selection, State
+from dags.plan import State
+from dags.selection import Selection
 from dags.tasks import Task
 from storage.receipts import Receipt
 from tests.pipeline import Pipeline, film

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from dags.cli import app
 from dags.history import retries, retry_command, still_failed
-from dags.plan import Selection
+from dags.selection import Selection
 from storage import ledger
 from storage.archive import Archive
 from tests.pipeline import NAME, Pipeline

@@ -11,7 +11,8 @@ import pytest
 
 from dags.fingerprint import own_parts
 from dags.importing import find_capture, register
-from dags.plan import Selection, State
+from dags.plan import State
+from dags.selection import Selection
 from storage.crop import Crop
 from storage.errors import ArchiveError, ConfigError, LeaseHeld
 from storage.lease import Lease

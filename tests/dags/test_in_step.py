@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dags.plan import Selection
+from dags.selection import Selection
 from storage.errors import ConfigError
 from storage.sources import open_source
 from tests.pipeline import Pipeline, content, film

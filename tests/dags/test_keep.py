@@ -10,11 +10,13 @@ import pytest
 
 from dags.config import load_configuration
 from dags.events import Event, TaskDone, TaskNeeded
+from dags.eviction import Keeper
 from dags.exporting import needed, write_exports
-from dags.keep import Keeper, policy
-from dags.plan import Plan, Selection, State
+from dags.keep import policy
+from dags.plan import Plan, State
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.status import numbers
 from dags.tables import plan_table, status_tables

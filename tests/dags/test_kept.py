@@ -12,11 +12,12 @@ import pytest
 
 from dags import gc
 from dags.events import Event, RunEnded, TaskDone, TaskFailed
-from dags.execute import Terms
 from dags.flight import Rules
-from dags.plan import TAKEN_OVER, Plan, Selection, State
+from dags.plan import TAKEN_OVER, Plan, State
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
+from dags.work_order import Terms
 from storage import kept
 from storage.archive import Archive
 from storage.receipts import damaged_files, missing_files, scan_receipts

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dags.inspecting import footage_of
-from dags.plan import Selection
+from dags.selection import Selection
 from stages.capture.motion import pose
 from stages.capture.person import render, ring
 from stages.frames.display import gain_table

@@ -21,10 +21,10 @@ from dags.config import RunSettings, load_configuration
 from dags.events import Event, Notice, TaskBlocked, TaskDone, TaskFailed, TaskLeftOut
 from dags.failures import Kind
 from dags.local_cluster import start_local
-from dags.plan import Selection
 from dags.pools import CPU, Pool
 from dags.progress import WarningCollector
 from dags.run import Run
+from dags.selection import Selection
 from dags.unreached import UnreachedBackend
 from storage.errors import ConfigError, SchedulerLost
 from storage.receipts import scan_receipts

@@ -12,7 +12,8 @@ import pytest
 from dags import fingerprint
 from dags.events import TaskDone, TaskFailed
 from dags.explain import why as chain
-from dags.plan import Selection, State
+from dags.plan import State
+from dags.selection import Selection
 from dags.tasks import Task
 from storage.errors import ConfigError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended

@@ -10,12 +10,14 @@ import pytest
 
 from dags import memory, projection
 from dags.memory import Peak
-from dags.orders import RESERVED, load, needs_of
-from dags.plan import Selection, State
+from dags.plan import State
 from dags.pools import local_pools, refusals
 from dags.projection import History, project
-from dags.tables import projection_table, seconds_text
+from dags.selection import Selection
+from dags.tables import projection_table
+from dags.task_cost import RESERVED, load, needs_of
 from dags.tasks import tasks
+from dags.wording import seconds_text
 from stages.registry import STAGES
 from storage.archive import Archive
 from storage.errors import ConfigError

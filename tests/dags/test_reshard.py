@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from dags import reshard
-from dags.execute import Terms
+from dags.entering import enter
 from dags.plan import Plan
-from dags.presence import enter
+from dags.work_order import Terms
 from storage.archive import Archive
 from storage.errors import ArchiveError
 from storage.ledger import row
@@ -109,7 +109,7 @@ def test_a_camera_path_that_is_not_asked_for_is_refused_unless_named(archive: Pi
 
 
 def test_dropped_bytes_are_refused_with_the_command_that_makes_them(archive: Pipeline) -> None:
-    from dags.keep import Keeper
+    from dags.eviction import Keeper
 
     Keeper([archive.with_settings("run.keep=as_declared").plan()]).sweep()
     with pytest.raises(ArchiveError, match=r"frames/color.* was dropped.*--force frames.* --force gaussians"):

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from dags.config import load_configuration
 from dags.history import retry_command
-from dags.plan import Selection, State
+from dags.plan import State
+from dags.selection import Selection
 from dags.session import Session
 from dags.status import standing
 from dags.wording import Voice

@@ -10,13 +10,14 @@ import pytest
 
 from dags import reshard
 from dags.events import RunEnded, TaskDone
-from dags.execute import Terms
 from dags.flight import Rules
-from dags.plan import Selection, make_plan
+from dags.plan import make_plan
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.variants import others, share, variant
+from dags.work_order import Terms
 from storage.archive import Archive, Sequence
 from storage.receipts import ReceiptKey, damaged_files, missing_files, remove_receipt, scan_receipts
 from storage.verify import Count, faults

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dags import status
-from dags.plan import Selection
+from dags.selection import Selection
 from dags.status import Numbers, numbers, standing
 from storage.files import write_atomically
 from tests.pipeline import NAME, Pipeline

@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 
 from dags import tradeoff
 from dags.held_out_quality import quality
+from dags.pareto import Level, pareto
 from dags.pareto_picture import labels, log_ticks, ticks
-from dags.plan import Selection, make_plan
+from dags.plan import make_plan
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
-from dags.tradeoff import Level, chosen_levels, declared_knobs, pareto, run_tradeoff
+from dags.tradeoff import chosen_levels, declared_knobs, run_tradeoff
 from dags.variants import FOLDER, others, share, variant
 from storage.errors import ConfigError, UserError
 from storage.media import read_picture

@@ -17,9 +17,10 @@ import pytest
 from rich.console import Console
 
 from dags.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
-from dags.plan import Selection, State
+from dags.plan import State
 from dags.presence import folder
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.session import Session
 from storage.errors import ArchiveError

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags.plan import Selection
+from dags.selection import Selection
 from dags.session import Session
 from dags.verify import verify
 from storage.errors import ArchiveError, ShardCorrupt

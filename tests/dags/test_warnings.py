@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dags.events import TaskDone
-from dags.plan import Selection
+from dags.selection import Selection
 from tests.pipeline import Pipeline, receipts
 
 

@@ -77,7 +77,7 @@ def look_at_cameras(capture: Capture) -> None:
     from stages.geometry.hull import Silhouettes, searched_radius, visual_hull
     from stages.geometry.subject import look_at_point
 
-    rig = frames_rig(capture.rig, settings().frames)
+    rig = frames_rig(capture.rig, settings().frames.size)
     w, h = rig.size.max(axis=0)
     mask = np.zeros((h, w), np.uint8)
     mask[h // 4 : -(h // 4) or None, w // 4 : -(w // 4) or None] = 255

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from dags import tasks as dag_tasks
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from stages.capture.motion import joints_at, pose
 from stages.capture.person import capture_person, render, ring
 from stages.frames.display import gain_table

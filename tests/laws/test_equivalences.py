@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dags import threads
-from dags.plan import Selection, State
+from dags.plan import State
+from dags.selection import Selection
 from stages.registry import STAGES
 from storage import ledger
 from storage.archive import Archive

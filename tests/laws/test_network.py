@@ -13,9 +13,10 @@ from dags.cluster import DaskBackend
 from dags.config import RunSettings
 from dags.contribution import sentences
 from dags.events import Event, TaskDone, TaskFailed, TaskStarted, record
-from dags.plan import Selection, State
+from dags.plan import State
 from dags.results import Results
 from dags.run import Run
+from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.spending import Spending
 from stages.network.card import Card

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.plan import Selection
 from dags.results import Results
+from dags.selection import Selection
 from stages.frames.display import to_linear, tone_mapped
 from tests.laws.test_effects import filmed, pipeline, state
 from tests.pipeline import Pipeline

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from stages.detection.guided import body_region
-from stages.detection.params import BLAZEPOSE, GIVEN_JOINTS, DetectionParams, estimator_choice, refusal
+from stages.detection.params import DetectionParams, estimator_choice, refusal
 from stages.detection.reader import EstimatedJoints
 from stages.detection.regions import to_own
 from stages.detection.run import check
 from stages.detection.stage import STAGE
+from stages.facts import BLAZEPOSE, GIVEN_JOINTS
 from stages.io import Block
 from stages.pose.params import PoseParams
 from stages.pose.stage import STAGE as POSE

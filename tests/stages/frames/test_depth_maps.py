@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stages.frames.layout import frames_rig
-from stages.frames.params import FramesParams
 from stages.frames.warp import Warp
 from stages.geometry.projection import pixel_centres
 from storage.rig import Rig
@@ -23,7 +22,7 @@ def rig(distortion: np.ndarray) -> Rig:
 
 def warp(distortion: np.ndarray, size: int | None = None) -> Warp:
     source = rig(distortion)
-    return Warp(0, (64, 48), source, frames_rig(source, FramesParams(size=size)), np.array([1.0, 0.0, 0.0]))
+    return Warp(0, (64, 48), source, frames_rig(source, size), np.array([1.0, 0.0, 0.0]))
 
 
 def plane(centres: np.ndarray, k: np.ndarray) -> np.ndarray:
@@ -45,7 +44,7 @@ def test_a_plane_is_exact_at_every_resolution(size: int | None, resolution: tupl
     k = rig(np.zeros(8)).intrinsics[0]
     given = plane(pixel_centres(resolution) * (64 / resolution[0]), k).astype(np.float32)
     found = warp(np.zeros(8), size).depth(given)
-    frames = frames_rig(rig(np.zeros(8)), FramesParams(size=size))
+    frames = frames_rig(rig(np.zeros(8)), size)
     expected = plane(pixel_centres(tuple(frames.size[0])), frames.intrinsics[0])
     np.testing.assert_allclose(found[1:-1, 1:-1], expected[1:-1, 1:-1], rtol=1e-6)  # float32
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from stages.capture.person import ring
-from stages.frames.effects import crop_displacement, lens_displacement
 from stages.frames.layout import frames_rig, switched
-from stages.frames.params import FramesParams
+from stages.frames.pixel_effects import crop_displacement, lens_displacement
 
 
 def test_lens_displacement_is_the_largest_of_opencv_s_over_the_picture() -> None:
@@ -27,8 +26,8 @@ def test_lens_displacement_is_the_largest_of_opencv_s_over_the_picture() -> None
 
 def test_displacements_are_counted_in_pixels_that_are_worked_on() -> None:
     source = replace(ring(1, 200, 0), distortion=np.array([[-0.2, 0, 0, 0, 0, 0, 0, 0.0]]))
-    half = frames_rig(source, FramesParams(size=100))
-    full = frames_rig(source, FramesParams())
+    half = frames_rig(source, 100)
+    full = frames_rig(source, None)
     assert lens_displacement(half, source)[0] == pytest.approx(lens_displacement(full, source)[0] / 2)
     crops, size = np.array([[1.01, 0.0, -4.0]]), np.array([[200, 200]])
     # The lower right corner moves by (2, -2), the upper right by (2, -4): the latter is the farthest.

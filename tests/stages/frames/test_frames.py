@@ -32,7 +32,7 @@ def _run(rig: Rig, params: FramesParams, pictures: Pictures, frames: int, source
     out: dict[str, np.ndarray] = {}
     for view in range(len(rig)):
         part = run_stage(
-            STAGE, params, more.get("arrays", {}), frames_rig(rig, params), views, frames, length, view=view, source_rig=rig, sources={"pictures": pictures, **(sources or {})},
+            STAGE, params, more.get("arrays", {}), frames_rig(rig, params.size), views, frames, length, view=view, source_rig=rig, sources={"pictures": pictures, **(sources or {})},
             captured_to_calibrated=captured_to_calibrated(rig, params.crop), **{k: v for k, v in more.items() if k != "arrays"},
         )
         for name, data in part.items():
@@ -107,7 +107,7 @@ def test_a_pixel_of_depth_under_a_warp_is_the_captured_pixel_it_falls_into() -> 
     rig = _rig([(64, 48)], np.array([-0.1, 0, 0, 0, 0, 0, 0, 0]))
     index = (1 + np.arange(48 * 64)).reshape(48, 64).astype(np.float32)
     out = _run(rig, FramesParams(matte="none", size=40), Pictures([[np.zeros((48, 64, 3), np.uint8)]]), 1, {"depth": Pictures([[index]])}, facts=frozenset({"truth_depth"}))
-    frames = frames_rig(rig, FramesParams(size=40))
+    frames = frames_rig(rig, 40)
     ideal = (pixel_centres((40, 30)) - frames.intrinsics[0, :2, 2]) / frames.intrinsics[0, [0, 1], [0, 1]]
     points = np.concatenate([ideal, np.ones((30, 40, 1))], -1).reshape(-1, 1, 3)
     k = rig.intrinsics[0].copy()

@@ -24,7 +24,7 @@ def _rig(distortion: np.ndarray = LENS, size: tuple[int, int] = (1088, 1920)) ->
 @given(st.integers(16, 3000), st.floats(0.5, 2.0), st.floats(-40, 40), st.floats(-0.5, 0.5), st.floats(-0.9, 0.9), st.floats(-0.5, 0.5))
 def test_projection_through_the_frames_rig_is_the_warped_captured_position(size: int, scale: float, offset: float, x: float, y: float, z: float) -> None:
     source, params = _rig(), FramesParams(size=size, crop={"a": Crop(scale=scale, offset=(offset, -offset / 2))})
-    rig, crop = frames_rig(source, params), captured_to_calibrated(source, params.crop)
+    rig, crop = frames_rig(source, params.size), captured_to_calibrated(source, params.crop)
     point = np.array([x, y, z])
     camera = source.world_to_camera[0, :3, :3] @ point + source.world_to_camera[0, :3, 3]
     # What the camera captures, by OpenCV, in the calibrated picture; the video pixel follows by the inverse crop.
@@ -49,7 +49,7 @@ def test_frames_are_never_enlarged_and_keep_their_shape(width: int, height: int,
 
 def test_corners_of_the_picture_stay_corners() -> None:
     source = _rig(np.zeros(8), (1001, 333))
-    rig = frames_rig(source, FramesParams(size=500))
+    rig = frames_rig(source, 500)
     np.testing.assert_array_equal(rig.size, [[500, 166], [500, 166]])
     corners = np.array([[0, 0], [500, 166.0]])
     # A picture spans [0, w] in our convention, so scaling keeps its corners whatever the rounding.

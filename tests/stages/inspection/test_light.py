@@ -10,8 +10,7 @@ import pytest
 
 from stages.inspection.finding import Verdict
 from stages.inspection.light import of_light
-from stages.survey.exposure import match
-from stages.survey.params import NONE
+from stages.survey.exposure import NONE, match
 from stages.survey.surface import colors_at
 
 STOPS = np.array([[0.0, 0, 0], [1.0, 1.2, 0.8], [0.0, 0, 0], [0, 0, 0]])

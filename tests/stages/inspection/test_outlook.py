@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stages.frames.params import SEGMENTED
+from stages.facts import SEGMENTED
 from stages.inspection.finding import Finding, Verdict, measured, overall
 from stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
 from stages.inspection.pairs import every_pair, of_pairs

@@ -6,9 +6,8 @@ import numpy as np
 import torch
 
 from stages.rendering import gpu
-from stages.rendering.params import Backend
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Backend, Camera, Cutoffs, Drawing, Gaussians, Rendering
 
 GPU_DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 """Where the `gpu` back end is tried."""

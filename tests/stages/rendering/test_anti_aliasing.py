@@ -13,8 +13,8 @@ from stages.geometry.subject import look_at_point
 from stages.metrics.psnr import psnr
 from stages.rendering.lift import Maps, lift
 from stages.rendering.mip import mip_filter
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
 
 SIZE = 128
 

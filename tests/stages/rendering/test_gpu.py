@@ -13,9 +13,9 @@ import torch
 
 from stages.rendering import gpu, gpu_tiles, rasterizer
 from stages.rendering.projection import project
-from stages.rendering.rasterizer import Drawing, rasterize
+from stages.rendering.rasterizer import rasterize
 from stages.rendering.reference import sorted_by_depth
-from stages.rendering.scene import Camera, Cutoffs, Gaussians, TooLarge
+from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians, TooLarge
 from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
 from tests.stages.rendering import scenes

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.rasterizer import Drawing, rasterize
-from stages.rendering.scene import Camera, Cutoffs
+from stages.rendering.rasterizer import rasterize
+from stages.rendering.scene import Camera, Cutoffs, Drawing
 from tests.hard_cases.laws import drawn, pictures, relative, to
 from tests.stages.rendering.scenes import camera, cloud, turned_about_y
 

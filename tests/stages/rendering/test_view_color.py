@@ -16,7 +16,8 @@ from stages.rendering.lift import Lifted, Maps, lift
 from stages.rendering.params import RenderingParams
 from stages.rendering.scene import Camera
 from stages.rendering.view_color import Photo, color_towards
-from stages.survey.params import COLORS, NOISE, NONE, SURFACE
+from stages.survey.exposure import NONE
+from stages.survey.params import COLORS, NOISE, SURFACE
 from tests.memory import run_stage
 
 SIZE, COLOR = 96, "rendering/{path}/color"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from stages.frames.display import gain_table, to_display, to_linear
-from stages.survey.exposure import FEWEST_POINTS, FLOOR, match
-from stages.survey.params import NONE
+from stages.survey.exposure import FEWEST_POINTS, FLOOR, NONE, match
 
 
 def points(pairs: dict[tuple[int, int], np.ndarray], cameras: int) -> np.ndarray:

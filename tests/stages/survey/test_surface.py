@@ -11,8 +11,7 @@ import pytest
 
 from stages.frames.display import to_srgb
 from stages.io import Views
-from stages.survey.exposure import FEWEST_POINTS, match
-from stages.survey.params import NONE
+from stages.survey.exposure import FEWEST_POINTS, NONE, match
 from stages.survey.sample import look
 from stages.survey.surface import SurfaceLook
 from storage.rig import Rig
