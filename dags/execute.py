@@ -22,9 +22,8 @@ import numpy as np
 from dags import build, threads
 from dags.code import here_is
 from dags.estimator import estimator_digest, estimator_of
-from dags.memory import Peak
+from dags.meters import Peak, Stopwatch
 from dags.network_weights import network_of, weights_digest
-from dags.stopwatch import Stopwatch
 from dags.watchdog import time_limit, worker_name
 from dags.work_order import Order, Reading
 from stages.contract import Stage, resolve

@@ -14,27 +14,42 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from dags.code import PACKAGES, ROOT
+from dags.config import Configuration
 from dags.moment import once, one_moment
 from dags.plan import Plan, State
 from dags.selection import Selection
 from dags.tasks import Task, dependencies
 from stages.registry import STAGES
-from storage.archive import Sequence
+from storage.archive import Archive, Sequence
 from storage.errors import UserError
 from storage.files import write_atomically
 from storage.places import parse_json, read_file
-
-if TYPE_CHECKING:
-    from dags.session import Session
 
 CACHE = "_cache/status"
 """Folder of what is remembered, below the archive's."""
 
 MOST_BYTES = 2**30
 """Bytes of what is remembered of a sequence: a line a shard."""
+
+
+
+class Planner(Protocol):
+    """Who makes plans: settings, an archive, and the plan of a sequence, as `Session` has them."""
+
+    @property
+    def configuration(self) -> Configuration:
+        """The settings."""
+
+    @property
+    def archive(self) -> Archive:
+        """Where the sequences are."""
+
+    def plan(self, name: str, selection: Selection, paths: tuple[str, ...] = ()) -> Plan:
+        """The plan of one sequence."""
+
 
 COUNTS = {"all", "done", "failed", "blocked", "warned", "stale", "undecided", "dropped"}
 """What is counted of a stage."""
@@ -43,21 +58,21 @@ Numbers = dict[str, dict[str, int]]
 """{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is not needed."""
 
 
-def standing(session: Session, name: str, failed: Iterable[tuple[Any, ...]] = ()) -> Numbers:
+def standing(planner: Planner, name: str, failed: Iterable[tuple[Any, ...]] = ()) -> Numbers:
     """The numbers of one sequence. Raises UserError when it cannot be planned.
 
     `failed`: keys of the tasks that failed and were not finished since.
     """
     own = sorted((key for key in failed if key[0] == name), key=str)
-    sequence = session.archive.sequence(name)
-    file = session.archive.place(f"{CACHE}/{name}.json")
-    basis = _basis(session, sequence, own)
+    sequence = planner.archive.sequence(name)
+    file = planner.archive.place(f"{CACHE}/{name}.json")
+    basis = _basis(planner, sequence, own)
     known = _remembered(file, basis, sequence)
     if known is not None:
         return known
-    plan = session.plan(name, Selection())
+    plan = planner.plan(name, Selection())
     if texts := rendered_instead(plan):
-        plan = session.plan(name, Selection(), texts)
+        plan = planner.plan(name, Selection(), texts)
     found = numbers(plan, frozenset(Task(*key) for key in own))
     if not plan.book.problems:
         shards = {f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files}
@@ -107,9 +122,9 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
     return blocked
 
 
-def _basis(session: Session, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
+def _basis(planner: Planner, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
     """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
-    settings = session.configuration.for_sequence(sequence.name)
+    settings = planner.configuration.for_sequence(sequence.name)
     files = [sequence.root / "zarr.json", *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
     code = once("stamps of the code", lambda: "".join(map(_stamp, map(str, _code()))))
     told = hashlib.blake2b(json.dumps([sys.version, settings.model_dump(mode="json"), failed]).encode(), digest_size=16)
@@ -171,16 +186,16 @@ def _remember(file: Path, kept: dict[str, Any]) -> None:
 
 
 @one_moment()
-def every_standing(session: Session, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
+def every_standing(planner: Planner, names: Iterable[str]) -> tuple[dict[str, Numbers], list[str]]:
     """({sequence: numbers}, a sentence for each that cannot be planned)."""
     from storage import ledger
 
-    failed = ledger.failed(session.archive)
+    failed = ledger.failed(planner.archive)
     found: dict[str, Numbers] = {}
     errors = []
     for name in names:
         try:
-            found[name] = standing(session, name, failed)
+            found[name] = standing(planner, name, failed)
         except UserError as e:
             errors.append(f"{name}: {e}")
     return found, errors

@@ -176,7 +176,7 @@ class Training:
     def _validate(self) -> bool:
         """Measure, draw, write weights with their card; False where it was stopped before."""
         from dags.training_picture import draw
-        from stages.network.weights import save_weights
+        from dags.training_weights import save_weights
 
         frames = self.frames.of_validation(self._goes_on)
         if frames is None:

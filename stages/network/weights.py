@@ -14,7 +14,6 @@ from safetensors.torch import save
 from torch import nn
 
 from stages.network.card import Card, WeightsError, must_exist
-from storage.files import write_atomically
 
 LARGEST = 65504.0
 """Of float16."""
@@ -26,28 +25,28 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(f, "sha256").hexdigest()
 
 
-def save_weights(path: Path, state: Mapping[str, torch.Tensor], card: Card) -> str:
-    """Write a state as float16 with its card, and the card as a page beside it (.md); returns the sha256.
+def packed(state: Mapping[str, torch.Tensor], card: Card, where: str) -> bytes:
+    """A state as the bytes of a float16 safetensors file that holds its card.
 
-    Floating numbers become float16, whole numbers stay. The file appears whole or not at all; equal weights give equal bytes.
+    Floating numbers become float16, whole numbers stay. Equal weights give equal bytes.
+
+    Args:
+        state: tensors by name.
+        card: what one should know of them.
+        where: name of the file they are for, for the error.
 
     Raises:
         WeightsError: for a value that is not finite or beyond float16, naming the key.
-        NotWritten: where the disk does not take it.
     """
     tensors = {}
     for key, value in sorted(state.items()):
         if value.is_floating_point():
             largest = float(value.abs().max()) if value.numel() else 0.0
             if not largest <= LARGEST:
-                raise WeightsError(f"{path}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within {LARGEST:g}")
+                raise WeightsError(f"{where}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within {LARGEST:g}")
             value = value.half()
         tensors[key] = value.detach().cpu().contiguous().clone()
-    data = save(tensors, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
-    write_atomically(path, data)
-    digest = hashlib.sha256(data).hexdigest()
-    write_atomically(path.with_suffix(".md"), card.markdown(digest).encode())
-    return digest
+    return save(tensors, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
 
 
 def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dags import memory, projection
-from dags.memory import Peak
+from dags.meters import Peak
 from dags.plan import State
 from dags.pools import local_pools, refusals
 from dags.projection import History, project

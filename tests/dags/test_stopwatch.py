@@ -7,7 +7,7 @@ import time
 import pytest
 
 from dags import stopwatch
-from dags.stopwatch import Stopwatch
+from dags.meters import Stopwatch
 
 
 class Clock:

@@ -51,10 +51,10 @@ def read_splat_file(folder: Path, out: Path) -> None:
 
 def weights(base: Path) -> None:
     """A network of the smallest widths."""
+    from dags.training_weights import save_weights
     from stages.network.card import Card
     from stages.network.network import PoseGaussianNetwork
     from stages.network.presets import Preset
-    from stages.network.weights import save_weights
 
     base.mkdir(parents=True)
     preset = Preset("fast", widths=(8, 8, 8, 8), hidden=8)

@@ -19,10 +19,10 @@ from dags.run import Run
 from dags.selection import Selection
 from dags.serial import SerialBackend
 from dags.spending import Spending
+from dags.training_weights import save_weights
 from stages.network.card import Card
 from stages.network.network import PoseGaussianNetwork
 from stages.network.presets import PRESETS
-from stages.network.weights import save_weights
 from storage import ledger
 from storage.errors import ConfigError
 from storage.receipts import scan_receipts, write_receipt

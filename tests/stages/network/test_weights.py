@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from dags.training_weights import save_weights
 from stages.network.card import Card, WeightsError, read_card
 from stages.network.presets import PRESETS
-from stages.network.weights import load_weights, save_weights, sha256
+from stages.network.weights import load_weights, sha256
 
 CARD = Card("tiny", "fast", PRESETS["fast"].as_json(), 6, "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
 
