@@ -14,7 +14,7 @@ test: $(STAMP)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
-	$(BIN)/mypy storage dags stages/contract.py stages/io.py stages/registry.py
+	$(BIN)/mypy -p posegaussian.storage -p posegaussian.dags -p posegaussian.stages.contract -m posegaussian.stages.registry
 
 # Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
 bench-quality: $(STAMP)

@@ -11,9 +11,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, VALIDATION_SUBJECT
-from stages.capture.scene import Scene
-from stages.capture.staging import stage
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.stages.simulator.subjects.splits import (
+    FIRST_KEPT_SEED,
+    FIRST_VALIDATION_SEED,
+    KEPT_OUTFITS,
+    KEPT_SUBJECTS,
+    OPEN_OUTFITS,
+    OPEN_SUBJECTS,
+    VALIDATION_SUBJECT,
+)
 
 BACKGROUND = 60
 """sRGB byte of the grey behind."""

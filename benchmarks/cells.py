@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.error_places import PLACES, squared_error_by_place
-from dags.filmed import depths, film_capture, held_out_setting, run_capture
-from dags.results import Results
-from stages.capture.benchmark import benchmark_scene
-from stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
-from stages.metrics.run import measure
-from stages.network.params import depth_array
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
+from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.network.params import depth_array
+from posegaussian.stages.simulator.quality_scenes import benchmark_scene
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""

@@ -14,9 +14,9 @@ import time
 from typing import Any
 
 from benchmarks.report import publish
-from stages.capture.effects.registry import EFFECTS
-from stages.capture.scene import Scene
-from stages.capture.staging import stage
+from posegaussian.stages.simulator.effects.registry import EFFECTS
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.setup import stage
 
 FRAME = 3
 """A kicking leg is fast in this one."""

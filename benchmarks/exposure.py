@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.cells import Cell, film_cell, pictures
 from benchmarks.quality import means, seeds
 from benchmarks.report import publish, show
-from dags.filmed import run_capture
-from stages.frames.display import to_linear, to_srgb
-from storage import media
+from posegaussian.dags.simulation.simulated_run import run_capture
+from posegaussian.stages.imaging.color import to_linear, to_srgb
+from posegaussian.storage.readers import images
 
 STOPS = np.array([[0.12, -0.07, -0.39], [-0.12, 0.06, 0.40], [-0.43, -0.60, -0.75], [1.40, 1.12, 1.00]])
 """By how much each camera of `desk` is brighter than the middle one, red, green, blue."""
@@ -35,8 +35,8 @@ def spoil(capture: Path) -> None:
     for folder in sorted(p for p in (capture / "images").iterdir() if p.name.startswith("cam")):
         gain = np.exp2(STOPS[int(folder.name[3:]) % len(STOPS)])
         for file in sorted(folder.iterdir()):
-            light = to_linear(media.read_picture(file).astype(np.float64)) * gain
-            media.write_png(file, np.rint(to_srgb(np.clip(light, 0.0, 1.0))).astype(np.uint8))
+            light = to_linear(images.read_picture(file).astype(np.float64)) * gain
+            images.write_png(file, np.rint(to_srgb(np.clip(light, 0.0, 1.0))).astype(np.uint8))
 
 
 def rows_of(seed: int) -> list[dict[str, Any]]:

@@ -17,14 +17,14 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from dags.config import load_configuration
-from dags.importing import find_capture, register
-from dags.results import Results
-from dags.selection import Selection
-from dags.session import Session
-from storage import media
-from storage.archive import Archive
-from storage.sources import open_source
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.readers import images
+from posegaussian.storage.readers.sources import open_source
 
 WIDTH = 320
 """Px of each picture."""
@@ -56,7 +56,7 @@ def main() -> None:
             (filmed,) = reader.read(v, [a.frame])
             for row, picture in zip(rows, (filmed, results.read("frames/color", range(1), v)[0]), strict=True):
                 row.append(cv2.resize(picture, (WIDTH, WIDTH * picture.shape[0] // picture.shape[1]), interpolation=cv2.INTER_AREA))
-    media.write_png(a.output, np.vstack([np.hstack(row) for row in rows]))
+    images.write_png(a.output, np.vstack([np.hstack(row) for row in rows]))
     print(a.output)
 
 

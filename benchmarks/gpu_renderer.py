@@ -20,10 +20,11 @@ import numpy as np
 import torch
 
 from benchmarks.report import publish
-from stages.gaussians.prior import normals, scales
-from stages.rendering import gpu, reference
-from stages.rendering.lift import Maps, lift
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from posegaussian.stages.gaussians.prior import normals, scales
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.splatting.definition import reference
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
+from posegaussian.stages.splatting.gpu import backend
 
 SOURCE, ZOOM, DISTANCE, FOOTPRINT = 512, 1.9, 2.4, 1.03
 """Of the source pictures, as in benchmarks/workloads.py: side px, focal length over width, metres, standard deviation in px."""
@@ -35,7 +36,7 @@ LIMBS = (
 """Ends and radius of each, metres; the body stands along z."""
 GIRTH = 0.76
 """Of the radii, so that the body fills 27 % of a source picture."""
-SHAPES = (gpu.SHAPE, gpu.Shape(8, 4, 1), gpu.Shape(8, 8, 2), gpu.Shape(16, 4, 2), gpu.Shape(16, 8, 4), gpu.Shape(16, 8, 8))
+SHAPES = (backend.SHAPE, backend.Shape(8, 4, 1), backend.Shape(8, 8, 2), backend.Shape(16, 4, 2), backend.Shape(16, 8, 4), backend.Shape(16, 8, 8))
 WARM_UP = 5
 Engine = Callable[[Gaussians, Camera], tuple[torch.Tensor, torch.Tensor]]
 """(colour [h, w, 3], alpha [h, w]) of Gaussians and a camera."""
@@ -91,7 +92,7 @@ def person(size: int) -> tuple[Gaussians, Camera]:
 
 def placed(g: Gaussians, device: torch.device, gradients: bool) -> Gaussians:
     """A copy on the device."""
-    return Gaussians(*(getattr(g, n).detach().to(device, copy=True).requires_grad_(gradients) for n in gpu.ATTRIBUTES))
+    return Gaussians(*(getattr(g, n).detach().to(device, copy=True).requires_grad_(gradients) for n in backend.ATTRIBUTES))
 
 
 class Workload:
@@ -109,7 +110,7 @@ class Workload:
             return engine(self.fixed, self.camera)
 
     def both(self, engine: Engine) -> list[torch.Tensor]:
-        return list(torch.autograd.grad(list(engine(self.leaves, self.camera)), [getattr(self.leaves, n) for n in gpu.ATTRIBUTES], self.up, allow_unused=True, materialize_grads=True))
+        return list(torch.autograd.grad(list(engine(self.leaves, self.camera)), [getattr(self.leaves, n) for n in backend.ATTRIBUTES], self.up, allow_unused=True, materialize_grads=True))
 
     def row(self, name: str, engine: Engine, repeats: int) -> dict[str, Any]:
         f, f_memory = timed(lambda: self.forward(engine), repeats, self.device)
@@ -136,7 +137,7 @@ def timed(work: Callable[[], Any], repeats: int, device: torch.device) -> tuple[
 
 
 def ours(g: Gaussians, cam: Camera) -> tuple[torch.Tensor, torch.Tensor]:
-    return gpu.render(g, cam, Cutoffs(), 3)[:2]
+    return backend.render(g, cam, Cutoffs(), 3)[:2]
 
 
 def plain(g: Gaussians, cam: Camera) -> tuple[torch.Tensor, torch.Tensor]:
@@ -147,10 +148,10 @@ def plain(g: Gaussians, cam: Camera) -> tuple[torch.Tensor, torch.Tensor]:
 def other() -> tuple[str, Engine, str | None]:
     """(name, engine, device: None for the workload's) of what the pictures are compared with."""
     try:
-        from stages.rendering import cpu
+        from posegaussian.stages.splatting.cpu import backend
     except ImportError:
         return "reference", plain, None
-    return "cpu", lambda g, cam: cpu.render(g, cam, Cutoffs(), 3, 1)[:2], "cpu"
+    return "cpu", lambda g, cam: backend.render(g, cam, Cutoffs(), 3, 1)[:2], "cpu"
 
 
 def by_gsplat() -> Engine:
@@ -197,8 +198,8 @@ def main() -> None:
     parser.add_argument("--device", default="cuda")
     options = parser.parse_args()
     device = torch.device(options.device)
-    if not torch.cuda.is_available() or gpu.lacks(device):
-        print("Nothing measured: " + (gpu.lacks(device) if torch.cuda.is_available() else f"torch {torch.__version__} finds no CUDA device here") + ".")
+    if not torch.cuda.is_available() or backend.lacks(device):
+        print("Nothing measured: " + (backend.lacks(device) if torch.cuda.is_available() else f"torch {torch.__version__} finds no CUDA device here") + ".")
         return
     try:
         theirs: Engine | None = by_gsplat()
@@ -211,12 +212,12 @@ def main() -> None:
         work = Workload(size, device)
         agreement.append(compared(work))
         for shape in SHAPES:
-            gpu.SHAPE = shape
+            backend.SHAPE = shape
             rows.append(work.row(f"gpu, tile {shape.tile}, chunk {shape.chunk}, warps {shape.warps}", ours, options.repeats))
-        gpu.SHAPE = SHAPES[0]
+        backend.SHAPE = SHAPES[0]
         if theirs:
             rows.append(work.row("gsplat", theirs, options.repeats))
-    versions = {"device": torch.cuda.get_device_name(device), "torch": torch.__version__, "triton": gpu.triton_version()}
+    versions = {"device": torch.cuda.get_device_name(device), "torch": torch.__version__, "triton": backend.triton_version()}
     publish("gpu_renderer", rows, {"repeats": options.repeats, **versions, "agreement": agreement})
     for line in agreement:
         print(", ".join(f"{k} {v}" for k, v in line.items()))
@@ -225,7 +226,7 @@ def main() -> None:
 def tiny(device: torch.device) -> tuple[Gaussians, Camera]:
     """The first thousand Gaussians, small: whether an engine runs at all."""
     g, cam = person(64)
-    return placed(Gaussians(*(getattr(g, n)[:1000] for n in gpu.ATTRIBUTES)), device, False), cam
+    return placed(Gaussians(*(getattr(g, n)[:1000] for n in backend.ATTRIBUTES)), device, False), cam
 
 
 if __name__ == "__main__":

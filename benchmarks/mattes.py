@@ -35,23 +35,23 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.report import kept, publish, show
-from dags.config import load_configuration
-from dags.context import Context
-from dags.events import Event, TaskDone, TaskFailed
-from dags.importing import find_capture, register
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.session import Session
-from dags.simulate import film, stage_scene
-from dags.threads import limit
-from stages.capture.benchmark import benchmark_scene
-from stages.capture.scene import Scene
-from stages.frames.hints import Hints
-from stages.frames.layout import frames_positions, switched
-from storage.archive import Archive
-from storage.media import read_mask
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.simulation.simulate import film, stage_scene
+from posegaussian.stages.frames.segmentation_prior import Hints
+from posegaussian.stages.imaging.camera_mapping import frames_positions, switched
+from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.readers.images import read_mask
 
 OUTLINES = Path(__file__).with_name("outlines") / "balance.json"
 LETTERBOX = "{scale: 1.00741, offset: [0, -7.06]}"

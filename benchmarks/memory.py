@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.report import publish
-from dags.demo import film
-from storage import ledger
-from storage.archive import Archive
+from posegaussian.dags.simulation.demo import film
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.store import Archive
 
-CLI = [sys.executable, "-m", "dags.cli"]
+CLI = [sys.executable, "-m", "posegaussian.dags.cli.app"]
 
 
 def settings(limit: float, partition: int) -> list[str]:

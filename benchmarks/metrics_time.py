@@ -22,10 +22,10 @@ import numpy as np
 import torch
 
 from benchmarks.report import publish
-from stages.metrics.lpips import STACKS, Stack
-from stages.metrics.params import LPIPS, MetricsParams
-from stages.metrics.run import measure
-from stages.metrics.stage import BYTES
+from posegaussian.stages.metrics.lpips import STACKS, Stack
+from posegaussian.stages.metrics.params import LPIPS, MetricsParams
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.metrics.stage import BYTES
 
 
 def picture(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,16 +24,16 @@ import numpy as np
 
 from benchmarks.quality import seeds
 from benchmarks.report import publish
-from dags.filmed import run_capture
-from dags.results import Results
-from dags.threads import limit
-from stages.capture.benchmark import benchmark_scene
-from stages.capture.scene import Scene
-from stages.capture.staging import stage
-from stages.depth.relief import relief
-from stages.metrics.params import MetricsParams
-from stages.metrics.run import measure
-from storage.exporters.images_layout import write_capture
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.simulation.simulated_run import run_capture
+from posegaussian.stages.depth.relief import relief
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.storage.exporters.images_layout import write_capture
 
 ANGLES = (5, 10, 20, 30)
 """Degrees from the source camera to each held-out one."""
@@ -79,7 +79,7 @@ def measured(kind: str, folder: Path, truth: np.ndarray, distance: float, seed: 
     for old in maps.glob("*"):
         old.unlink()
     if kind in ("flat", "given", "noise", "coarse", "scaled"):
-        from storage.media import write_exr
+        from posegaussian.storage.readers.images import write_exr
 
         maps.mkdir(parents=True, exist_ok=True)
         write_exr(maps / "000000.exr", depth_maps(kind, truth, distance, seed))
@@ -116,7 +116,7 @@ def table(chosen: Sequence[int], size: int, picture: Path | None, kinds: Sequenc
                 if n == 0 and kind in ("flat", "relief", "noise", "second"):
                     shown.append(np.concatenate(list(pictures[:, :, size // 6 : -size // 6]), axis=1))
     if picture is not None:
-        from storage.media import write_png
+        from posegaussian.storage.readers.images import write_png
 
         write_png(picture, np.concatenate(shown))
     return [{"depth": k, **{f"{a} degrees": float(np.mean([r[a] for r in rows])) for a in ANGLES}} for k, rows in found.items()]

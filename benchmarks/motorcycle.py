@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 
 from benchmarks.report import publish
-from stages.depth.params import DepthParams
-from stages.depth.scene import Frame, Geometry
-from stages.depth.sweeping import sweep_open
-from storage.rig import Rig, from_integer_centres
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry
+from posegaussian.stages.depth.sweeping import sweep_open
+from posegaussian.storage.model.cameras import Rig, from_integer_centres
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "motorcycle"
 FOCAL, CENTRE, SHIFT, BASELINE = 994.978, (311.193, 254.877), 31.086, 0.193001

@@ -28,13 +28,13 @@ from benchmarks.cells import Cell, film_cell, pictures
 from benchmarks.network_picture import draw
 from benchmarks.quality import means, seeds
 from benchmarks.report import publish, show
-from dags.filmed import depths, run_capture
-from dags.network_weights import card_of, shipped, weights_digest
-from dags.results import Results
-from dags.selection import Selection
-from dags.threads import limit
-from stages.capture.benchmark import REPORTING_SEEDS
-from stages.network.params import NetworkParams
+from posegaussian.dags.assets.network_weights import card_of, shipped, weights_digest
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.simulation.simulated_run import depths, run_capture
+from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
 
 SHOWN = ("depth", "box psnr", "box ssim", "full psnr", "full ssim", "EPE", "EPE median", "1 px", "mm", "outside", "rim", "holes", "inside", "confidence", "network s", "depth s", "gaussians s", "rendering s")
 CAMERAS = 8

@@ -27,23 +27,23 @@ from benchmarks.quality_picture import around, tile
 from benchmarks.real_agreement import Shown, table
 from benchmarks.real_pose import CROPS, without_keypoints
 from benchmarks.report import publish, show
-from dags.config import load_configuration
-from dags.events import Event, TaskFailed
-from dags.importing import find_capture, register
-from dags.network_weights import card_of, shipped
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.session import Session
-from dags.threads import limit
-from stages.geometry.pairs import pair_report
-from stages.geometry.paths import make_path
-from stages.io import Views
-from stages.network.params import NetworkParams, depth_array
-from stages.rendering.sources import OF_GAUSSIANS
-from storage.archive import Archive
-from storage.rig import Rig
+from posegaussian.dags.assets.network_weights import card_of, shipped
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskFailed
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.session.session import Session
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.geometry.pairs import pair_report
+from posegaussian.stages.network.params import NetworkParams, depth_array
+from posegaussian.stages.rendering.sources import OF_GAUSSIANS
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.cameras import Rig
 
 NAME = "balance"
 STEPS = {"quarter": 1, "half": 2}

@@ -26,21 +26,21 @@ import numpy as np
 import torch
 
 from benchmarks.report import publish
-from dags.network_weights import SHIPPED
-from dags.threads import limit
-from stages.capture.benchmark import benchmark_scene
-from stages.capture.staging import stage
-from stages.capture.take import Shot
-from stages.geometry.rectification import RectifiedPair, Window, rectify
-from stages.geometry.subject import look_at_point
-from stages.network.card import read_card
-from stages.network.inference import learned_of, predict
-from stages.network.network import PoseGaussianNetwork, Prediction
-from stages.network.presets import PRESETS
-from stages.network.views import SourceView, Views, rectified_pair, start_on
-from stages.network.views import windows as around
-from stages.network.weights import load_weights
-from stages.pose.heatmaps import draw
+from posegaussian.dags.assets.network_weights import SHIPPED
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.network.card import read_card
+from posegaussian.stages.network.inference import learned_of, predict
+from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
+from posegaussian.stages.network.model.pairs import SourceView, Views, rectified_pair, start_on
+from posegaussian.stages.network.model.pairs import windows as around
+from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.stages.network.weights import load_weights
+from posegaussian.stages.pose.heatmaps import draw
+from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.stages.simulator.take import Shot
 
 MILLISECONDS = {"fast": 220.0, "base": 400.0}
 """At most, of the shipped way."""

@@ -24,28 +24,28 @@ from typing import Any
 
 from distributed import Client
 
-import dags.cluster
-import dags.execute
-import dags.serial
+import posegaussian.dags.runtime.executors.dask
+import posegaussian.dags.runtime.executors.serial
+import posegaussian.dags.runtime.worker
 from benchmarks import synthetic
 from benchmarks.report import publish
-from dags.config import RunSettings
-from dags.events import Event, TaskDone, TaskFailed, TaskStarted
-from dags.execute import StoreInputs
-from dags.pools import CPU
-from dags.run import Run
-from dags.selection import Selection
-from dags.window import MOST
-from dags.work_order import Order
-from stages.contract import Stage
-from stages.io import Block
-from storage.archive import Sequence
-from storage.lease import Lease
-from storage.receipts import Output, Receipt
-from storage.spec import ArraySpec, digest
+from posegaussian.dags.config.settings import RunSettings
+from posegaussian.dags.planning.resources import CPU
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed, TaskStarted
+from posegaussian.dags.runtime.executors.prefetch import MOST
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.worker import StoreInputs
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.contract.io import Block
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import Output, Receipt
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.model.spec import ArraySpec, digest
 
 WORKERS = 2
-REAL = dags.execute.execute
+REAL = posegaussian.dags.runtime.worker.execute
 
 
 def outputs(stage: Stage, order: Order) -> Iterator[Block]:
@@ -70,9 +70,9 @@ def task(order: Order, seconds: float, sync: bool) -> Receipt:
             time.sleep(seconds)
         return outputs(stage, order)
 
-    stage = dags.execute.stage_named(order.stage)
-    dags.execute.resolve = lambda dotted: kernel if dotted.endswith(":run") else lambda block, params: []
-    dags.execute._write = write_nothing
+    stage = posegaussian.dags.runtime.worker.stage_named(order.stage)
+    posegaussian.dags.runtime.worker.resolve = lambda dotted: kernel if dotted.endswith(":run") else lambda block, params: []
+    posegaussian.dags.runtime.worker._write = write_nothing
     if not sync:
         os.fsync = lambda handle: None
     return REAL(order)
@@ -98,8 +98,8 @@ def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, A
             raise SystemExit(f"{event.error}\n{event.details}")
 
     function = partial(task, seconds=seconds, sync=sync)
-    dags.serial.execute = function  # type: ignore[assignment]
-    dags.cluster.execute_packed = partial(packed, seconds=seconds, sync=sync)  # type: ignore[assignment]
+    posegaussian.dags.runtime.executors.serial.execute = function  # type: ignore[assignment]
+    posegaussian.dags.runtime.executors.dask.execute_packed = partial(packed, seconds=seconds, sync=sync)  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as folder:
         session = synthetic.make(Path(folder), max(1, round(count / synthetic.TASKS)), receipts=False, more=(f"run.scheduler={scheduler}", f"run.workers={WORKERS}"))
         plan = session.plan(synthetic.NAME, Selection())
@@ -118,7 +118,7 @@ def bare_dask(count: int) -> dict[str, Any]:
     settings = RunSettings(workers=WORKERS, gpus=0)
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
     ends = []
-    with dags.cluster.start_local(settings) as cluster, Client(cluster, set_as_default=False) as client:
+    with posegaussian.dags.runtime.executors.dask.start_local(settings) as cluster, Client(cluster, set_as_default=False) as client:
         client.wait_for_workers(WORKERS)
 
         async def fetch(key: str, future: Any) -> None:

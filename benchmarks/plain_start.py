@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import torch
 
-from stages.refinement.optimise import Filmed, loss
-from stages.rendering.lift import Maps, lift
-from stages.rendering.quaternions import rotations
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.refinement.optimise import Filmed, loss
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.splatting.quaternions import rotations
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 POINTS = 60_000
 """On the hull's surface, of all views together."""

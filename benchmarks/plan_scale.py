@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks import synthetic
 from benchmarks.report import publish
-from dags.selection import Selection
+from posegaussian.dags.planning.selection import Selection
 
 
 def plan_once(root: Path, count: int, finished: bool, repeats: int) -> dict[str, Any]:

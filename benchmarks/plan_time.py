@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.report import publish
 
-CLI = [sys.executable, "-m", "dags.cli"]
+CLI = [sys.executable, "-m", "posegaussian.dags.cli.app"]
 
 
 def seconds(command: list[str], repeats: int) -> list[float]:
@@ -36,7 +36,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "demo"
         subprocess.run([*CLI, "demo", "--output", str(output), "--size", "64", "--frames", "16"], check=True, stdout=subprocess.DEVNULL)
-        settings = str(Path(__file__).parent.parent / "dags" / "demo.yaml")
+        settings = str(Path(__file__).parent.parent / "dags" / "simulation" / "demo.yaml")
         plan = [*CLI, "plan", "--archive", str(output / "archive"), "--config", settings]
         assert "all fresh" in subprocess.run(plan, check=True, capture_output=True, text=True).stdout
         timed = {"plan": seconds(plan, repeats), "python -c pass": seconds([sys.executable, "-c", "pass"], repeats)}

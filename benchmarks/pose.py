@@ -29,15 +29,15 @@ import numpy as np
 
 from benchmarks.pose_joints import CLEAN, NAMES, SPOILS, constant_of, offsets, spoilt, without_offset
 from benchmarks.report import publish, show
-from dags.estimator import blazepose_is_here
-from dags.filmed import CAPTURE, film_capture, run_capture
-from dags.results import Results
-from dags.selection import Selection
-from stages.capture.scene import Scene
-from stages.pose.steadiness import in_space, measures, off_heatmaps
-from storage.exporters.images_layout import write_capture
-from storage.joints import to_set
-from storage.rig import Rig
+from posegaussian.dags.assets.estimator import blazepose_is_here
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.simulation.simulated_run import CAPTURE, film_capture, run_capture
+from posegaussian.stages.pose.jitter import in_space, measures, off_heatmaps
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import to_set
 
 MOTIONS = {"walk": 0.3, "kick": 0.0, "crossed_arms": 0.7}
 """{motion: seconds into it at the first frame}."""

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stages.capture.effects.base import generator
-from stages.capture.effects.joint_noise import JointNoise, apply
-from stages.pose.bridge import Bones
-from storage.joints import COCO17
+from posegaussian.stages.pose.bridge import Bones
+from posegaussian.stages.simulator.effects.base import generator
+from posegaussian.stages.simulator.effects.joint_noise import JointNoise, apply
+from posegaussian.storage.model.joint_sets import COCO17
 
 NAMES = COCO17.names
 _FACE = [NAMES.index(n) for n in ("Nose", "LEye", "REye", "LEar", "REar")]

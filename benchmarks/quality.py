@@ -30,8 +30,8 @@ import numpy as np
 from benchmarks.cells import Cell, measure_cell
 from benchmarks.quality_picture import draw
 from benchmarks.report import publish
-from dags.threads import limit
-from stages.capture.benchmark import REPORTING_SEEDS, VARIANTS
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, VARIANTS
 
 METHODS = ("hull", "sgbm", "sweep", "truth")
 SPOILT_METHODS = ("sweep", "truth")

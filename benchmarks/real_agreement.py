@@ -16,17 +16,17 @@ import cv2
 import numpy as np
 import torch
 
-from stages.depth.fuse import transfer
-from stages.depth.sampling import disagreement
-from stages.geometry.hull import Silhouettes
-from stages.geometry.projection import project, unproject
-from stages.geometry.rectification import rectify
-from stages.geometry.subject import look_at_point
-from stages.network.silhouettes import TOLERANCE, silhouettes_of
-from stages.rendering.lift import Maps, lift
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.matching.fuse import transfer
+from posegaussian.stages.matching.sampling import disagreement
+from posegaussian.stages.network.silhouettes import TOLERANCE, silhouettes_of
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.stages.splatting.rasterizer import rasterize
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 SEEN = 4.0
 """Px of disparity within which two depths are of the same surface."""

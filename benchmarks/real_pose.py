@@ -21,19 +21,19 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.report import publish
-from dags.config import load_configuration
-from dags.importing import find_capture, register
-from dags.results import Results
-from dags.selection import Selection
-from dags.session import Session
-from stages.geometry.projection import project
-from stages.pose.points import to_frames
-from stages.pose.triangulate import triangulate
-from storage.archive import Archive
-from storage.joint_files import read_trc
-from storage.joints import joint_set, to_set
-from storage.rig import Rig
-from storage.sources import open_source
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.formats.joint_files import read_trc
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import joint_set, to_set
+from posegaussian.storage.readers.sources import open_source
 
 CROPS = ["frames.crop.cam01={scale: 1.00741, offset: [0, -7.06]}", "frames.crop.cam02={scale: 1.00741, offset: [0, -7.06]}"]
 COMPARED = [joint_set("coco17").names.index(n) for n in ("Nose", *(s + part for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for s in "LR"))]

@@ -27,18 +27,18 @@ from benchmarks.plain_start import PlainGaussians, hull_points, optimised
 from benchmarks.quality import means, seeds
 from benchmarks.refinement_picture import draw
 from benchmarks.report import publish, show
-from dags.filmed import run_capture
-from dags.results import Results
-from dags.threads import limit
-from stages.capture.benchmark import REPORTING_SEEDS
-from stages.metrics.params import MetricsParams
-from stages.metrics.run import measure
-from stages.refinement.optimise import Filmed
-from stages.rendering.clipping import retouched, silhouettes_of
-from stages.rendering.lift import Maps
-from stages.rendering.run import quantise
-from stages.rendering.scene import Camera
-from stages.rendering.sources import unrefined_arrays
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.simulation.simulated_run import run_capture
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.refinement.optimise import Filmed
+from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.lift import Maps
+from posegaussian.stages.rendering.run import quantise
+from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
+from posegaussian.stages.splatting.definition.scene import Camera
 
 GAIN = 1.0
 """dB that 50 steps gain on the mean."""

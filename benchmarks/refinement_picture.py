@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dags.pareto_picture import log_ticks, ticks
+from posegaussian.dags.tradeoff.figure import log_ticks, ticks
 
 WIDTH, HEIGHT = 900, 520
 LEFT, RIGHT, UNDER, ABOVE = 80, 30, 70, 50

@@ -27,12 +27,12 @@ from numba import njit
 from benchmarks.baselines import splat_torch
 from benchmarks.report import kept, publish, show
 from benchmarks.workloads import GUITAR, blobs, guitar, person
-from stages.rendering import cpu
-from stages.rendering.cpu_projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
-from stages.rendering.cpu_tiles import TILE_X, TILE_Y
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
-from stages.rendering.simd import choose, exp2_minus, fma, least, minus_magnitude, splat, store
+from posegaussian.stages.splatting.cpu import backend
+from posegaussian.stages.splatting.cpu.projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
+from posegaussian.stages.splatting.cpu.simd import choose, exp2_minus, fma, least, minus_magnitude, splat, store
+from posegaussian.stages.splatting.cpu.tiles import TILE_X, TILE_Y
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 SCENES: dict[str, tuple[Callable[[int], tuple[Gaussians, Camera]], int]] = {"person512": (person, 512), "person1024": (person, 1024), "blobs512": (blobs, 512), "guitar512": (guitar, 512)}
 ATTRIBUTES = tuple(Gaussians.__dataclass_fields__)
@@ -139,7 +139,7 @@ class Scene:
 
     def phases(self, repeats: int) -> tuple[dict[str, float], tuple[int, int]]:
         """Least milliseconds of each phase on one thread, and the (blended, tested) pairs."""
-        arrays, task = [cpu.flat(getattr(self.gaussians, a)) for a in cpu.ATTRIBUTES], cpu.job(self.camera, Cutoffs(), 3, 1)
+        arrays, task = [backend.flat(getattr(self.gaussians, a)) for a in backend.ATTRIBUTES], backend.job(self.camera, Cutoffs(), 3, 1)
         up = [u.numpy() for u in self.up]
         best: dict[str, float] = {}
         kept: dict[str, Any] = {}
@@ -150,15 +150,15 @@ class Scene:
             best[name] = min(best.get(name, np.inf), 1e3 * (time.process_time() - start))
 
         for _ in range(repeats):
-            lap("project", lambda: cpu.project(arrays, task, cpu.scratch))
-            lap("bin", lambda: cpu.list_tiles(*kept["project"][:2], task))
+            lap("project", lambda: backend.project(arrays, task, backend.scratch))
+            lap("bin", lambda: backend.list_tiles(*kept["project"][:2], task))
             bases, starts, entries, owners = kept["bin"]
-            lap("sort", lambda s=starts, e=entries, o=owners: cpu.sort_tiles(s, e, o, task, cpu.scratch))
-            lists = cpu.Lists(kept["project"][0], bases, starts, *kept["sort"], 0)
-            lap("composite", lambda k=lists: cpu.draw(k, task, False))
-            lap("composite, training", lambda k=lists: cpu.draw(k, task, True))
-            lap("composite back", lambda k=lists: cpu.draw_backward(k, task, kept["composite, training"][2:], *up))
-            lap("project back", lambda k=lists: cpu.prepare_backward(arrays, k, task, kept["composite back"]))
+            lap("sort", lambda s=starts, e=entries, o=owners: backend.sort_tiles(s, e, o, task, backend.scratch))
+            lists = backend.Lists(kept["project"][0], bases, starts, *kept["sort"], 0)
+            lap("composite", lambda k=lists: backend.draw(k, task, False))
+            lap("composite, training", lambda k=lists: backend.draw(k, task, True))
+            lap("composite back", lambda k=lists: backend.draw_backward(k, task, kept["composite, training"][2:], *up))
+            lap("project back", lambda k=lists: backend.prepare_backward(arrays, k, task, kept["composite back"]))
         return best, pairs(lists.records, lists.records.view(np.int32), lists.order, lists.starts, task.cuts, task.across)
 
 

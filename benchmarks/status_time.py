@@ -24,10 +24,10 @@ from typing import Any
 from benchmarks import synthetic
 from benchmarks.plan_time import seconds
 from benchmarks.report import publish
-from dags.status import CACHE
-from storage import ledger
+from posegaussian.dags.diagnostics.status import CACHE
+from posegaussian.storage.archive import ledger
 
-CLI = [sys.executable, "-m", "dags.cli"]
+CLI = [sys.executable, "-m", "posegaussian.dags.cli.app"]
 PARTITIONS = 3
 """Of a short sequence: 24 tasks."""
 

@@ -20,14 +20,14 @@ import cv2
 import numpy as np
 import torch
 
-import stages.depth.sweep as sweep
-import stages.depth.sweeping as sweeping
+import posegaussian.stages.depth.sweeping as sweeping
+import posegaussian.stages.matching.sweep as sweep
 from benchmarks.baselines.cost_volume import cost_volume as plain
 from benchmarks.report import publish
-from stages.capture.person import capture_person
-from stages.depth.cost import FORBIDDEN
-from stages.depth.params import DepthParams
-from stages.depth.scene import Frame, Geometry
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry
+from posegaussian.stages.matching.cost import FORBIDDEN
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 
 PHASES = ((sweeping, "hulls"), (sweep, "cost_volume"), (sweep, "aggregate"), (sweep, "minimum"), (sweeping, "disagreement"), (sweeping, "fuse"), (sweeping, "complete"), (sweeping, "turn_away"))
 

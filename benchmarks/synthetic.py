@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from dags.config import load_configuration
-from dags.context import Context
-from dags.effect_settings import declared
-from dags.fingerprint import all_parts, own_parts
-from dags.session import Session
-from dags.tasks import Task, inputs, producer, tasks
-from stages.registry import stage
-from storage.archive import Archive
-from storage.capture import Capture, SourceFile, Stream
-from storage.receipts import Output, Receipt, ShardFile, receipt_file
-from storage.rig import Rig, rigid
-from storage.spec import ArraySpec, digest
+from posegaussian.dags.config.effect_settings import declared
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.fingerprint import all_parts, own_parts
+from posegaussian.dags.planning.tasks import Task, inputs, producer, tasks
+from posegaussian.dags.session.session import Session
+from posegaussian.stages.registry import stage
+from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, receipt_file
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.model.spec import ArraySpec, digest
 
 NAME = "synthetic"
 TASKS = 8

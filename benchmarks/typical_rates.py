@@ -2,7 +2,7 @@
 
     python -m benchmarks.typical_rates ARCHIVE...
 
-Medians of processor time over the tasks' work; `dags.estimate.TYPICAL` holds them, rounded, for runs without a history.
+Medians of processor time over the tasks' work; `posegaussian.dags.diagnostics.remaining_time.TYPICAL` holds them, rounded, for runs without a history.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import statistics
 import sys
 from collections import defaultdict
 
-from stages.registry import STAGES
-from storage.archive import Archive
-from storage.receipts import scan_receipts
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive
 
 
 def main(urls: list[str]) -> None:

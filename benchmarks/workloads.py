@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from stages.capture.motion import pose
-from stages.capture.person import look_at, render
-from stages.gaussians.prior import normals, scales
-from stages.rendering.lift import Maps, lift
-from stages.rendering.quaternions import rotations
-from stages.rendering.scene import Camera, Gaussians
+from posegaussian.stages.gaussians.prior import normals, scales
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.simulator.subjects.capsule_person import look_at, render
+from posegaussian.stages.simulator.subjects.motion import pose
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
+from posegaussian.stages.splatting.quaternions import rotations
 
 SOURCE = 512
 """Side of the person's source pictures, px."""

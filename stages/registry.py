@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from stages.contract import Stage
-from stages.depth.stage import STAGE as DEPTH
-from stages.detection.stage import STAGE as DETECTION
-from stages.frames.stage import STAGE as FRAMES
-from stages.gaussians.stage import STAGE as GAUSSIANS
-from stages.metrics.stage import STAGE as METRICS
-from stages.network.stage import STAGE as NETWORK
-from stages.pose.stage import STAGE as POSE
-from stages.refinement.stage import STAGE as REFINEMENT
-from stages.rendering.stage import STAGE as RENDERING
-from stages.smoothing.stage import STAGE as SMOOTHING
-from stages.survey.stage import STAGE as SURVEY
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.depth.stage import STAGE as DEPTH
+from posegaussian.stages.detection.stage import STAGE as DETECTION
+from posegaussian.stages.frames.stage import STAGE as FRAMES
+from posegaussian.stages.gaussians.stage import STAGE as GAUSSIANS
+from posegaussian.stages.metrics.stage import STAGE as METRICS
+from posegaussian.stages.network.stage import STAGE as NETWORK
+from posegaussian.stages.pose.stage import STAGE as POSE
+from posegaussian.stages.refinement.stage import STAGE as REFINEMENT
+from posegaussian.stages.rendering.stage import STAGE as RENDERING
+from posegaussian.stages.smoothing.stage import STAGE as SMOOTHING
+from posegaussian.stages.survey.stage import STAGE as SURVEY
 
 STAGES: tuple[Stage, ...] = (SURVEY, DETECTION, POSE, FRAMES, SMOOTHING, DEPTH, NETWORK, GAUSSIANS, REFINEMENT, RENDERING, METRICS)
 

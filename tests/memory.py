@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from stages.contract import Params, Stage, resolve
-from stages.io import Block, Views
-from storage.rig import CameraPath, Rig
-from storage.spec import ArraySpec
+from posegaussian.stages.contract.declaration import Params, Stage, resolve
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.spec import ArraySpec
 
 
 @dataclass

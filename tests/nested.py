@@ -6,9 +6,9 @@ import dataclasses
 import json
 from pathlib import Path
 
-from storage.archive import Sequence
-from storage.array_metadata import NESTED_NAMES, read_metadata, seal
-from storage.receipts import Output, Receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.array_metadata import NESTED_NAMES, read_metadata, seal
+from posegaussian.storage.archive.receipts import Output, Receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Sequence
 
 
 def nest_description(folder: Path) -> None:

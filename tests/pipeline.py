@@ -15,21 +15,21 @@ import numpy as np
 import zarr
 from rich.console import Console
 
-from dags.config import Configuration, load_configuration
-from dags.context import Context
-from dags.events import Event, RunEnded, TaskDone
-from dags.eviction import Keeper
-from dags.flight import Backend
-from dags.importing import find_capture, register
-from dags.plan import Plan
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.session import Session
-from stages.capture.person import PersonCapture, capture_person
-from storage.archive import Archive
-from storage.exporters.images_layout import write_capture
-from storage.receipts import scan_receipts
+from posegaussian.dags.config.settings import Configuration, load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, RunEnded, TaskDone
+from posegaussian.dags.runtime.eviction import Keeper
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.in_flight import Backend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.session.session import Session
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.exporters.images_layout import write_capture
 
 NAME = "person"
 FORCED = {"temporal_smoothing": "on", "exposure_matching": "off", "outline_correction": "off", "limb_bounds": "off", "view_dependent_color": "off", "silhouette_clipping": "on", "hole_filling": "on"}
@@ -79,7 +79,7 @@ class Pipeline:
 
     def start(self, *more: str, command: str = "run", **options: Any) -> subprocess.Popen:
         """The command line on this archive, as a process of its own."""
-        return subprocess.Popen([sys.executable, "-m", "dags.cli", command, *self.options, *more], cwd=self.root, env={**os.environ, "PYTHONPATH": os.getcwd()}, text=True, **options)
+        return subprocess.Popen([sys.executable, "-m", "posegaussian.dags.cli.app", command, *self.options, *more], cwd=self.root, env={**os.environ, "PYTHONPATH": os.getcwd()}, text=True, **options)
 
     @property
     def session(self) -> Session:

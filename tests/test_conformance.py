@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
-from dags.config import PACKAGED, Settings
-from stages.contract import Axis, Params, Read, Resources, Stage, extra, resolve
-from stages.registry import STAGES, stage
-from storage.archive import layout
-from storage.capture import PER_VIEW
-from storage.spec import ArraySpec, TableSpec
+from posegaussian.dags.config.settings import PACKAGED, Settings
+from posegaussian.stages.contract.declaration import Axis, Params, Read, Resources, Stage, extra, resolve
+from posegaussian.stages.registry import STAGES, stage
+from posegaussian.storage.archive.store import layout
+from posegaussian.storage.model.capture import PER_VIEW
+from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "depth_maps", "estimator", "network"}
 CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected", "segmented", "given_depth", "single_source")
@@ -280,7 +280,7 @@ def test_frames_depends_on_no_setting_of_a_later_stage() -> None:
 
 
 def test_declarations_and_plan_import_nothing_heavy() -> None:
-    code = "import sys, json, stages.registry, dags.config, dags.plan, dags.tables; print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
+    code = "import sys, json, posegaussian.stages.registry, posegaussian.dags.config.settings, posegaussian.dags.planning.plan, posegaussian.dags.diagnostics.tables; print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
     loaded = set(json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parent.parent).stdout))
     assert not loaded & HEAVY
 

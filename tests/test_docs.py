@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from dags.cli import app
-from dags.config import load_configuration
-from dags.simulate import read_scene
-from dags.training_config import load_training
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.simulation.simulate import read_scene
+from posegaussian.dags.training.config import load_training
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])

@@ -1,27 +1,28 @@
-"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage. Nothing runs up."""
+"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage. Nothing runs up, nothing in a circle."""
 
 from __future__ import annotations
 
 import ast
+import statistics
 import tomllib
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
 import setuptools
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("dags", "stages", "storage")
-FILES = sorted(f for folder in (*PACKAGES, "tests", "benchmarks") for f in (ROOT / folder).rglob("*.py"))
-DATA_TYPES = {
-    *(f"storage.{name}" for name in ("spec", "rig", "joints", "timegrid", "errors", "capture", "crop", "splats")),
-    *(f"storage.{name}" for name in ("documents", "yaml_documents", "plausible", "home")),
-}
+PACKAGE = "posegaussian"
+FOLDERS = ("dags", "stages", "storage")
+FILES = sorted(f for folder in (*FOLDERS, "tests", "benchmarks") for f in (ROOT / folder).rglob("*.py"))
+MODEL = "storage.model"
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
-
-WRITERS = {"stages/network/weights.py": {"storage.files"}, "stages/capture/bake.py": {"storage.files"}}
-"""Modules of stages that leave a file behind, outside any run, and know how one is written whole."""
 SCHEDULERS = {"dask", "distributed"}
+LIBRARIES = ("geometry", "silhouettes", "camera_paths", "imaging", "matching", "splatting", "estimators")
+"""Folders of stages that are no stage: what several stages compute with."""
+ONE_KIND = ("storage/importers", "stages/simulator/effects")
+"""Folders of one registered kind, where every file is another one of it: they may hold any number."""
+MOST_MODULES = 15
 
 
 def name(file: Path) -> str:
@@ -30,7 +31,7 @@ def name(file: Path) -> str:
 
 @cache
 def imports(file: Path) -> frozenset[str]:
-    """Dotted modules a file imports anywhere in it; `from a import b` counts as a.b where that is a module."""
+    """Dotted modules a file imports anywhere in it, ours without `posegaussian.`; `from a import b` counts as a.b where that is a module."""
     found = set()
     for node in ast.walk(ast.parse(file.read_bytes())):
         if isinstance(node, ast.Import):
@@ -40,7 +41,7 @@ def imports(file: Path) -> frozenset[str]:
             assert node.module is not None
             modules = {f"{node.module}.{a.name}" for a in node.names if _is_module(f"{node.module}.{a.name}")}
             found |= modules or {node.module}
-    return frozenset(found)
+    return frozenset(i.removeprefix(f"{PACKAGE}.") for i in found)
 
 
 def _is_module(dotted: str) -> bool:
@@ -56,59 +57,125 @@ def of(*folders: str) -> list[Path]:
     return [f for f in FILES if f.relative_to(ROOT).parts[0] in folders]
 
 
-@pytest.mark.parametrize("file", of("storage"), ids=name)
-def test_storage_knows_neither_stages_nor_dags_nor_a_scheduler(file: Path) -> None:
-    assert not {i for i in imports(file) if top(i) in {"stages", "dags", *SCHEDULERS}}
+def dotted(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts)
 
 
-@pytest.mark.parametrize("file", of("stages"), ids=name)
-def test_stages_know_of_storage_only_data_types_and_open_no_store(file: Path) -> None:
-    assert not {i for i in imports(file) if top(i) in {"dags", "zarr", "pyarrow", *SCHEDULERS}}
-    assert not {i for i in imports(file) if top(i) == "storage"} - DATA_TYPES - WRITERS.get(name(file), set())
+def inside(module: str, folder: str) -> bool:
+    return module == folder or module.startswith(f"{folder}.")
 
 
-def test_the_data_types_of_storage_depend_on_each_other_alone() -> None:
-    for module in sorted(DATA_TYPES):
-        file = ROOT.joinpath(*module.split(".")).with_suffix(".py")
-        assert not {i for i in imports(file) if top(i) == "storage"} - DATA_TYPES, module
-        assert not {i for i in imports(file) if top(i) in {"zarr", "pyarrow", "av", "cv2", "torch", "OpenImageIO"}}, module
+def offenders(files: Iterable[Path], forbidden: Iterable[str]) -> list[str]:
+    """`file imports module` for every import of something that lies in a forbidden folder or package."""
+    told = tuple(forbidden)
+    return [f"{name(f)} imports {i}" for f in files for i in sorted(imports(f)) if any(inside(i, t) for t in told)]
 
 
-@pytest.mark.parametrize("file", of(*PACKAGES), ids=name)
-def test_nothing_outside_tests_and_benchmarks_imports_them(file: Path) -> None:
-    assert not {i for i in imports(file) if top(i) in {"tests", "benchmarks", "pytest", "hypothesis"}}
+def test_storage_knows_neither_stages_nor_dags_nor_a_scheduler() -> None:
+    assert not offenders(of("storage"), ("stages", "dags", *SCHEDULERS))
 
 
-@pytest.mark.parametrize("file", of("stages", "storage"), ids=name)
-def test_no_kernel_loads_a_module_by_name(file: Path) -> None:
+def test_stages_know_of_storage_the_model_alone_and_open_no_store() -> None:
+    assert not offenders(of("stages"), ("dags", "zarr", "pyarrow", *SCHEDULERS))
+    assert not [f"{name(f)} imports {i}" for f in of("stages") for i in sorted(imports(f)) if top(i) == "storage" and not inside(i, MODEL)]
+
+
+def test_the_model_depends_on_itself_alone_and_on_no_codec() -> None:
+    files = [f for f in of("storage") if inside(dotted(f), MODEL)]
+    assert len(files) > 5
+    assert not [f"{name(f)} imports {i}" for f in files for i in sorted(imports(f)) if top(i) == "storage" and not inside(i, MODEL)]
+    assert not offenders(files, ("zarr", "pyarrow", "av", "cv2", "torch", "OpenImageIO"))
+
+
+def test_libraries_of_stages_know_no_stage() -> None:
+    allowed = (*(f"stages.{library}" for library in LIBRARIES), "stages.contract")
+    files = [f for f in of("stages") if any(inside(dotted(f), f"stages.{library}") for library in LIBRARIES)]
+    assert len(files) > 30
+    wrong = [f"{name(f)} imports {i}" for f in files for i in sorted(imports(f)) if top(i) == "stages" and not any(inside(i, a) for a in allowed)]
+    assert not wrong
+
+
+def test_no_folder_and_no_file_is_part_of_a_circle() -> None:
+    files = {dotted(f): {i for i in imports(f) if top(i) in FOLDERS} for f in of(*FOLDERS) if f.name != "__init__.py"}
+    assert not list(circles({module: {t for t in targets if t in files} for module, targets in files.items()}))
+    folders: dict[str, set[str]] = {}
+    for module, targets in files.items():
+        own = module.rpartition(".")[0]
+        folders.setdefault(own, set()).update(t.rpartition(".")[0] for t in targets if t in files and t.rpartition(".")[0] != own)
+    assert not list(circles(folders))
+
+
+def test_a_circle_is_found() -> None:
+    assert [sorted(c) for c in circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()})] == [["a", "b", "c"]]
+
+
+def circles(edges: dict[str, set[str]]) -> Iterator[list[str]]:
+    """Sets of nodes that reach each other: what is left when nodes that lead nowhere, or to which nothing leads, are taken away, group by group."""
+    reach: dict[str, set[str]] = {}
+    for start in edges:
+        todo, seen = list(edges[start]), set()
+        while todo:
+            node = todo.pop()
+            if node not in seen:
+                seen.add(node)
+                todo += edges.get(node, ())
+        reach[start] = seen
+    told: set[str] = set()
+    for node in sorted(edges):
+        group = [other for other in sorted(reach[node]) if other in reach and node in reach[other]]
+        if group and node not in told:
+            told.update(group)
+            yield group
+
+
+def test_nothing_outside_tests_and_benchmarks_imports_them() -> None:
+    assert not offenders(of(*FOLDERS), ("tests", "benchmarks", "pytest", "hypothesis"))
+
+
+def test_ours_are_imported_from_the_package_alone() -> None:
+    """A module that is also imported as `dags.x` would be two modules."""
+    for file in FILES:
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [m for m in modules if top(m) in FOLDERS], f"{name(file)}:{node.lineno}"
+
+
+def test_no_kernel_loads_a_module_by_name() -> None:
     """A module loaded by name is invisible to the code digest; only the contract's `resolve` does so."""
-    if name(file) != "stages/contract.py":
-        assert not {i for i in imports(file) if top(i) == "importlib" and i != "importlib.metadata"}
+    files = [f for f in of("stages", "storage") if name(f) != "stages/contract/declaration.py"]
+    assert not [f"{name(f)} imports {i}" for f in files for i in imports(f) if top(i) == "importlib" and i != "importlib.metadata"]
 
 
-@pytest.mark.parametrize("file", [f for f in of(*PACKAGES) if f.name == "__init__.py"], ids=name)
-def test_packages_compute_nothing_at_import(file: Path) -> None:
+def test_packages_compute_nothing_at_import() -> None:
     """A package's `__init__` is not part of the code digest, so it holds a docstring and nothing else."""
-    assert all(isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant) for n in ast.parse(file.read_bytes()).body)
+    for file in (f for f in of(*FOLDERS) if f.name == "__init__.py"):
+        body = ast.parse(file.read_bytes()).body
+        assert body, f"{name(file)} says nothing"
+        assert all(isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant) for n in body), name(file)
 
 
-@pytest.mark.parametrize("file", FILES, ids=name)
-def test_no_file_is_longer_than_500_lines_or_20_kilobytes(file: Path) -> None:
-    text = file.read_bytes()
-    assert len(text.splitlines()) <= 500
-    assert len(text) <= 20_000, f"{name(file)} has {len(text)} bytes"
+def test_files_and_folders_are_small() -> None:
+    texts = {name(f): f.read_bytes() for f in FILES}
+    assert not [f"{n} has {len(t)} bytes, {len(t.splitlines())} lines" for n, t in texts.items() if len(t.splitlines()) > 500 or len(t) > 20_000]
+    assert statistics.median(len(t) for n, t in texts.items() if top(n.replace("/", ".")) in FOLDERS and not n.endswith("__init__.py")) < 5_000
+    crowded = {}
+    for folder in {f.parent for f in of(*FOLDERS)}:
+        count = sum(f.suffix == ".py" and f.name != "__init__.py" for f in folder.iterdir())
+        if count > MOST_MODULES and name(folder) not in ONE_KIND:
+            crowded[name(folder)] = count
+    assert not crowded
 
 
 def test_tests_mirror_packages() -> None:
-    for folder in {f.parent for f in of("tests")}:
-        assert (folder / "__init__.py").is_file(), f"{name(folder)} has no __init__.py"
+    assert not [name(folder) for folder in {f.parent for f in of("tests")} if not (folder / "__init__.py").is_file()]
 
 
-def test_a_wheel_holds_the_three_packages_and_their_settings_alone() -> None:
+def test_a_wheel_holds_one_package_and_its_settings_alone() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     found = setuptools.find_packages(str(ROOT), include=settings["packages"]["find"]["include"])
-    assert {top(package) for package in found} == set(PACKAGES)
-    assert {f.parent for f in of(*PACKAGES)} == {ROOT.joinpath(*package.split(".")) for package in found}, "a folder has no __init__.py"
-    data = {f for package, globs in settings["package-data"].items() for pattern in globs for f in ROOT.joinpath(*package.split(".")).glob(pattern)}
-    others = {f for folder in PACKAGES for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"}
+    assert {top(package) for package in found} == {PACKAGE}
+    linked = {ROOT.joinpath(*package.split(".")).resolve() for package in found} - {ROOT / PACKAGE}
+    assert {f.parent for f in of(*FOLDERS)} == linked, "a folder has no __init__.py"
+    data = {f.resolve() for package, globs in settings["package-data"].items() for pattern in globs for f in ROOT.joinpath(*package.split(".")).glob(pattern)}
+    others = {f for folder in FOLDERS for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"}
     assert others == data, "files that would be missing from the wheel"

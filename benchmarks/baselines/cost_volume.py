@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.nn.functional import grid_sample, unfold
 
-from stages.depth.cost import COLOR, COLOR_CAP, FORBIDDEN, WORST
+from posegaussian.stages.matching.cost import COLOR, COLOR_CAP, FORBIDDEN, WORST
 
 
 def cost_volume(
@@ -23,7 +23,7 @@ def cost_volume(
     noise: float,
     share: float,
 ) -> torch.Tensor:
-    """[h, w, D] uint8; arguments and result as in `stages.depth.cost.cost_volume`, as tensors of any float type."""
+    """[h, w, D] uint8; arguments and result as in `posegaussian.stages.matching.cost.cost_volume`, as tensors of any float type."""
     planes = [
         _combined(torch.stack([_score(first, mask, guide + o, *n, corner, radius, noise) for n in zip(others, sizes, transfers, strict=True)]), share)
         for o in offsets

@@ -2,7 +2,7 @@
 
 float32, vectorised over tiles, differentiated by autograd: tiles of 4 px (four times faster than tiles of 16 on
 pixel-sized Gaussians, both forward and backward, so it is no straw man), lists by a stable sort, finished tiles laid
-aside, memory bounded. Colour and alpha only. What it computes is what stages/rendering/reference.py computes.
+aside, memory bounded. Colour and alpha only. What it computes is what stages/splatting/definition/reference.py computes.
 """
 
 from __future__ import annotations

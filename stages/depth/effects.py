@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.contract import Decision, Effect, Evidence
-from stages.depth.params import MATCHING, SEVERAL, resolve_method
-from stages.geometry.subject import PERSON_RADIUS, look_at_point
+from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.depth.params import MATCHING, SEVERAL, resolve_method
+from posegaussian.stages.geometry.subject import PERSON_RADIUS, look_at_point
 
 
 def hidden_width(evidence: Evidence) -> float:

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import field_validator
 
-from stages.contract import Facts, Params, setting
-from stages.facts import GIVEN_DEPTH, SINGLE_SOURCE
+from posegaussian.stages.contract.declaration import Facts, Params, setting
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, SINGLE_SOURCE
 
 Method = Literal["given", "sgbm", "sweep", "hull", "relief", "truth"]
 MATCHING, SEVERAL = ("sgbm", "sweep"), ("sgbm", "sweep", "hull")

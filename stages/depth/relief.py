@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from stages.geometry.hull import foreground
+from posegaussian.stages.silhouettes.hull import foreground
 
 THICKNESS = 0.11
 """l over the square root of the silhouette's area: 8 cm of a standing person, who shows half a square metre."""

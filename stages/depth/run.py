@@ -7,20 +7,20 @@ from functools import cache
 
 import numpy as np
 
-from stages.depth.estimate import estimate, estimate_open
-from stages.depth.given import given_depth
-from stages.depth.limbs import limbs_of
-from stages.depth.params import MATCHING, DepthParams, refusal, resolve_method
-from stages.depth.relief import relief
-from stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
-from stages.depth.sweeping import sweep_hull, sweep_open
-from stages.facts import SINGLE_SOURCE
-from stages.geometry.hull import foreground
-from stages.geometry.subject import subject_distance
-from stages.io import Block, Inputs
-from storage.errors import UserError
-from storage.joints import to_set
-from storage.rig import Rig
+from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.depth.given_depth import given_depth
+from posegaussian.stages.depth.params import MATCHING, DepthParams, refusal, resolve_method
+from posegaussian.stages.depth.pose_prior import limbs_of
+from posegaussian.stages.depth.relief import relief
+from posegaussian.stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
+from posegaussian.stages.depth.stereo import estimate, estimate_open
+from posegaussian.stages.depth.sweeping import sweep_hull, sweep_open
+from posegaussian.stages.geometry.subject import subject_distance
+from posegaussian.stages.silhouettes.hull import foreground
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.model.joint_sets import to_set
 
 FEW_MATCHES = 0.3
 """Share of the surface below which a view is reported as poorly matched."""

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stages.depth.fuse import MATCHED
-from stages.depth.limbs import bounded
-from stages.depth.params import DepthParams
-from stages.depth.sweep import Neighbours, nearest
-from stages.geometry.agreement import agreement
-from stages.geometry.hull import Silhouettes, foreground, searched_radius, visual_hull
-from stages.geometry.pairs import choose_pairs
-from stages.geometry.rectification import RectifiedPair, rectify
-from stages.geometry.subject import look_at_point
-from storage.rig import Rig
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.pose_prior import bounded
+from posegaussian.stages.geometry.pairs import choose_pairs
+from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.matching.fuse import MATCHED
+from posegaussian.stages.matching.sweep import Neighbours, nearest
+from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.hull import Silhouettes, foreground, searched_radius, visual_hull
+from posegaussian.storage.model.cameras import Rig
 
 FINE, FINEST = 768, 1.5
 """Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer residuals, narrower windows."""
@@ -36,7 +36,7 @@ class Frame:
     masks: dict[int, np.ndarray]
     """[h, w] uint8, 0..255."""
     limbs: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
-    """[N, 7] capsules of the subject's limbs (`stages.depth.limbs`), where joints are believed."""
+    """[N, 7] capsules of the subject's limbs (`posegaussian.stages.depth.pose_prior`), where joints are believed."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from stages.contract import Choice, Read, Resources, Stage
-from stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
-from stages.depth.params import MATCHING, DepthParams, method_choice, refusal, resolve_method
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
+from posegaussian.stages.depth.params import MATCHING, DepthParams, method_choice, refusal, resolve_method
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: DepthParams) -> Resources:
@@ -18,8 +18,8 @@ STAGE = Stage(
     name="depth",
     summary="Estimate metric depth and its confidence for every source view.",
     version=1,
-    run="stages.depth.run:run",
-    check="stages.depth.run:check",
+    run="posegaussian.stages.depth.run:run",
+    check="posegaussian.stages.depth.run:check",
     reads=(
         Read("frames/color", when=lambda p, f: resolve_method(p, f) in MATCHING),
         Read("frames/mask"),

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.depth.bounds import Bounds, around, between, shifted
-from stages.depth.even import even
-from stages.depth.fuse import MATCHED, complete, fuse, transfer
-from stages.depth.params import DepthParams
-from stages.depth.rim import turn_away
-from stages.depth.sampling import beyond_silhouette, disagreement
-from stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
-from stages.depth.sweep import sweep
+from posegaussian.stages.depth.occluding_contour import turn_away
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.smooth_disparity import even
+from posegaussian.stages.matching.bounds import Bounds, around, between, shifted
+from posegaussian.stages.matching.fuse import MATCHED, complete, fuse, transfer
+from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
+from posegaussian.stages.matching.sweep import sweep
 
 SEARCHED = 0.6
 """Share of the hull's thickness, in inverse depth, that is searched."""
@@ -47,7 +47,7 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
     """Depth and confidence by view, [h, w] float32, everywhere in the hull.
 
     A match that no neighbour's own depth confirms within `params.consistency` px (none, unless `checked`) is replaced by
-    its surroundings; confidence grows with the neighbours that confirm it. The rim follows `stages.depth.rim`.
+    its surroundings; confidence grows with the neighbours that confirm it. The rim follows `posegaussian.stages.depth.occluding_contour`.
     """
     inside, found = frame.inside, hulls(geometry, frame)
     pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.detection.estimator import Found
-from stages.detection.regions import MARGIN
-from stages.frames.layout import captured_positions, switched
-from stages.io import Inputs
-from stages.pose.people import subject
-from stages.pose.points import NEAR, project, to_frames
-from stages.pose.triangulate import triangulate
-from storage.joints import joint_set
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.geometry.points import NEAR, project, to_frames
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
+from posegaussian.stages.imaging.regions import MARGIN
+from posegaussian.stages.pose.subject_choice import subject
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import joint_set
 
 SCORE = 0.3
 """Least score of a joint that is triangulated."""

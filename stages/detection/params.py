@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from stages.contract import Facts, Params, setting
-from stages.detection.models import FETCH
-from stages.facts import BLAZEPOSE, GIVEN_JOINTS
+from posegaussian.stages.contract.declaration import Facts, Params, setting
+from posegaussian.stages.contract.facts import BLAZEPOSE, GIVEN_JOINTS
+from posegaussian.stages.estimators.blazepose_files import FETCH
 
 Answer = Literal["files", "blazepose", "onnx", "none"]
 ADDED = f"`{FETCH}` adds it"

@@ -9,10 +9,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from stages.detection.estimator import Estimator
-from stages.frames.display import to_display
-from stages.io import Inputs, JointReader, PictureReader
-from storage.joints import joint_set
+from posegaussian.stages.contract.io import Inputs, JointReader, PictureReader
+from posegaussian.stages.estimators.interface import Estimator
+from posegaussian.stages.imaging.color import to_display
+from posegaussian.storage.model.joint_sets import joint_set
 
 PEOPLE = 3
 """People looked for in a picture."""
@@ -23,7 +23,7 @@ KEPT = 4096
 
 
 class EstimatedJoints:
-    """`stages.io.JointReader` over pictures: what was found in a picture is kept for whoever asks next in this process."""
+    """`posegaussian.stages.contract.io.JointReader` over pictures: what was found in a picture is kept for whoever asks next in this process."""
 
     _kept: ClassVar[WeakKeyDictionary[Estimator, OrderedDict[str, np.ndarray]]] = WeakKeyDictionary()
 

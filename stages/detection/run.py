@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.detection.estimator import Estimator, Found
-from stages.detection.guided import Space, astray
-from stages.detection.params import DetectionParams
-from stages.detection.regions import around
-from stages.frames.display import to_display
-from stages.io import Block, Inputs
-from storage.joints import joint_set
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.detection.guided import Space, astray
+from posegaussian.stages.detection.params import DetectionParams
+from posegaussian.stages.estimators.interface import Estimator, Found
+from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.imaging.regions import around
+from posegaussian.storage.model.joint_sets import joint_set
 
 
 def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from stages.contract import Choice, Facts, Read, Resources, Stage
-from stages.detection.params import DetectionParams, estimator_choice, refusal
-from stages.facts import ESTIMATED, SEGMENTED
-from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
+from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
+from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: DetectionParams) -> Resources:
@@ -24,8 +24,8 @@ STAGE = Stage(
     name="detection",
     summary="Find people and their joints in the pictures, and look again where a view missed the subject.",
     version=1,
-    run="stages.detection.run:run",
-    check="stages.detection.run:check",
+    run="posegaussian.stages.detection.run:run",
+    check="posegaussian.stages.detection.run:check",
     reads=(Read.source("pictures", views="sources"), Read.source("estimator")),
     writes=(
         ArraySpec("detection/joints2d", ("frame", "view", "person", "found_joint", "uvs"), "float32", "px", "Joints of everybody found, in captured pixels, and their score; all 0 = nobody."),

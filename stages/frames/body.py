@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from storage.joints import JointSet, joint_set
-from storage.rig import points_to_integer_centres
+from posegaussian.storage.model.cameras import points_to_integer_centres
+from posegaussian.storage.model.joint_sets import JointSet, joint_set
 
 TRUNK = ("Hip", "Shoulder")
 LENGTHS = {TRUNK: 0.50, ("Hip", "Knee"): 0.42, ("Ankle", "Knee"): 0.41, ("Elbow", "Shoulder"): 0.29, ("Elbow", "Wrist"): 0.26}

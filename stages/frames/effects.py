@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.contract import Decision, Effect, Evidence
-from stages.survey import exposure
-from stages.survey.params import LIGHT, OUTLINES, SURFACE
+from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.imaging import exposure
+from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
 
 NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface points, dark and bright ones"
 """Why gains cannot be told."""

@@ -6,11 +6,11 @@ from typing import Literal
 
 from pydantic import field_validator
 
-from stages.contract import Facts, Params, setting
-from stages.detection.params import ADDED
-from stages.facts import BLAZEPOSE, SEGMENTED
-from storage.crop import Crop
-from storage.timegrid import parse_range
+from posegaussian.stages.contract.declaration import Facts, Params, setting
+from posegaussian.stages.contract.facts import BLAZEPOSE, SEGMENTED
+from posegaussian.stages.detection.params import ADDED
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.timegrid import parse_range
 
 Matte = Literal["given", "person", "plate", "none"]
 JOINTS = frozenset({"joints2d", "joints3d"})

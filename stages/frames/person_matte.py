@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from stages.frames.body import body_shape, limb_bones, pixels_per_metre
-from stages.frames.odds import Plate, color_odds
+from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
+from posegaussian.stages.frames.color_likelihood import Plate, color_odds
 
 HINT_FLOOR = 0.03
 """A segmentation is taken to be wrong about a pixel that often, however sure it is."""

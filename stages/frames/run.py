@@ -7,20 +7,20 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from stages.facts import GIVEN_DEPTH
-from stages.frames.display import gain_table, to_display, tone_mapped
-from stages.frames.effects import NO_LINK, proven_offsets, white_point
-from stages.frames.hints import Hints
-from stages.frames.layout import switched
-from stages.frames.matte import plate_matte
-from stages.frames.outline import moved
-from stages.frames.params import FramesParams, resolve_matte
-from stages.frames.person_matte import person_matte
-from stages.frames.warp import Warp
-from stages.io import Block, Inputs
-from stages.survey.exposure import match
-from stages.survey.params import LIGHT, OUTLINES, SURFACE
-from storage.errors import SourceError
+from posegaussian.stages.contract.facts import GIVEN_DEPTH
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.frames.effects import NO_LINK, proven_offsets, white_point
+from posegaussian.stages.frames.params import FramesParams, resolve_matte
+from posegaussian.stages.frames.person_matte import person_matte
+from posegaussian.stages.frames.plate_matte import plate_matte
+from posegaussian.stages.frames.segmentation_prior import Hints
+from posegaussian.stages.imaging.camera_mapping import switched
+from posegaussian.stages.imaging.color import gain_table, to_display, tone_mapped
+from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.imaging.outline import moved
+from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
+from posegaussian.storage.model.errors import SourceError
 
 NEARLY_EMPTY = 0.002
 """Share of the picture below which a mask holds nobody."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from stages.contract import Choice, Facts, Read, Resources, Stage
-from stages.detection.params import ADDED
-from stages.facts import GIVEN_DEPTH, SEGMENTED
-from stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
-from stages.frames.params import FramesParams, matte_choice, resolve_matte
-from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
-from stages.survey.params import LIGHT, OUTLINES, SURFACE
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEGMENTED
+from posegaussian.stages.detection.params import ADDED
+from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.params import FramesParams, matte_choice, resolve_matte
+from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
+from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
@@ -67,8 +67,8 @@ STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
     version=1,
-    run="stages.frames.run:run",
-    check="stages.frames.run:check",
+    run="posegaussian.stages.frames.run:run",
+    check="posegaussian.stages.frames.run:check",
     reads=(
         Read.source("pictures"),
         Read.source("masks", when=_given),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from stages.gaussians.prior import rays
-from stages.network.heads import Maps, Prior, blend, learned_normal, learned_opacity, learned_scale
+from posegaussian.stages.gaussians.prior import rays
+from posegaussian.stages.network.model.heads import Maps, Prior, blend, learned_normal, learned_opacity, learned_scale
 
 CHANNELS = {"scale": slice(0, 3), "rotation": slice(3, 6), "opacity": slice(6, 8)}
 """Of `network/numbers`."""
@@ -17,7 +17,7 @@ def over_prior(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Scale [3, h, w] m, normal [3, h, w], opacity [2, h, w] and the share of the learned value [1, h, w], float32.
 
-    prior: scale, normal and opacity as `stages.gaussians.run.prior` gives them; numbers [8, h, w] of the heads; confidence [h, w] 0..1.
+    prior: scale, normal and opacity as `posegaussian.stages.gaussians.run.prior` gives them; numbers [8, h, w] of the heads; confidence [h, w] 0..1.
     """
     scale, normal, opacity = (torch.from_numpy(np.ascontiguousarray(m, np.float32))[None] for m in prior)
     x = {name: torch.from_numpy(numbers[c].astype(np.float32))[None] for name, c in CHANNELS.items()}

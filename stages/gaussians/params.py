@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stages.contract import Params, setting
+from posegaussian.stages.contract.declaration import Params, setting
 
 
 class GaussiansParams(Params):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.gaussians.frame import tangents
-from stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.tangent_frame import tangents
 
 JUMP = 8.0
 """A depth step of more than this many pixel footprints z/f between neighbours is a silhouette, not a slope (83 degrees)."""

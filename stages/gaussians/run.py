@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.gaussians.learned import over_prior
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.prior import normals, scales
-from stages.io import Block, Inputs
-from stages.network.params import NETWORK, depth_array
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.gaussians.learned import over_prior
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.prior import normals, scales
+from posegaussian.stages.network.params import NETWORK, depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
 """Maps of one view, in the order they are yielded."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from stages.contract import Read, Resources, Stage
-from stages.gaussians.params import GaussiansParams
-from stages.network.params import NETWORK, depth_reads
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.network.params import NETWORK, depth_reads
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: GaussiansParams) -> Resources:
@@ -17,8 +17,8 @@ STAGE = Stage(
     name="gaussians",
     summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
     version=1,
-    run="stages.gaussians.run:run",
-    check="stages.gaussians.run:check",
+    run="posegaussian.stages.gaussians.run:run",
+    check="posegaussian.stages.gaussians.run:check",
     reads=(
         *depth_reads(),
         Read("network/numbers", when=lambda p, f: NETWORK in f),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stages.geometry.pairs import angle_at
-from storage.rig import CameraPath, Rig
+from posegaussian.stages.geometry.pairs import angle_at
+from posegaussian.storage.model.cameras import CameraPath, Rig
 
 USEFUL = {"relief": 10.0, "given": 20.0}
 """Degrees at the subject, by kind of depth: see docs/monocular.md for what is left there."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.geometry.projection import project, unproject
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 SAME_SURFACE = 0.01
 """Relative difference of two depths up to which two views see the same point."""

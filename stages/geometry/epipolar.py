@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from storage.rig import Rig
+from posegaussian.storage.model.cameras import Rig
 
 
 def fundamental(rig: Rig, first: int, second: int) -> np.ndarray:

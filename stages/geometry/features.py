@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from storage.rig import points_from_integer_centres
+from posegaussian.storage.model.cameras import points_from_integer_centres
 
 FEATURES = 6000
 """Features of a picture, strongest first."""

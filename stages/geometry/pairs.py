@@ -10,10 +10,10 @@ from itertools import combinations
 
 import numpy as np
 
-from stages.geometry.projection import project
-from stages.geometry.rectification import rectify
-from stages.geometry.subject import body_points, look_at_point, up_direction
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.geometry.subject import body_points, look_at_point, up_direction
+from posegaussian.storage.model.cameras import Rig
 
 MAX_ANGLE = 66.0
 """Degrees at the subject; wider pairs see too little of the same surface."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from storage.rig import points_from_integer_centres
+from posegaussian.storage.model.cameras import points_from_integer_centres
 
 
 def pixel_centres(size: tuple[int, int]) -> np.ndarray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.geometry.projection import pixel_centres
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 FRAME_GROWTH = 1.5
 """A rectified picture may be this much larger than the larger source picture, to hold what rectification stretches."""
@@ -107,7 +107,7 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
     The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the sources.
 
     Raises ValueError where no rectification exists: equal centres, a baseline along the optical axes, or a subject behind
-    the pair. Whether the pair is any good for matching is the question of `stages.geometry.pairs.classify`.
+    the pair. Whether the pair is any good for matching is the question of `posegaussian.stages.geometry.pairs.classify`.
     """
     pair = [first, second]
     centres, rotations = rig.centres[pair], rig.rotations[pair]

@@ -18,8 +18,8 @@ from itertools import combinations
 
 import numpy as np
 
-from stages.geometry.epipolar import fundamental, homogeneous, signed_epipolar_distance
-from storage.rig import Rig
+from posegaussian.stages.geometry.epipolar import fundamental, homogeneous, signed_epipolar_distance
+from posegaussian.storage.model.cameras import Rig
 
 FURTHEST = 20
 """Frames by which two cameras may differ, at most; and never more than a third of the tracks."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from stages.pose.points import NEAR
-from storage.rig import Rig, rigid
+from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from posegaussian.stages.geometry.points import NEAR
+from posegaussian.storage.model.cameras import Rig, rigid
 
 STEPS = 12
 """Steps; the residual stays the same after six or so."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.frames.layout import distort, reach
-from stages.geometry.subject import look_at_point
-from stages.inspection.finding import Finding, measured, unmeasured
-from storage.rig import Rig
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.imaging.camera_mapping import distort, reach
+from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.storage.model.cameras import Rig
 
 DISPLACED = (0.1, 0.25)
 """Share of the longer side by which a lens moves a corner: a wide lens with 100 degrees makes a tenth; a quarter is mostly an error of the fit."""

@@ -9,13 +9,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from stages.frames.display import to_display
-from stages.frames.warp import Warp
-from stages.inspection.joint_fit import joint_offsets
-from stages.io import Inputs, Views
-from stages.pose.triangulate import triangulate
-from stages.survey.joints import RESIDUAL, SCORE, seen_joints
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Inputs, Views
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.inspection.joint_fit import joint_offsets
+from posegaussian.stages.survey.joints import RESIDUAL, SCORE, seen_joints
+from posegaussian.storage.model.cameras import Rig
 
 PICTURES = 12
 """Pictures in which features are looked for, over all cameras: some seconds."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.pose.points import NEAR, project
-from storage.rig import Rig
+from posegaussian.stages.geometry.points import NEAR, project
+from posegaussian.storage.model.cameras import Rig
 
 WITHIN = 0.01
 """Share of the picture's longer side within which a joint fits: 2 to 2.5 cm on a person who fills it, as far as detectors err."""

@@ -1,6 +1,6 @@
 """Do features that two pictures share lie on each other's epipolar lines?
 
-Features are matched by `stages.geometry.features`. Wrong matches lie
+Features are matched by `posegaussian.stages.geometry.features`. Wrong matches lie
 anywhere, right ones beside the epipolar line as far as the calibration is off. Two answers are compared: what the calibration says,
 and what the matches say among themselves, by a robust fundamental matrix that knows no calibration. Matches that fit each other and
 not the calibration accuse the calibration; matches that fit neither say nothing.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from stages.geometry.epipolar import signed_epipolar_distance
+from posegaussian.stages.geometry.epipolar import signed_epipolar_distance
 
 NEAR = 0.02
 """Share of the picture's longer side within which a match may be a right one: calibrations that are worse accuse themselves otherwise."""

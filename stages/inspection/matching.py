@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.geometry.epipolar import fundamental
-from stages.geometry.features import Features, features, matched
-from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.footage import Footage
-from stages.inspection.matches import EpipolarFit, epipolar_fit
-from stages.inspection.pairs import Rectified
+from posegaussian.stages.geometry.epipolar import fundamental
+from posegaussian.stages.geometry.features import Features, features, matched
+from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.matches import EpipolarFit, epipolar_fit
+from posegaussian.stages.inspection.pairs import Rectified
 
 WIDEST = 55.0
 """Degrees at the subject beyond which features of the same place no longer look alike (SIFT loses them from 40 to 50 degrees on)."""

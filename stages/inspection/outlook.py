@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stages.detection.models import FETCH
-from stages.facts import SEGMENTED
-from stages.geometry.pairs import Verdict as Pair
-from stages.inspection.finding import Finding, Verdict, measured
-from stages.inspection.planned import Planned
+from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.estimators.blazepose_files import FETCH
+from posegaussian.stages.geometry.pairs import Verdict as Pair
+from posegaussian.stages.inspection.finding import Finding, Verdict, measured
+from posegaussian.stages.inspection.planned import Planned
 
 MATTE = (0.93, 0.5)
 """Overlap of a matte with outlines drawn by hand: from .94 on only edges are off; at half of it there is another shape."""

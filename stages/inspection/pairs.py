@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.geometry.pairs import MIN_BODY, PairReport, Verdict, body_share
-from stages.geometry.subject import look_at_point, up_direction
-from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.finding import Verdict as Grade
-from stages.inspection.planned import Planned
-from storage.rig import Rig
+from posegaussian.stages.geometry.pairs import MIN_BODY, PairReport, Verdict, body_share
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.finding import Verdict as Grade
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.storage.model.cameras import Rig
 
 USELESS = 0.5
 """Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
@@ -40,7 +40,7 @@ class Rectified:
     views: tuple[int, int]
     """Indices of the cameras in the footage."""
     kind: str
-    """ok, wide, clipped, useless, or the reason of `stages.geometry.pairs.Verdict`."""
+    """ok, wide, clipped, useless, or the reason of `posegaussian.stages.geometry.pairs.Verdict`."""
     fate: str
     """matched, not needed (other partners are nearer), not asked for (not two sources, or depth compares no pictures), or refused."""
     angle: float

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from stages.detection.estimator import Estimator
-from stages.detection.models import FETCH
-from stages.frames.display import to_display
-from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.footage import Footage
-from stages.inspection.planned import Planned
-from stages.io import PictureReader
-from stages.survey.joints import SCORE
+from posegaussian.stages.contract.io import PictureReader
+from posegaussian.stages.estimators.blazepose_files import FETCH
+from posegaussian.stages.estimators.interface import Estimator
+from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.survey.joints import SCORE
 
 SEVERAL = (0.05, 1.0)
 """Share of the pictures that show more than one person: now and then a passer-by is left out by the views' agreement; never bad, as one is still reconstructed."""

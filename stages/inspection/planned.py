@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from stages.contract import Facts
-from stages.depth.params import MATCHING, DepthParams
-from stages.depth.sweep import nearest
-from stages.geometry.pairs import PairReport, Verdict, choose_pairs, pair_report
-from stages.geometry.stretch import Stretch, best_stretch
-from stages.geometry.subject import look_at_point
-from storage.rig import Rig
+from posegaussian.stages.camera_paths.stretch import Stretch, best_stretch
+from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.depth.params import MATCHING, DepthParams
+from posegaussian.stages.geometry.pairs import PairReport, Verdict, choose_pairs, pair_report
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.matching.sweep import nearest
+from posegaussian.storage.model.cameras import Rig
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stages.geometry.sync import TimeOffsets
-from stages.inspection.cameras import of_aim, of_frames, of_lens
-from stages.inspection.finding import ORDER, Finding, Verdict, overall, worst_first
-from stages.inspection.footage import Footage
-from stages.inspection.light import of_light
-from stages.inspection.matching import Matched, matched_pairs, of_matches
-from stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
-from stages.inspection.pairs import Rectified, every_pair, of_pairs
-from stages.inspection.people import of_people
-from stages.inspection.planned import Planned
-from stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
+from posegaussian.stages.geometry.sync import TimeOffsets
+from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
+from posegaussian.stages.inspection.finding import ORDER, Finding, Verdict, overall, worst_first
+from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.light import of_light
+from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
+from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
+from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
+from posegaussian.stages.inspection.people import of_people
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
 
 WORDS = {
     Verdict.GOOD: "This capture is good: everything that could be measured is within bounds.",

@@ -6,17 +6,17 @@ from itertools import combinations
 
 import numpy as np
 
-from stages.geometry.projection import project
-from stages.geometry.subject import body_points, look_at_point, up_direction
-from stages.geometry.sync import TimeOffsets, time_offsets
-from stages.inspection.bundle import FEWEST as FEWEST_POSED
-from stages.inspection.bundle import pair_error, refit
-from stages.inspection.finding import Finding, measured, unmeasured
-from stages.inspection.footage import LOOSE, Footage
-from stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
-from stages.inspection.sharpness import edge_width
-from stages.survey.joints import SCORE
-from stages.survey.silhouettes import agreeing_share, masks_of
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.subject import body_points, look_at_point, up_direction
+from posegaussian.stages.geometry.sync import TimeOffsets, time_offsets
+from posegaussian.stages.inspection.bundle import FEWEST as FEWEST_POSED
+from posegaussian.stages.inspection.bundle import pair_error, refit
+from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.footage import LOOSE, Footage
+from posegaussian.stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
+from posegaussian.stages.inspection.sharpness import edge_width
+from posegaussian.stages.survey.joints import SCORE
+from posegaussian.stages.survey.silhouettes import agreeing_share, masks_of
 
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""

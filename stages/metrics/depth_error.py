@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.geometry.hull import foreground
-from stages.geometry.pairs import angle_at
-from stages.geometry.projection import pixel_centres
-from stages.geometry.rectification import RectifiedPair, rectify
-from stages.geometry.subject import look_at_point
-from storage.rig import Rig
+from posegaussian.stages.geometry.pairs import angle_at
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.hull import foreground
+from posegaussian.storage.model.cameras import Rig
 
 MISSING = 16.0
 """Px counted for a pixel without depth."""

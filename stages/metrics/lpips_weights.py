@@ -13,8 +13,8 @@ from typing import Any
 
 import torch
 
-from stages.metrics.lpips import STACKS, Network, Stack
-from storage.errors import SourceError
+from posegaussian.stages.metrics.lpips import STACKS, Network, Stack
+from posegaussian.storage.model.errors import SourceError
 
 
 @lru_cache(maxsize=4)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.metrics.ssim import SIGMA, WINDOW
+from posegaussian.stages.metrics.ssim import SIGMA, WINDOW
 
 WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 """Exponents of the scales, finest first."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from stages.contract import Params, setting
+from posegaussian.stages.contract.declaration import Params, setting
 
 Measure = Literal["psnr", "ssim", "delta_ssim", "ms_ssim", "flip", "lpips_alex", "lpips_vgg"]
 WeightFile = Literal["alex", "alex_linear", "vgg", "vgg_linear"]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from stages.io import Block, Inputs
-from stages.metrics.further import UNAVAILABLE, Regions, Unavailable, definitions, further
-from stages.metrics.params import MetricsParams
-from stages.metrics.psnr import psnr
-from stages.metrics.ssim import ssim_map
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.metrics.optional_metrics import UNAVAILABLE, Regions, Unavailable, definitions, further
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.ssim import ssim_map
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
 SSIM = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"

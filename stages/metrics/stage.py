@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.metrics.flip import missing
-from stages.metrics.further import without_weights
-from stages.metrics.params import MetricsParams
-from storage.spec import Shape, TableSpec
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.metrics.flip import missing
+from posegaussian.stages.metrics.optional_metrics import without_weights
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.storage.model.spec import Shape, TableSpec
 
 BYTES = {"psnr": 100, "ssim": 288, "delta_ssim": 288, "ms_ssim": 340, "flip": 210, "lpips_alex": 200, "lpips_vgg": 1800}
 """Bytes of working memory a pixel, by measure, as `benchmarks/metrics_time.py` finds them; one is taken after the other."""
@@ -47,8 +47,8 @@ STAGE = Stage(
     name="metrics",
     summary="Measure rendered held-out views against their pictures.",
     version=1,
-    run="stages.metrics.run:run",
-    check="stages.metrics.run:check",
+    run="posegaussian.stages.metrics.run:run",
+    check="posegaussian.stages.metrics.run:check",
     reads=(
         Read("rendering/{path}/color", halo=halo),
         Read("frames/color", views="held_out", halo=halo),

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from storage.documents import parse_json, regular, shortened
-from storage.errors import UserError
+from posegaussian.storage.model.documents import parse_json, regular, shortened
+from posegaussian.storage.model.errors import UserError
 
 
 class WeightsError(UserError):
@@ -24,7 +24,7 @@ class Card:
     preset: str
     """Of the network: paper, base, fast."""
     network: str
-    """Its whole shape, JSON of `stages.network.presets.Preset`: what a network of these weights is built from."""
+    """Its whole shape, JSON of `posegaussian.stages.network.model.presets.Preset`: what a network of these weights is built from."""
     iterations: int
     """Most steps of refinement it was trained with."""
     data: str

@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 import torch
 
-from stages.geometry.pairs import choose_pairs, pair_report
-from stages.geometry.projection import pixel_centres
-from stages.geometry.rectification import RectifiedPair, Window, rectify
-from stages.geometry.subject import look_at_point
-from stages.network.further import candidates, third_of
-from stages.network.network import PoseGaussianNetwork, Prediction, Timer
-from stages.network.views import SourceView, Views, rectified_pair, windows
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.geometry.pairs import choose_pairs, pair_report
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
+from posegaussian.stages.network.model.pairs import SourceView, Views, rectified_pair, windows
+from posegaussian.stages.network.third_view import candidates, third_of
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 TRAINED_SIDE = 640
 """Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-from stages.contract import Facts, Params, Read, setting
+from posegaussian.stages.contract.declaration import Facts, Params, Read, setting
 
 NETWORK = "network"
 """The stage's name, and the fact that it is needed."""

@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 
-from stages.io import Block, Inputs
-from stages.network.inference import NUMBERS, Looks, look, refined
-from stages.network.params import NetworkParams
-from stages.network.silhouettes import held, silhouettes_of
-from stages.network.views import SourceView
-from stages.timing import TimedInputs
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.contract.timing import TimedInputs
+from posegaussian.stages.network.inference import NUMBERS, Looks, look, refined
+from posegaussian.stages.network.model.pairs import SourceView
+from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.silhouettes import held, silhouettes_of
 
 SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""

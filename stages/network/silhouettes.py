@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from stages.geometry.hull import Silhouettes, beside, into_views, searched_radius
-from stages.geometry.projection import rays
-from stages.geometry.subject import look_at_point
-from stages.network.inference import FURTHEST, Learned
-from storage.rig import Rig, points_from_integer_centres
+from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.network.inference import FURTHEST, Learned
+from posegaussian.stages.silhouettes.hull import Silhouettes, beside, into_views, searched_radius
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 TOLERANCE = 1.5
 """Px that a point may lie outside a silhouette, as masks and calibrations are off."""

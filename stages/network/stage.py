@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.facts import SINGLE_SOURCE
-from stages.network.params import NETWORK, NetworkParams
-from stages.pose.effects import POSE_HEATMAPS
-from stages.smoothing.effects import TEMPORAL_SMOOTHING
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.network.params import NETWORK, NetworkParams
+from posegaussian.stages.pose.effects import POSE_HEATMAPS
+from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: NetworkParams) -> Resources:
@@ -27,8 +27,8 @@ STAGE = Stage(
     name=NETWORK,
     summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
     version=1,
-    run="stages.network.run:run",
-    check="stages.network.run:check",
+    run="posegaussian.stages.network.run:run",
+    check="posegaussian.stages.network.run:check",
     reads=(
         Read("frames/color"),
         Read("frames/mask"),
@@ -42,7 +42,7 @@ STAGE = Stage(
         ArraySpec("network/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis, the network's blended over the analytic one; 0 where there is no surface."),
         ArraySpec("network/confidence", ("frame", "view", "y", "x"), "float16", "1", "Share of the learned value in the blend; 0 = the analytic one alone.", keep="until_done"),
         ArraySpec("network/share", ("frame", "view", "one"), "float32", "1", "Mean of that share over the view's surface; 0 without one."),
-        ArraySpec("network/numbers", ("frame", "view", "heads", "y", "x"), "float16", "1", "What the heads of scale (3), rotation (3) and opacity (2) say; `stages.network.heads` gives it its meaning.", keep="until_done"),
+        ArraySpec("network/numbers", ("frame", "view", "heads", "y", "x"), "float16", "1", "What the heads of scale (3), rotation (3) and opacity (2) say; `posegaussian.stages.network.model.heads` gives it its meaning.", keep="until_done"),
     ),
     over=("sequence", "time"),
     params=NetworkParams,

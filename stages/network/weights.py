@@ -13,7 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import nn
 
-from stages.network.card import Card, WeightsError, must_exist
+from posegaussian.stages.network.card import Card, WeightsError, must_exist
 
 LARGEST = 65504.0
 """Of float16."""

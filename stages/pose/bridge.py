@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.pose.points import NEAR, rays
-from storage.joints import joint_set
-from storage.rig import Rig
+from posegaussian.stages.geometry.points import NEAR, rays
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import joint_set
 
 FEWEST = 5
 """Frames a bone must be known in before its length is judged."""

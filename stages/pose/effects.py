@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stages.contract import Decision, Effect, Evidence
+from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 
 
 def _heatmaps(evidence: Evidence, bound: float) -> Decision:

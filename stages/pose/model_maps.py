@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.detection.regions import to_own
-from stages.frames.layout import captured_positions, switched
-from stages.io import Inputs
-from stages.pose.heatmaps import CELL, FLOOR
-from stages.pose.over_time import Followed
-from stages.pose.swaps import Sides
-from storage.rig import points_to_integer_centres
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
+from posegaussian.stages.imaging.regions import to_own
+from posegaussian.stages.pose.heatmaps import CELL, FLOOR
+from posegaussian.stages.pose.left_right_swaps import Sides
+from posegaussian.stages.pose.tracking import Followed
+from posegaussian.storage.model.cameras import points_to_integer_centres
 
 FAINTEST = 0.05
 """Largest value of a heatmap below which it shows no joint, and a Gaussian is drawn in its place."""

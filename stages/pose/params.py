@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from stages.contract import Facts, Params, setting
+from posegaussian.stages.contract.declaration import Facts, Params, setting
 
 
 class PoseParams(Params):

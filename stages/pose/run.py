@@ -6,18 +6,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.contract import Facts
-from stages.facts import SEGMENTED, SINGLE_SOURCE
-from stages.io import Block, Inputs
-from stages.pose.found import found_subject
-from stages.pose.heatmaps import draw, grid_of
-from stages.pose.model_maps import put_model_maps
-from stages.pose.over_time import Followed, follow, swaps_told
-from stages.pose.params import PoseParams, uses_model_maps
-from stages.pose.points import NEAR, focus, project
-from stages.pose.seen import joint_set_of
-from storage.joints import to_set
-from storage.rig import Rig
+from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import SEGMENTED, SINGLE_SOURCE
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.geometry.points import NEAR, focus, project
+from posegaussian.stages.pose.heatmaps import draw, grid_of
+from posegaussian.stages.pose.model_maps import put_model_maps
+from posegaussian.stages.pose.params import PoseParams, uses_model_maps
+from posegaussian.stages.pose.subject_detections import joint_set_of
+from posegaussian.stages.pose.subject_match import found_subject
+from posegaussian.stages.pose.tracking import Followed, follow, swaps_told
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import to_set
 
 NEAREST_SUBJECT = 0.5
 """Metres; the least depth assumed where no joint's depth is known."""

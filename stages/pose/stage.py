@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.facts import SEGMENTED
-from stages.frames.pixel_effects import CROP_SCALE, UNDISTORTION
-from stages.pose.effects import POSE_HEATMAPS
-from stages.pose.params import PoseParams, halo, uses_model_maps
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
+from posegaussian.stages.pose.effects import POSE_HEATMAPS
+from posegaussian.stages.pose.params import PoseParams, halo, uses_model_maps
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: PoseParams) -> Resources:
@@ -24,8 +24,8 @@ STAGE = Stage(
     name="pose",
     summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
     version=3,
-    run="stages.pose.run:run",
-    check="stages.pose.run:check",
+    run="posegaussian.stages.pose.run:run",
+    check="posegaussian.stages.pose.run:check",
     reads=(
         Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f, halo=halo),
         Read("detection/joints2d", when=lambda p, f: bool(f & {"detected", SEGMENTED}), halo=halo),

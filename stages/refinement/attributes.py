@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from stages.rendering.lift import Maps, Pixels
-from stages.rendering.scene import Gaussians
+from posegaussian.stages.rendering.lift import Maps, Pixels
+from posegaussian.stages.splatting.definition.scene import Gaussians
 
 CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1}
 """Attributes and their channels: sRGB, log of metres, components of the normal, logit, pixel footprints z/f."""

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from stages.refinement.attributes import Learnt, Offsets, ViewGaussians
-from stages.refinement.schedule import Schedule
-from stages.rendering.lift import Lifted
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Gaussians, Rendering
+from posegaussian.stages.refinement.attributes import Learnt, Offsets, ViewGaussians
+from posegaussian.stages.refinement.schedule import Schedule
+from posegaussian.stages.rendering.lift import Lifted
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 RATES = {"color": 0.0025, "scale": 0.02, "rotation": 0.01, "opacity": 0.1, "depth": 0.4}
 """Of Adam, in the units of the offsets. About half of them gained a fifth less in 50 steps (seeds 2 and 3); twice those of normal, scale and colour overfit by 100."""

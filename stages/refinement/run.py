@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from stages.io import Block, Inputs
-from stages.refinement.attributes import Learnt, ViewGaussians
-from stages.refinement.optimise import Filmed, Outcome, optimise, unrefined
-from stages.refinement.params import RefinementParams
-from stages.refinement.schedule import FEWEST, schedule
-from stages.refinement.thinning import thinned
-from stages.rendering.lift import Maps, lift
-from stages.rendering.scene import Camera
-from stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.refinement.attributes import Learnt, ViewGaussians
+from posegaussian.stages.refinement.optimise import Filmed, Outcome, optimise, unrefined
+from posegaussian.stages.refinement.params import RefinementParams
+from posegaussian.stages.refinement.schedule import FEWEST, schedule
+from posegaussian.stages.refinement.thinning import thinned
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.stages.splatting.definition.scene import Camera
 
 
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:

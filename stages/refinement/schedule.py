@@ -7,9 +7,9 @@ from math import gcd
 
 import numpy as np
 
-from stages.geometry.subject import look_at_point
-from stages.rendering.sources import angles_at, choose
-from storage.rig import Rig
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.rendering.sources import angles_at, choose
+from posegaussian.storage.model.cameras import Rig
 
 FEWEST = 3
 """Usable source views: one judges, and two teach."""

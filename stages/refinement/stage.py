@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.facts import SINGLE_SOURCE
-from stages.network.params import depth_reads
-from stages.refinement.params import RefinementParams, halo
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.network.params import depth_reads
+from posegaussian.stages.refinement.params import RefinementParams, halo
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
@@ -32,8 +32,8 @@ STAGE = Stage(
     name="refinement",
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
     version=1,
-    run="stages.refinement.run:run",
-    check="stages.refinement.run:check",
+    run="posegaussian.stages.refinement.run:run",
+    check="posegaussian.stages.refinement.run:check",
     reads=(
         *(Read(name, halo=halo) for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")),
         *depth_reads(halo),

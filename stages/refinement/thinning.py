@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.rendering.lift import Maps
+from posegaussian.stages.rendering.lift import Maps
 
 EVERY = 6
 """Pixels of which one keeps its Gaussian."""

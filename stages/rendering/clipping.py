@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numba import njit
 
-from stages.geometry.agreement import agreement
-from stages.geometry.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
-from stages.geometry.projection import rays
-from stages.geometry.subject import look_at_point
-from stages.rendering.scene import Camera
-from storage.rig import Rig, points_from_integer_centres
+from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 HOLE = 3 / 512
 """Half the root of the area of the largest hole that is filled, over the longer side of the picture: 36 px at 512. Larger ones are as
@@ -24,7 +24,7 @@ def cover(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray) -> np.nd
     """[h, w] float32 share 0..1 of each `wanted` [h, w] bool pixel that the hull of the silhouettes covers; 1 where not wanted.
 
     The largest share, along the pixel's ray, of what every mask that sees the point leaves of it: the masks' soft edges carry
-    over. A point that fewer than two see is none of the hull's, as in `stages.geometry.hull`. 1 everywhere without silhouettes.
+    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. 1 everywhere without silhouettes.
     """
     out = np.ones(wanted.shape, np.float32)
     rows, columns = np.nonzero(wanted)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.contract import Decision, Effect, Evidence
-from stages.facts import SEGMENTED
-from stages.geometry.subject import look_at_point
-from stages.survey.disagreement import FEWEST, disagreement
-from stages.survey.exposure import match
-from stages.survey.params import COLORS, NOISE, SURFACE
+from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.survey.disagreement import FEWEST, disagreement
+from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
 
 TRUSTED = 0.98
 """Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1 px too small:

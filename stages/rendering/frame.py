@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stages.geometry.subject import look_at_point
-from stages.io import Inputs
-from stages.rendering.clipping import retouched, silhouettes_of
-from stages.rendering.lift import Lifted, Maps, lift
-from stages.rendering.mip import mip_filter
-from stages.rendering.params import RenderingParams
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
-from stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
-from stages.rendering.view_color import Photo, color_towards
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.lift import Lifted, Maps, lift
+from posegaussian.stages.rendering.mip import mip_filter
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
+from posegaussian.stages.rendering.view_color import Photo, color_towards
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 

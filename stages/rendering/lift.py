@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 import torch
 
-from stages.gaussians.frame import tangents
-from stages.rendering.scene import Camera, Gaussians
-from storage.rig import points_from_integer_centres
+from posegaussian.stages.geometry.tangent_frame import tangents
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
+from posegaussian.storage.model.cameras import points_from_integer_centres
 
 Values: TypeAlias = np.ndarray | torch.Tensor
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.rendering.scene import Camera, Cutoffs
-from storage.rig import Rig
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
+from posegaussian.storage.model.cameras import Rig
 
 
 def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> Cutoffs:

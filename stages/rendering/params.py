@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from stages.contract import Params, setting
+from posegaussian.stages.contract.declaration import Params, setting
 
 
 class RenderingParams(Params):

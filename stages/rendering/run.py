@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from stages.io import Block, Inputs
-from stages.rendering.frame import FrameRenderer, MapReader
-from stages.rendering.params import RenderingParams
-from stages.rendering.scene import Camera
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.rendering.frame import FrameRenderer, MapReader
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.splatting.definition.scene import Camera
 
 
 def quantise(values: torch.Tensor) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.contract import Facts
-from stages.io import Inputs
-from stages.network.params import depth_array
+from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.network.params import depth_array
 
 OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 """Beside picture and depth, what the Gaussians of a view are lifted from."""
@@ -17,7 +17,7 @@ OUTCOME = "refinement/outcome"
 
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
-    """What the Gaussians of a view are lifted from before refinement, in the order `stages.rendering.lift.Maps` takes it."""
+    """What the Gaussians of a view are lifted from before refinement, in the order `posegaussian.stages.rendering.lift.Maps` takes it."""
     return ("frames/color", depth_array(facts), *OF_GAUSSIANS)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from stages.contract import Read, Resources, Stage
-from stages.network.params import depth_reads
-from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
-from stages.rendering.params import RenderingParams
-from stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.network.params import depth_reads
+from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
@@ -25,8 +25,8 @@ STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
     version=1,
-    run="stages.rendering.run:run",
-    check="stages.rendering.run:check",
+    run="posegaussian.stages.rendering.run:run",
+    check="posegaussian.stages.rendering.run:check",
     reads=(
         *(Read(name, when=lambda p, f: "refinement" not in f) for name in ("frames/color", *OF_GAUSSIANS)),
         *depth_reads(unless="refinement"),

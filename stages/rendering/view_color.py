@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from stages.geometry.consistency import SAME_SURFACE
-from stages.rendering.lift import Lifted, Maps
-from stages.rendering.scene import Camera, Cutoffs
-from storage.rig import points_to_integer_centres
+from posegaussian.stages.geometry.consistency import SAME_SURFACE
+from posegaussian.stages.rendering.lift import Lifted, Maps
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
+from posegaussian.storage.model.cameras import points_to_integer_centres
 
 OWN = 1e-3
 """Least weight of a Gaussian's own view: what nobody else sees keeps its colour."""

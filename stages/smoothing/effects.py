@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.contract import Decision, Effect, Evidence
+from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 
 LEAST = 0.1
 """px a frame, jitter or motion: below it a scene is still."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.pose.heatmaps import FLOOR
+from posegaussian.stages.pose.heatmaps import FLOOR
 
 
 def taps(omega: float, past: int) -> np.ndarray:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.io import Block, Inputs
-from stages.pose.heatmaps import CELL
-from stages.smoothing.filters import blend, stillness
-from stages.smoothing.params import SmoothingParams
-from storage.joints import to_set
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.pose.heatmaps import CELL
+from posegaussian.stages.smoothing.filters import blend, stillness
+from posegaussian.stages.smoothing.params import SmoothingParams
+from posegaussian.storage.model.joint_sets import to_set
 
 
 def run(inputs: Inputs, params: SmoothingParams) -> Iterator[Block]:

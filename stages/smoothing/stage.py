@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.pose.effects import POSE_HEATMAPS
-from stages.smoothing.effects import TEMPORAL_SMOOTHING
-from stages.smoothing.params import SmoothingParams, halo
-from storage.spec import ArraySpec, Shape
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.pose.effects import POSE_HEATMAPS
+from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
+from posegaussian.stages.smoothing.params import SmoothingParams, halo
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: SmoothingParams) -> Resources:
@@ -28,8 +28,8 @@ STAGE = Stage(
     name="smoothing",
     summary="Stabilise pose heatmaps over time.",
     version=1,
-    run="stages.smoothing.run:run",
-    check="stages.smoothing.run:check",
+    run="posegaussian.stages.smoothing.run:run",
+    check="posegaussian.stages.smoothing.run:check",
     reads=(Read("pose/heatmaps", views="all", halo=halo), Read("pose/joints2d", views="all", halo=halo)),
     writes=(ArraySpec("smoothing/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Heatmaps blended over time; the amplitude is the larger score.", keep="until_done"),),
     over=("sequence", "time"),

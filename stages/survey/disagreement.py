@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.frames.display import to_srgb
+from posegaussian.stages.imaging.color import to_srgb
 
 FEWEST = 20
 """Shared patches below which their median is chance."""

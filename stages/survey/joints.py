@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.detection.reader import joint_reader
-from stages.geometry.consistency import reprojection_residual
-from stages.geometry.projection import project
-from stages.io import Inputs
-from stages.pose.people import subject
-from stages.pose.points import to_frames
-from stages.pose.triangulate import triangulate
-from stages.survey.motion import RUN
-from stages.survey.sample import sample_numbers
-from storage.joints import joint_set, to_set
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.detection.reader import joint_reader
+from posegaussian.stages.geometry.consistency import reprojection_residual
+from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.pose.subject_choice import subject
+from posegaussian.stages.survey.motion import RUN
+from posegaussian.stages.survey.sample import sample_numbers
+from posegaussian.storage.model.joint_sets import joint_set, to_set
 
 SCORE = 0.3
 """Least score of a joint that is triangulated."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stages.geometry.consistency import REACH, silhouette_offset
+from posegaussian.stages.geometry.consistency import REACH, silhouette_offset
 
 BESIDE = round(REACH) + 8
 """px around the subject in which its outline is compared: as far as edges are looked for, and the blur of the outline's direction."""

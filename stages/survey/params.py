@@ -1,6 +1,6 @@
 """Settings of the survey stage."""
 
-from stages.contract import Params, setting
+from posegaussian.stages.contract.declaration import Params, setting
 
 PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE, LIGHT, SURFACE = "survey/plate", "survey/spread", "survey/colors", "survey/motion", "survey/silhouettes", "survey/outlines", "survey/joint_fit", "survey/noise", "survey/light", "survey/surface"
 """Outputs that are made only when asked for."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.frames.display import to_linear
-from stages.frames.layout import captured_positions
-from stages.geometry.projection import project
-from stages.geometry.subject import up_direction
-from storage.joints import joint_set
-from storage.rig import Rig, points_from_integer_centres
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.subject import up_direction
+from posegaussian.stages.imaging.camera_mapping import captured_positions
+from posegaussian.stages.imaging.color import to_linear
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
+from posegaussian.storage.model.joint_sets import joint_set
 
 RADII = {"Shoulder": 0.055, "Elbow": 0.045, "Wrist": 0.03, "Hip": 0.1, "Knee": 0.055, "Ankle": 0.04}
 """Metres from a joint to the surface of a grown person, roughly; a face is left out, it has no plain colour."""

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.io import Block, Inputs, JointReader
-from stages.survey.cover import people_cover
-from stages.survey.params import BACKGROUND, PLATE, SPREAD
+from posegaussian.stages.contract.io import Block, Inputs, JointReader
+from posegaussian.stages.survey.body_mask import people_cover
+from posegaussian.stages.survey.params import BACKGROUND, PLATE, SPREAD
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""

@@ -6,19 +6,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stages.detection.reader import EstimatedJoints, joint_reader
-from stages.io import Block, Inputs
-from stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
-from stages.survey.light import light_beyond_white
-from stages.survey.motion import jitter_and_motion, run_starts
-from stages.survey.noise import noise_level
-from stages.survey.outlines import outline_offsets, typical_offset
-from stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
-from stages.survey.patches import PATCHES, patch_colors, typical_colors
-from stages.survey.plate import UNKNOWN, PlateLook, padded
-from stages.survey.sample import FEWEST, Look, look, sample_numbers, worked_numbers
-from stages.survey.silhouettes import agreement_of_view
-from stages.survey.surface import SurfaceLook
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
+from posegaussian.stages.survey.joints import fit_of_view, joints_in_space, runs_of_joints
+from posegaussian.stages.survey.light import light_beyond_white
+from posegaussian.stages.survey.motion import jitter_and_motion, run_starts
+from posegaussian.stages.survey.noise import noise_level
+from posegaussian.stages.survey.outlines import outline_offsets, typical_offset
+from posegaussian.stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from posegaussian.stages.survey.patches import PATCHES, patch_colors, typical_colors
+from posegaussian.stages.survey.plate import UNKNOWN, PlateLook, padded
+from posegaussian.stages.survey.sample import FEWEST, Look, look, sample_numbers, worked_numbers
+from posegaussian.stages.survey.silhouettes import agreement_of_view
+from posegaussian.stages.survey.surface import SurfaceLook
 
 FEW = 5
 """Frames of the sample in which light, noise and outlines are measured."""

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from stages.frames.display import to_display
-from stages.io import Block, Inputs
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.imaging.color import to_display
 
 FEWEST = 5
 """Frames below which a median is a matter of chance."""

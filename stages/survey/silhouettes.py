@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.frames.warp import Warp
-from stages.geometry.hull import Silhouettes, foreground, searched_radius
-from stages.geometry.projection import rays
-from stages.geometry.subject import look_at_point
-from stages.io import Inputs
-from stages.survey.sample import sample_numbers
-from storage.rig import Rig, points_from_integer_centres
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.silhouettes.hull import Silhouettes, foreground, searched_radius
+from posegaussian.stages.survey.sample import sample_numbers
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 FRAMES = 5
 """Sampled frames that are compared."""

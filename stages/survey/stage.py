@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from stages.contract import Facts, Read, Resources, Stage
-from stages.survey.params import (
+from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.survey.params import (
     BACKGROUND,
     COLORS,
     JOINT_FIT,
@@ -19,7 +19,7 @@ from stages.survey.params import (
     SURFACE,
     SurveyParams,
 )
-from storage.spec import ArraySpec, Shape
+from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: SurveyParams) -> Resources:
@@ -48,8 +48,8 @@ STAGE = Stage(
     name="survey",
     summary="Take the measures and constants of a sequence from a recorded sample of frames.",
     version=3,
-    run="stages.survey.run:run",
-    check="stages.survey.run:check",
+    run="posegaussian.stages.survey.run:run",
+    check="posegaussian.stages.survey.run:check",
     reads=(
         Read.source("pictures", views="own"),
         Read.source("joints", views="all", when=_joints),

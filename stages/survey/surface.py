@@ -13,14 +13,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from stages.frames.display import to_display, to_linear
-from stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from stages.geometry.features import Features, features, matched
-from stages.io import Block, Inputs
-from stages.pose.points import to_frames
-from stages.survey.exposure import NONE
-from stages.survey.params import KEPT_PICTURES, SURFACE
-from storage.rig import points_to_integer_centres
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from posegaussian.stages.geometry.features import Features, features, matched
+from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.imaging.color import to_display, to_linear
+from posegaussian.stages.imaging.exposure import NONE
+from posegaussian.stages.survey.params import KEPT_PICTURES, SURFACE
+from posegaussian.storage.model.cameras import points_to_integer_centres
 
 FRAMES = 2
 """Sampled frames that are matched."""

@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED
-from stages.contract import Params, setting
-from stages.network.presets import PRESETS, Downsampling, FusionKind, Normalisation, OpacityHead, PosePlace, Preset, RotationHead
+from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.network.model.presets import PRESETS, Downsampling, FusionKind, Normalisation, OpacityHead, PosePlace, Preset, RotationHead
+from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED
 
 Method = Literal["sweep", "sgbm"]
 Phase = Literal["depth", "joint"]
@@ -19,7 +19,7 @@ HARMLESS = frozenset({"depth_steps", "joint_steps", "validate_every", "checkpoin
 
 
 class Scenes(Params):
-    """A range of seeds; who and what a seed may show is said in `stages/capture/casting.py`."""
+    """A range of seeds; who and what a seed may show is said in `stages/simulator/subjects/splits.py`."""
 
     first: int = setting(0, "The first seed.", ge=0)
     count: int = setting(480, "Scenes, one a seed.", unit="scenes", ge=1, le=8000)

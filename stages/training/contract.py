@@ -1,6 +1,6 @@
 """What a training run asks of the craft: frames by number, and a trainer that takes one step at a time.
 
-`stages/training/frames.py`, `examples.py` and `trainer.py` keep it; `dags/training.py` relies on nothing else. Beside these it asks
+`stages/training/frames.py`, `examples.py` and `trainer.py` keep it; `dags/training/loop.py` relies on nothing else. Beside these it asks
 for `frames_of_step(config, step) -> range`: the training frames that must be at hand for a step, counted from 0; neither end of
 the range ever falls as steps go on.
 """
@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from stages.training.config import TrainingConfig
+from posegaussian.stages.training.config import TrainingConfig
 
 Frame = dict[str, np.ndarray]
 """Everything that a step may cut out of one moment of one scene, by name; goes into an .npz file as it is."""

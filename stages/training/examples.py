@@ -10,18 +10,18 @@ import cv2
 import numpy as np
 import torch
 
-from stages.geometry.pairs import classify
-from stages.geometry.projection import pixel_centres, project
-from stages.geometry.rectification import RectifiedPair, Window, rectify
-from stages.geometry.subject import look_at_point, up_direction
-from stages.network.encoders import HEATMAP_CELL
-from stages.network.further import candidates, finer, intrinsics_of, third_view, window_around
-from stages.network.views import SourceView, Third, Views, places, rectified_pair, start_on, windows
-from stages.pose.heatmaps import draw
-from stages.rendering.scene import Camera
-from stages.training.config import TrainingConfig
-from stages.training.spoiling import shifted, spoilt, spoilt_third
-from storage.rig import Rig
+from posegaussian.stages.geometry.pairs import classify
+from posegaussian.stages.geometry.projection import pixel_centres, project
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.stages.network.model.encoders import HEATMAP_CELL
+from posegaussian.stages.network.model.pairs import SourceView, Third, Views, places, rectified_pair, start_on, windows
+from posegaussian.stages.network.third_view import candidates, finer, intrinsics_of, third_view, window_around
+from posegaussian.stages.pose.heatmaps import draw
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.stages.training.augmentation import shifted, spoilt, spoilt_third
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.storage.model.cameras import Rig
 
 HARD = 0.4
 """Share of the crops that lie around a pixel whose start is more than a px off."""

@@ -15,17 +15,17 @@ import inspect
 
 import numpy as np
 
-from stages.capture.effects.base import generator
-from stages.capture.staging import stage
-from stages.capture.take import Shot
-from stages.depth import estimate, sweeping
-from stages.depth.limbs import limbs_of
-from stages.depth.params import DepthParams
-from stages.depth.scene import Frame, Geometry
-from stages.training import scenes
-from stages.training.config import TrainingConfig
-from stages.training.scenes import training_scene
-from storage.rig import Rig
+from posegaussian.stages.depth import stereo, sweeping
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.pose_prior import limbs_of
+from posegaussian.stages.depth.scene import Frame, Geometry
+from posegaussian.stages.simulator.effects.base import generator
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.stages.simulator.take import Shot
+from posegaussian.stages.training import scenes
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.scenes import training_scene
+from posegaussian.storage.model.cameras import Rig
 
 FORMAT = 1
 """Raised when the arrays of a frame change their meaning."""
@@ -74,7 +74,7 @@ def _start(rig: Rig, shots: list[Shot], method: str, limbs: bool) -> tuple[np.nd
     joints = shots[0].joints3d
     capsules = limbs_of(np.column_stack([joints, np.ones(len(joints))])) if limbs and joints is not None else np.zeros((0, 7))
     frame = Frame({v: s.color for v, s in enumerate(shots)}, {v: s.mask for v, s in enumerate(shots)}, capsules)
-    kernel = {"sgbm": estimate.estimate, "sweep": sweeping.sweep_hull}[method]
+    kernel = {"sgbm": stereo.estimate, "sweep": sweeping.sweep_hull}[method]
     maps = kernel(geometry, frame, params)
     return np.stack([maps[v][0] for v in views]), np.stack([maps[v][1] for v in views])
 

@@ -9,19 +9,19 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.prior import rays
-from stages.gaussians.run import prior
-from stages.network.heads import Maps, Prior, blend, learned, limited, normal_of
-from stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
-from stages.network.network import PoseGaussianNetwork, Prediction
-from stages.network.views import Views
-from stages.rendering.lift import Maps as LiftMaps
-from stages.rendering.lift import lift
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Drawing, Gaussians
-from stages.training.config import TrainingConfig
-from stages.training.examples import Example
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.prior import rays
+from posegaussian.stages.gaussians.run import prior
+from posegaussian.stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
+from posegaussian.stages.network.model.heads import Maps, Prior, blend, learned, limited, normal_of
+from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
+from posegaussian.stages.network.model.pairs import Views
+from posegaussian.stages.rendering.lift import Maps as LiftMaps
+from posegaussian.stages.rendering.lift import lift
+from posegaussian.stages.splatting.definition.scene import Drawing, Gaussians
+from posegaussian.stages.splatting.rasterizer import rasterize
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.examples import Example
 
 TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
 """Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned disparity, which a low

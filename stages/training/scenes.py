@@ -1,6 +1,6 @@
 """Scenes that the network is trained on: people, motions, cameras and faults, all from the number of the scene.
 
-Nobody who is kept for measuring plays here (`stages.capture.casting`): seeds below 8000 train, seeds from 8000 on validate, with a
+Nobody who is kept for measuring plays here (`posegaussian.stages.simulator.subjects.splits`): seeds below 8000 train, seeds from 8000 on validate, with a
 subject and a motion that training never shows.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, casting
-from stages.capture.effects.base import generator
-from stages.capture.scene import Scene
+from posegaussian.stages.simulator.effects.base import generator
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, casting
 
 FAULTS: tuple[tuple[float, Mapping[str, Any]], ...] = (
     (0.5, {"sensor_noise": {"electrons": 5000, "read": 5}, "camera_gain": {"exposure": 0.03, "white_balance": 0.01}}),

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from stages.network.losses import PoseFusion, masked_mean
-from stages.network.network import PoseGaussianNetwork
-from stages.network.weights import load_weights
-from stages.training.config import TrainingConfig
-from stages.training.contract import Frame
-from stages.training.examples import Example, drawn, unfitting, whole
-from stages.training.loss import Terms, depth_terms, pose_terms, render_terms, together
+from posegaussian.stages.network.losses import PoseFusion, masked_mean
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.weights import load_weights
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.contract import Frame
+from posegaussian.stages.training.examples import Example, drawn, unfitting, whole
+from posegaussian.stages.training.loss import Terms, depth_terms, pose_terms, render_terms, together
 
 SETTLED = 1000
 """Steps after which the learning rate falls with the root of the steps."""

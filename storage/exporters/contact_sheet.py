@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.joints import JOINT_SETS
-from storage.rig import points_to_integer_centres
+from posegaussian.storage.model.cameras import points_to_integer_centres
+from posegaussian.storage.model.joint_sets import JOINT_SETS
 
 SOURCE, NOVEL, COMPARED = 128, 512, 352
 """Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a line), of
@@ -136,7 +136,7 @@ def _cell(caption: str, picture: np.ndarray, height: int) -> np.ndarray:
 
 def write_sheet(path: Path, sheet: Sheet) -> None:
     """Write the sheet as PNG: strips fill lines of WIDTH px, every section starts on a new line."""
-    from storage.media import write_png
+    from posegaussian.storage.readers.images import write_png
 
     lines: list[list[np.ndarray]] = []
     for section in sheet.sections:

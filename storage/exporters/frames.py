@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.errors import UserError
-from storage.files import write_atomically
-from storage.media import write_png
-from storage.places import check_camera_names
+from posegaussian.storage.files.names import check_camera_names
+from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.readers.images import write_png
 
 
 def write_frames(

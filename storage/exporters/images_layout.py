@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from storage.files import write_atomically
-from storage.media import write_exr, write_png
-from storage.places import check_camera_names
-from storage.rig import Rig
+from posegaussian.storage.files.names import check_camera_names
+from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.readers.images import write_exr, write_png
 
 
 def write_capture(

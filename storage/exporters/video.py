@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from storage.errors import UserError
-from storage.files import ask_why, whole_file
+from posegaussian.storage.files.write import ask_why, whole_file
+from posegaussian.storage.model.errors import UserError
 
 _BT709 = 1
 _LIMITED = 1

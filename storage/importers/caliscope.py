@@ -16,14 +16,14 @@ from typing import Any
 
 from pydantic import Field
 
-from storage.capture import Capture, SourceFile, Stream
-from storage.errors import CalibrationError, SourceError
-from storage.importers.caliscope_joints import tracked_joints
-from storage.importers.caliscope_times import Instants, instants
-from storage.importers.cameras import build_rig, rig_notes
-from storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
-from storage.importers.toml_cameras import table_camera, toml_tables
-from storage.video import VideoFile
+from posegaussian.storage.importers.caliscope_joints import tracked_joints
+from posegaussian.storage.importers.caliscope_times import Instants, instants
+from posegaussian.storage.importers.cameras import build_rig, rig_notes
+from posegaussian.storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
+from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.readers.video import VideoFile
 
 CALIBRATION = "camera_array.toml"
 """Name of the calibration, wherever it lies."""

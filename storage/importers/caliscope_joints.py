@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.capture import SourceFile, Stream
-from storage.errors import SourceError
-from storage.importers.caliscope_times import Instants
-from storage.importers.common import gap_notes
-from storage.joint_files import TrackedFrame, read_tracked
-from storage.joints import joint_set
+from posegaussian.storage.formats.joint_files import TrackedFrame, read_tracked
+from posegaussian.storage.importers.caliscope_times import Instants
+from posegaussian.storage.importers.common import gap_notes
+from posegaussian.storage.model.capture import SourceFile, Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.joint_sets import joint_set
 
 _SAME_TIME = 1e-4
 """Seconds by which a frame's time may differ in the two tables; text of few digits rounds."""

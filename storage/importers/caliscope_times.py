@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from storage.documents import read_table, whole
-from storage.errors import SourceError
-from storage.plausible import check_time
-from storage.video import VideoFile
+from posegaussian.storage.model.documents import read_table, whole
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.plausible import check_time
+from posegaussian.storage.readers.video import VideoFile
 
 
 class Instants(NamedTuple):

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from storage.errors import CalibrationError
-from storage.places import check_camera_names
-from storage.plausible import check_rotation_vector, check_size
-from storage.rig import Rig, from_integer_centres, rigid
+from posegaussian.storage.files.names import check_camera_names
+from posegaussian.storage.model.cameras import Rig, from_integer_centres, rigid
+from posegaussian.storage.model.errors import CalibrationError
+from posegaussian.storage.model.plausible import check_rotation_vector, check_size
 
 DISTORTION = 8
 """Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""

@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from storage import media
-from storage.capture import SourceFile, Stream
-from storage.crop import Crop
-from storage.errors import SourceError
-from storage.joint_files import frame_number
-from storage.video import VIDEO_SUFFIXES, VideoFile
+from posegaussian.storage.formats.joint_files import frame_number
+from posegaussian.storage.model.capture import SourceFile, Stream
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers import images
+from posegaussian.storage.readers.video import VIDEO_SUFFIXES, VideoFile
 
 _RATE_TOLERANCE = 0.01
 _MASKS_LOOKED_AT = 5
@@ -122,9 +122,9 @@ def file_stream(kind: str, files: Mapping[int, Path], size: tuple[int, int] = (0
 def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
     """Pictures of one view, one file a frame. Raises SourceError when one has another size than the first."""
     first = next(iter(files.values()))
-    size = media.picture_size(first)
+    size = images.picture_size(first)
     for p in files.values():
-        if (other := media.picture_size(p)) != size:
+        if (other := images.picture_size(p)) != size:
             raise SourceError(f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px; one camera has one size")
     return file_stream("images", files, size)
 
@@ -179,7 +179,7 @@ def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequen
 
     Raises SourceError when only some cameras have masks, and for a mask of another size than its picture.
     """
-    files = [numbered(f, media.PICTURE_SUFFIXES) for f in folders]
+    files = [numbered(f, images.PICTURE_SUFFIXES) for f in folders]
     if not any(files):
         return (), []
     lacking = [n for n, f in zip(names, files, strict=True) if not f]
@@ -189,7 +189,7 @@ def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequen
     for name, found, stream in zip(names, files, pictures, strict=True):
         found = {n: p for n, p in found.items() if n in set(stream.numbers)}
         for n, p in found.items():
-            if (size := media.picture_size(p)) != tuple(stream.size):
+            if (size := images.picture_size(p)) != tuple(stream.size):
                 raise SourceError(
                     f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is {stream.size[0]}x{stream.size[1]} px; masks must have the picture's size"
                 )
@@ -204,4 +204,4 @@ def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequen
 def _zero_one(streams: Sequence[Stream]) -> bool:
     """Whether the largest value over a few masks of every view is 1."""
     steps = [max(1, len(s.files) // _MASKS_LOOKED_AT) for s in streams]
-    return max((int(media.read_mask(f.path).max()) for s, step in zip(streams, steps, strict=True) for f in s.files[::step]), default=0) == 1
+    return max((int(images.read_mask(f.path).max()) for s, step in zip(streams, steps, strict=True) for f in s.files[::step]), default=0) == 1

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from storage import media
-from storage.capture import Stream
-from storage.errors import SourceError
-from storage.importers.common import file_stream, gap_notes, numbered
+from posegaussian.storage.importers.common import file_stream, gap_notes, numbered
+from posegaussian.storage.model.capture import Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers import images
 
 SUFFIXES = (".exr", ".png", ".tif", ".tiff")
 """File endings of depth maps."""
@@ -46,9 +46,9 @@ def depth_map_streams(names: Sequence[str], folders: Sequence[Path], pictures: S
 
 def _size(name: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tuple[int, int]:
     """(width, height) px of all maps of a camera."""
-    size = media.picture_size(next(iter(files.values())))
+    size = images.picture_size(next(iter(files.values())))
     for n, p in files.items():
-        if (other := media.picture_size(p)) != size:
+        if (other := images.picture_size(p)) != size:
             raise SourceError(f"camera {name}, frame {n}: depth map {p} is {other[0]}x{other[1]} px, the first one is {size[0]}x{size[1]} px; one camera has one size")
     if abs(size[0] * picture[1] / picture[0] - size[1]) > 1:
         raise SourceError(
@@ -62,9 +62,9 @@ def _check_unit(name: str, files: Mapping[int, Path], scale: float | None) -> No
     """Raise SourceError for maps that cannot be metres."""
     paths = list(files.values())
     for p in paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]:
-        if scale is None and media.holds_integers(p):
+        if scale is None and images.holds_integers(p):
             raise SourceError(f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for millimetres --option depth_scale=0.001")
-        depth = media.read_depth_map(p, 1.0 if scale is None else scale)
+        depth = images.read_depth_map(p, 1.0 if scale is None else scale)
         known = depth[depth > 0]
         if known.size and not PLAUSIBLE[0] <= (middle := float(np.median(known))) <= PLAUSIBLE[1]:
             raise SourceError(

@@ -15,15 +15,25 @@ import numpy as np
 import yaml
 from pydantic import Field
 
-from storage import media
-from storage.capture import Capture, Stream
-from storage.documents import shortened
-from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
-from storage.importers.common import ImportOptions, folder, image_stream, mask_streams, numbered, picture_gaps, subfolders, video_streams, videos_in
-from storage.importers.joint_streams import picture_joints
-from storage.joint_files import read_easymocap
-from storage.yaml_documents import BoundedBase, parse
+from posegaussian.storage.formats.joint_files import read_easymocap
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
+from posegaussian.storage.importers.common import (
+    ImportOptions,
+    folder,
+    image_stream,
+    mask_streams,
+    numbered,
+    picture_gaps,
+    subfolders,
+    video_streams,
+    videos_in,
+)
+from posegaussian.storage.importers.joint_streams import picture_joints
+from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.documents import shortened
+from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.model.yaml_documents import BoundedBase, parse
+from posegaussian.storage.readers import images as media
 
 DEFAULT_RATE = 30.0
 """Frames per second of folders of images, which do not say theirs."""

@@ -19,15 +19,15 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from storage import media
-from storage.capture import Capture, Stream
-from storage.documents import read_json
-from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
-from storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
-from storage.importers.depth_streams import depth_map_streams
-from storage.importers.joint_streams import coco_joints, picture_joints
-from storage.joint_files import read_openpose
+from posegaussian.storage.formats.joint_files import read_openpose
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
+from posegaussian.storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
+from posegaussian.storage.importers.depth_streams import depth_map_streams
+from posegaussian.storage.importers.joint_streams import coco_joints, picture_joints
+from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.documents import read_json
+from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.readers import images
 
 
 class ImagesOptions(ImportOptions):
@@ -63,7 +63,7 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
     base = folder(source)
     cameras = _cameras(base / "cameras.json")
-    found = {f.name: n for f in subfolders(base / "images") if (n := numbered(f, media.PICTURE_SUFFIXES))}
+    found = {f.name: n for f in subfolders(base / "images") if (n := numbered(f, images.PICTURE_SUFFIXES))}
     if not found:
         raise SourceError(f"no pictures in {base / 'images'}: expected images/NAME/<number>.png, .jpg or .exr")
     entries = {c.name: c for c in cameras.cameras}
@@ -133,7 +133,7 @@ def _depth(base: Path, names: Sequence[str], pictures: Sequence[Stream]) -> tupl
     for name, stream in zip(names, pictures, strict=True):
         files = {n: p for n, p in numbered(base / "depth" / name, (".exr",)).items() if n in set(stream.numbers)}
         for n, p in files.items():
-            if (size := media.picture_size(p)) != tuple(stream.size):
+            if (size := images.picture_size(p)) != tuple(stream.size):
                 raise SourceError(f"camera {name}, frame {n}: depth {p} is {size[0]}x{size[1]} px, its picture is {stream.size[0]}x{stream.size[1]} px")
         streams.append(file_stream("images", files, stream.size) if files else None)
     if not any(streams):

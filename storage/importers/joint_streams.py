@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from storage.capture import SourceFile, Stream
-from storage.errors import SourceError
-from storage.importers.common import file_stream, gap_notes
-from storage.joint_files import Detections, read_coco, read_trc
-from storage.joints import JOINT_SETS, joint_set
-from storage.plausible import check_person
+from posegaussian.storage.formats.joint_files import Detections, read_coco, read_trc
+from posegaussian.storage.importers.common import file_stream, gap_notes
+from posegaussian.storage.model.capture import SourceFile, Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.joint_sets import JOINT_SETS, joint_set
+from posegaussian.storage.model.plausible import check_person
 
 _HINTS = {"body_25b": "25b", "h36m17": "h36m"}
 """What the name of a folder says where the joints are those of the rarer one of two sets that have as many."""

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from storage.capture import Capture
-from storage.crop import Crop, crop_settings
-from storage.errors import CalibrationError
-from storage.sources import open_source
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.crop import Crop, crop_settings
+from posegaussian.storage.model.errors import CalibrationError
+from posegaussian.storage.readers.sources import open_source
 
 LOOKED_AT = 7
 """Frames of a camera in which bars are looked for."""

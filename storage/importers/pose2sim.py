@@ -13,15 +13,15 @@ from typing import Any
 
 from pydantic import Field
 
-from storage.capture import Capture, Stream
-from storage.documents import read_json
-from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import build_rig, rig_notes
-from storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
-from storage.importers.joint_streams import picture_joints, trc_joints
-from storage.importers.qualisys import is_qualisys, qualisys_tables
-from storage.importers.toml_cameras import table_camera, toml_tables
-from storage.joint_files import read_openpose
+from posegaussian.storage.formats.joint_files import read_openpose
+from posegaussian.storage.importers.cameras import build_rig, rig_notes
+from posegaussian.storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
+from posegaussian.storage.importers.joint_streams import picture_joints, trc_joints
+from posegaussian.storage.importers.qualisys import is_qualisys, qualisys_tables
+from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
+from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.documents import read_json
+from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 
 class Pose2SimOptions(ImportOptions):

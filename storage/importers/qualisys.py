@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from storage.documents import read_xml
-from storage.errors import CalibrationError, SourceError
+from posegaussian.storage.model.documents import read_xml
+from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 SUBPIXELS = 64
 """Units of the file in a pixel."""

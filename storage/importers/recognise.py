@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from storage import media
-from storage.documents import read_json
-from storage.errors import SourceError, UserError
-from storage.importers.caliscope import CALIBRATION, calibration_files, recordings
-from storage.importers.common import folder, natural, subfolders, videos_in
-from storage.importers.qualisys import is_qualisys
-from storage.importers.toml_cameras import toml_tables
+from posegaussian.storage.importers.caliscope import CALIBRATION, calibration_files, recordings
+from posegaussian.storage.importers.common import folder, natural, subfolders, videos_in
+from posegaussian.storage.importers.qualisys import is_qualisys
+from posegaussian.storage.importers.toml_cameras import toml_tables
+from posegaussian.storage.model.documents import read_json
+from posegaussian.storage.model.errors import SourceError, UserError
+from posegaussian.storage.readers import images
 
 SHOWN = 6
 """Entries of a folder that a sentence names."""
@@ -37,7 +37,7 @@ def _has_cameras_json(base: Path) -> bool:
 
 
 def _has_images(base: Path) -> bool:
-    return any(p.suffix.lower() in media.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir())
+    return any(p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir())
 
 
 def _has_camera_tables(base: Path) -> bool:

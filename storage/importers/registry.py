@@ -9,12 +9,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from storage.capture import Capture
-from storage.errors import SourceError, UserError
-from storage.importers import caliscope, easymocap, images, pose2sim
-from storage.importers.common import ImportOptions
-from storage.importers.letterbox import fitted
-from storage.importers.recognise import explained, fitting, recognised
+from posegaussian.storage.importers import caliscope, easymocap, images, pose2sim
+from posegaussian.storage.importers.common import ImportOptions
+from posegaussian.storage.importers.letterbox import fitted
+from posegaussian.storage.importers.recognise import explained, fitting, recognised
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import SourceError, UserError
 
 
 @dataclass(frozen=True)

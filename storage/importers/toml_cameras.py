@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from storage.documents import read_toml
-from storage.errors import CalibrationError, SourceError
-from storage.importers.cameras import RawCamera, numbers
+from posegaussian.storage.importers.cameras import RawCamera, numbers
+from posegaussian.storage.model.documents import read_toml
+from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 
 def toml_tables(path: Path) -> dict[str, Mapping[str, Any]]:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from benchmarks import gpu_renderer
-from stages.rendering.quaternions import rotations
+from posegaussian.stages.splatting.quaternions import rotations
 
 
 def test_the_person_is_as_large_as_the_other_benchmarks() -> None:

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from benchmarks.real_agreement import SEEN, Shown, carried, drawn_from, drawn_row, outside, pair_rows, zncc
-from stages.network.silhouettes import silhouettes_of
-from storage.rig import Rig
+from posegaussian.stages.network.silhouettes import silhouettes_of
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import sphere_mask
 from tests.stages.network.made import UPRIGHT, plane_depth, source, two_cameras
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from storage.archive import Archive
-from storage.receipts import scan_receipts
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 ENOUGH = 9

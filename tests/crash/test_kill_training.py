@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from storage.checkpoints import steps_kept
+from posegaussian.storage.archive.checkpoints import steps_kept
 from tests.dags.test_training import assert_alike, run, start
 
 KILLS = 12

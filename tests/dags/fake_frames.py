@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from stages.training.config import TrainingConfig
-from stages.training.contract import Frame
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.contract import Frame
 
 
 def behaviour() -> dict[str, Any]:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from stages.training.config import TrainingConfig
-from stages.training.contract import Frame
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.contract import Frame
 from tests.dags.fake_frames import behaviour, frames_of_step
 
 

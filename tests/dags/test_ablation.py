@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from dags.ablation import AblationOrder, ablate, plan_lines
-from dags.ablation_cells import PLAIN, cell, in_order, with_steps
-from dags.ablation_groups import Row, groups, paper
-from dags.ablation_table import NOT_RUN, page, report, spread
-from dags.training_frames import FrameError
-from dags.training_state import packed, unpacked
-from stages.training.config import TrainingConfig
-from storage.checkpoints import read_latest, steps_kept
-from storage.errors import ConfigError
+from posegaussian.dags.ablation.cells import PLAIN, cell, in_order, with_steps
+from posegaussian.dags.ablation.driver import AblationOrder, ablate, plan_lines
+from posegaussian.dags.ablation.groups import Row, groups, paper
+from posegaussian.dags.ablation.tables import NOT_RUN, page, report, spread
+from posegaussian.dags.training.frame_producers import FrameError
+from posegaussian.dags.training.state import packed, unpacked
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
+from posegaussian.storage.model.errors import ConfigError
 from tests.dags.test_training import PARTS
 
 CONFIG = TrainingConfig(depth_steps=4, joint_steps=2, validate_every=100, checkpoint_every=3, window=2, steps_per_frame=4, iterations=3)
@@ -229,7 +229,7 @@ def test_unknown_groups_and_seeds_are_refused_and_a_plan_loads_no_torch(tmp_path
     with pytest.raises(ConfigError, match="--only colour: no such group; these are fusion, pose"):
         plan_lines(order)
     code = (
-        "import sys; from typer.testing import CliRunner; from dags.cli import app; "
+        "import sys; from typer.testing import CliRunner; from posegaussian.dags.cli.app import app; "
         "out = CliRunner().invoke(app, ['ablate', '--plan', '--only', 'fusion,tps', '--seeds', '4', '--steps', '60']); "
         "CliRunner().invoke(app, ['ablate', '--help']); "
         "print(out.output); assert out.exit_code == 0, out; assert 'torch' not in sys.modules"

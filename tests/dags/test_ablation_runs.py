@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dags.ablation import AblationOrder, ablate, plan_lines
-from dags.ablation_cells import take
-from dags.ablation_groups import FOOTAGE, Footage, groups
-from dags.ablation_measures import _pictures
-from dags.ablation_runs import RunCell, Weights, run, runs_in_order, weights_of
-from dags.ablation_table import page, report
-from dags.network_weights import SHIPPED
-from stages.training.config import TrainingConfig
-from storage.errors import ConfigError, UserError
+from posegaussian.dags.ablation.cells import take
+from posegaussian.dags.ablation.driver import AblationOrder, ablate, plan_lines
+from posegaussian.dags.ablation.groups import FOOTAGE, Footage, groups
+from posegaussian.dags.ablation.measures import _pictures
+from posegaussian.dags.ablation.pipeline_runs import RunCell, Weights, run, runs_in_order, weights_of
+from posegaussian.dags.ablation.tables import page, report
+from posegaussian.dags.assets.network_weights import SHIPPED
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.storage.model.errors import ConfigError, UserError
 
 CONFIG = TrainingConfig(depth_steps=4, joint_steps=2, iterations=3)
 TINY = {"tps": Footage(3, 30.0, 48, 4, {"joint_noise": {"pixels": 1.0, "dropouts": 0.1, "outliers": 0.0}}), "cameras": Footage(1, 2.0, 48)}
@@ -182,7 +182,7 @@ def test_runs_go_seed_by_seed_and_the_reference_comes_first(tmp_path: Path) -> N
 
 
 def test_a_second_ablation_of_the_same_sequence_is_refused(tmp_path: Path) -> None:
-    from dags.training_folder import locked
+    from posegaussian.dags.training.run_folder import locked
 
     first = runs_in_order([group("tps")], (0,), tmp_path)[0]
     with locked(first.sequence.with_suffix(".lock"), "taken"), pytest.raises(UserError, match="another ablation is at work"):

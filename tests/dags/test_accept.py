@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from dags import fingerprint
-from dags.accept import accept
-from dags.explain import why
-from dags.plan import State
-from storage.errors import UserError
-from storage.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
+from posegaussian.dags.maintenance.accept import accept
+from posegaussian.dags.planning import fingerprint
+from posegaussian.dags.planning.explain import why
+from posegaussian.dags.planning.plan import State
+from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
+from posegaussian.storage.model.errors import UserError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
 
 
@@ -121,7 +121,7 @@ def test_what_was_never_made_stays_to_be_made(edited: Pipeline) -> None:
 
 def test_dropped_inputs_do_not_stand_in_the_way(archive: Pipeline) -> None:
     """Their contents are known by their digests; making them again would be what acceptance is to save."""
-    from dags.eviction import Keeper
+    from posegaussian.dags.runtime.eviction import Keeper
 
     kept = archive.with_settings("run.keep=as_declared")
     Keeper([kept.plan()]).sweep()

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.backdrop import Backdrop, filling, over, parse, turned
-from dags.export_order import ExportOrder
-from dags.selection import Selection
-from stages.capture.person import capture_person
-from storage.errors import ConfigError
-from storage.exporters.images_layout import write_capture
-from storage.media import read_picture, write_png
+from posegaussian.dags.export.background import Backdrop, filling, over, parse, turned
+from posegaussian.dags.export.request import ExportOrder
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.readers.images import read_picture, write_png
 from tests.pipeline import NAME, Pipeline
 
 SIZE = 48

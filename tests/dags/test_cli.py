@@ -20,7 +20,7 @@ from tests.pipeline import NAME, Pipeline, film
 def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
     """The command as a process, in a folder of its own."""
     root = str(Path(__file__).resolve().parents[2])
-    return subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from dags.cli import main; main()", *arguments], capture_output=True, text=True, check=False, cwd=cwd)
+    return subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()", *arguments], capture_output=True, text=True, check=False, cwd=cwd)
 
 
 def assert_says(done: subprocess.CompletedProcess, *parts: str) -> None:
@@ -70,11 +70,11 @@ def test_a_mask_of_another_size(capture: Path, tmp_path: Path) -> None:
 
     import numpy as np
 
-    from storage import media
+    from posegaussian.storage.readers import images
 
     broken = tmp_path / "broken"
     shutil.copytree(capture, broken)
-    media.write_png(next((broken / "masks/cam01").iterdir()), np.zeros((20, 30), np.uint8))
+    images.write_png(next((broken / "masks/cam01").iterdir()), np.zeros((20, 30), np.uint8))
     assert_says(posegaussian("import", "images", str(broken), cwd=tmp_path), "30", "20", "48")
 
 
@@ -174,7 +174,7 @@ def test_ctrl_c_ends_the_run_with_one_sentence_and_keeps_what_is_done(person_fol
     pipeline = Pipeline(tmp_path / "archive", person_folder)
     pipeline.register()
     root = str(Path(__file__).resolve().parents[2])
-    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from dags.cli import main; main()", "run", "--archive", str(pipeline.root)]
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()", "run", "--archive", str(pipeline.root)]
     settings = ["--set", "views.held_out=[mid00]", "--set", "partition.frames=2", "--scheduler", "local", "--set", "run.workers=1"]
     process = subprocess.Popen([*command, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True)
     deadline = time.monotonic() + 120

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from distributed import Client, WorkerPlugin
 
-from dags import pools
-from dags.cluster import DaskBackend, start_local
-from dags.config import RunSettings
-from dags.events import Event, TaskDone, TaskFailed, TaskRetried
-from dags.flight import Rules
-from dags.pools import CPU, GPU, Pool, local_pools, refusals
-from dags.run import Run
-from dags.selection import Selection
-from dags.work_order import Terms
-from storage.errors import ConfigError
-from storage.receipts import scan_receipts
+from posegaussian.dags.config.settings import RunSettings
+from posegaussian.dags.planning import resources
+from posegaussian.dags.planning.resources import CPU, GPU, Pool, local_pools, refusals
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed, TaskRetried
+from posegaussian.dags.runtime.executors.dask import DaskBackend, start_local
+from posegaussian.dags.runtime.in_flight import Rules
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.model.errors import ConfigError
 from tests.dags.clusters import Cluster
 from tests.pipeline import Pipeline, assert_same_content, content
 
@@ -94,10 +94,10 @@ class Sabotage(WorkerPlugin):
     """In every worker, also in those started later: partition 1 of gaussians takes ever more memory, partition 2 hangs in one C call."""
 
     def setup(self, worker: object) -> None:
-        import dags.watchdog
-        import stages.gaussians.run as gaussians
+        import posegaussian.dags.runtime.timeout
+        import posegaussian.stages.gaussians.run as gaussians
 
-        dags.watchdog.GRACE = 0.2
+        posegaussian.dags.runtime.timeout.GRACE = 0.2
         real = gaussians.run
 
         def run(inputs: object, params: object) -> object:
@@ -149,10 +149,10 @@ def test_a_scheduler_and_workers_of_others_are_used_by_address(archive: Pipeline
 
 def needing(monkeypatch: pytest.MonkeyPatch, **more: int) -> None:
     """Have the rendering stage ask for more."""
-    from stages.registry import STAGES
+    from posegaussian.stages.registry import STAGES
 
     asked = [replace(s, needs=lambda shape, params, s=s: replace(s.needs(shape, params), **more)) if s.name == "rendering" else s for s in STAGES]
-    monkeypatch.setattr(pools, "STAGES", tuple(asked))
+    monkeypatch.setattr(resources, "STAGES", tuple(asked))
 
 
 def test_what_no_worker_can_serve_is_refused_with_what_to_change(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,7 +174,7 @@ def test_what_no_worker_can_serve_is_refused_with_what_to_change(archive: Pipeli
 def test_plan_refuses_what_this_machine_cannot_serve(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     from typer.testing import CliRunner
 
-    from dags.cli import app
+    from posegaussian.dags.cli.app import app
 
     needing(monkeypatch, gpu=2)
     words = ["plan", "--archive", str(archive.root), "--from", "rendering", "--scheduler", "local", "--set", "run.gpus=1"]

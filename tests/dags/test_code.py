@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from dags.code import APART, ROOT, closure, code_digest, module_file
-from stages.registry import STAGES
+from posegaussian.dags.provenance.code_digest import APART, ROOT, closure, code_digest, module_file
+from posegaussian.stages.registry import STAGES
 
 TICK = count(2_000_000_000_000_000_000, 1_000_000_000)
 """Modification times: digests are read again when a file's time or size changes, and a clock's tick may be coarse."""
@@ -29,8 +29,8 @@ def write(file: Path, text: str) -> None:
 
 
 KERNEL = '''"""Module docstring."""
-from stages.k.helper import scale
-import storage.bits
+from posegaussian.stages.k.helper import scale
+import posegaussian.storage.bits
 
 LIMIT = 3
 
@@ -46,8 +46,8 @@ def run(inputs, params):
     for x in inputs:
         yield scale(x) * LIMIT
 '''
-HELPER = '"""Docstring."""\nfrom stages.k import deep\n\n\ndef scale(x):\n    return deep.scale(x)\n'
-DEEP = "def scale(x):\n    from stages.lazy import two\n    return two * x\n"
+HELPER = '"""Docstring."""\nfrom posegaussian.stages.k import deep\n\n\ndef scale(x):\n    return deep.scale(x)\n'
+DEEP = "def scale(x):\n    from posegaussian.stages.lazy import two\n    return two * x\n"
 
 
 @pytest.fixture
@@ -59,8 +59,8 @@ def tree(tmp_path: Path) -> Path:
 
 
 def test_the_closure_is_everything_imported_within_the_packages_each_once(tree: Path) -> None:
-    write(tree / "stages/lazy.py", "import stages.k.run, numpy, dags.no\ntwo = 2\n")
-    assert sorted(name for name, _ in closure("stages.k.run", tree)) == ["stages.k.deep", "stages.k.helper", "stages.k.run", "stages.lazy", "storage.bits"]
+    write(tree / "stages/lazy.py", "import posegaussian.stages.k.run, numpy, posegaussian.dags.no\ntwo = 2\n")
+    assert sorted(name for name, _ in closure("posegaussian.stages.k.run", tree)) == ["posegaussian.stages.k.deep", "posegaussian.stages.k.helper", "posegaussian.stages.k.run", "posegaussian.stages.lazy", "posegaussian.storage.bits"]
 
 
 COSMETIC = {
@@ -76,11 +76,11 @@ COSMETIC = {
 
 @pytest.mark.parametrize("edit", COSMETIC)
 def test_a_cosmetic_edit_keeps_the_digest(tree: Path, edit: str) -> None:
-    before = code_digest("stages.k.run:run", tree)
+    before = code_digest("posegaussian.stages.k.run:run", tree)
     edited = COSMETIC[edit](KERNEL)
     assert edited != KERNEL
     write(tree / "stages/k/run.py", edited)
-    assert code_digest("stages.k.run:run", tree) == before
+    assert code_digest("posegaussian.stages.k.run:run", tree) == before
 
 
 REAL = {
@@ -100,28 +100,28 @@ REAL = {
 @pytest.mark.parametrize("edit", REAL)
 def test_an_edit_of_the_code_anywhere_changes_the_digest(tree: Path, edit: str) -> None:
     file, old, new = REAL[edit]
-    before = code_digest("stages.k.run:run", tree)
+    before = code_digest("posegaussian.stages.k.run:run", tree)
     text = (tree / file).read_text()
     assert old in text
     write(tree / file, text.replace(old, new))
-    changed = code_digest("stages.k.run:run", tree)
+    changed = code_digest("posegaussian.stages.k.run:run", tree)
     assert changed != before
     write(tree / file, text)
-    assert code_digest("stages.k.run:run", tree) == before
+    assert code_digest("posegaussian.stages.k.run:run", tree) == before
 
 
 def test_a_file_that_nobody_imports_does_not_count(tree: Path) -> None:
-    before = code_digest("stages.k.run:run", tree)
+    before = code_digest("posegaussian.stages.k.run:run", tree)
     write(tree / "stages/other.py", "x = 2\n")
     write(tree / "dags/no.py", "x = 2\n")
-    assert code_digest("stages.k.run:run", tree) == before
+    assert code_digest("posegaussian.stages.k.run:run", tree) == before
 
 
 def test_moving_code_into_a_new_helper_changes_the_digest(tree: Path) -> None:
-    before = code_digest("stages.k.run:run", tree)
+    before = code_digest("posegaussian.stages.k.run:run", tree)
     write(tree / "stages/k/new.py", "")
-    write(tree / "stages/k/run.py", KERNEL + "import stages.k.new\n")
-    assert code_digest("stages.k.run:run", tree) != before
+    write(tree / "stages/k/run.py", KERNEL + "import posegaussian.stages.k.new\n")
+    assert code_digest("posegaussian.stages.k.run:run", tree) != before
 
 
 @pytest.fixture(scope="module")
@@ -159,10 +159,10 @@ def test_what_a_kernel_really_imports_is_in_its_closure() -> None:
 import importlib, json, sys
 found = {}
 for module in sys.argv[1:]:
-    for name in [n for n in sys.modules if n.partition(".")[0] in ("stages", "storage")]:
+    for name in [n for n in sys.modules if n.startswith(("posegaussian.stages.", "posegaussian.storage."))]:
         del sys.modules[name]
     importlib.import_module(module)
-    found[module] = [n for n, m in sys.modules.items() if n.partition(".")[0] in ("stages", "storage") and not hasattr(m, "__path__")]
+    found[module] = [n for n, m in sys.modules.items() if n.startswith(("posegaussian.stages.", "posegaussian.storage.")) and not hasattr(m, "__path__")]
 print(json.dumps(found))
 """
     modules = [s.run.partition(":")[0] for s in STAGES]
@@ -174,11 +174,11 @@ print(json.dumps(found))
 
 def _imports_of_contract(module: str) -> set[str]:
     """Modules apart and what they import themselves: declarations that compute nothing."""
-    from dags.code import parsed
+    from posegaussian.dags.provenance.code_digest import parsed
 
     file = module_file(module)
     assert file is not None
-    return {module, *(i for i in parsed(file)[1] if i.partition(".")[0] in ("stages", "storage"))}
+    return {module, *(i for i in parsed(file)[1] if i.startswith(("posegaussian.stages.", "posegaussian.storage.")))}
 
 
 def test_the_check_of_a_stage_is_covered_by_its_digest() -> None:

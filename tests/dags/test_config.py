@@ -10,10 +10,10 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from dags.config import PACKAGED, Configuration, Settings, load_configuration, merge
-from dags.effect_settings import EffectSettings
-from stages.registry import STAGES
-from storage.errors import ConfigError
+from posegaussian.dags.config.effect_settings import EffectSettings
+from posegaussian.dags.config.settings import PACKAGED, Configuration, Settings, load_configuration, merge
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.model.errors import ConfigError
 
 
 def load(folder: Path, text: str = "", *assignments: str) -> Configuration:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.config import Settings
-from dags.context import Context, make_context
-from storage.archive import Archive
+from posegaussian.dags.config.settings import Settings
+from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.storage.archive.store import Archive
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 from tests.storage.samples import make_capture
 

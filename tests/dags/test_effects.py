@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags import effects
-from dags.effects_table import effects_reasons, effects_table, seconds
-from dags.events import EffectsDecided, TaskDone
-from dags.plan import State
-from dags.projection import History
-from dags.selection import Selection
-from dags.tasks import Task, dependencies, source_spans
-from storage.archive import Archive
-from storage.errors import ConfigError
-from storage.ledger import rebuild
-from storage.receipts import scan_receipts, write_receipt
+from posegaussian.dags.diagnostics.effects_table import effects_reasons, effects_table, seconds
+from posegaussian.dags.planning import effects
+from posegaussian.dags.planning.forecast import History
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task, dependencies, source_spans
+from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
+from posegaussian.storage.archive.ledger import rebuild
+from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.errors import ConfigError
 from tests.pipeline import FORCED, NAME, Pipeline, film
 
 AUTO = [f"effects.{e}=auto" for e in FORCED]
@@ -178,7 +178,7 @@ def test_a_failed_survey_blocks_what_waits_for_it(fresh: Pipeline, monkeypatch: 
     def fail(*args: object) -> None:
         raise RuntimeError("no light")
 
-    monkeypatch.setattr("stages.survey.run.jitter_and_motion", fail)
+    monkeypatch.setattr("posegaussian.stages.survey.run.jitter_and_motion", fail)
     events = fresh.run(expect_failure=True)
     blocked = {e.task.stage for e in events if type(e).__name__ == "TaskBlocked"}
     assert {"frames", "smoothing"} <= blocked

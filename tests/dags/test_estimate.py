@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from dags import estimate
-from dags.estimate import TYPICAL, Remaining
-from dags.events import Event, RunStarted, TaskDone, TaskFailed, TaskFresh, TaskNeeded
-from dags.projection import History
-from dags.tasks import Task
-from stages.registry import STAGES
-from storage.receipts import Receipt
+from posegaussian.dags.diagnostics import remaining_time
+from posegaussian.dags.diagnostics.remaining_time import TYPICAL, Remaining
+from posegaussian.dags.planning.forecast import History
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.events import Event, RunStarted, TaskDone, TaskFailed, TaskFresh, TaskNeeded
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.receipts import Receipt
 from tests.pipeline import Pipeline
 
 TASKS = [Task("kick", stage, p) for stage in ("depth", "rendering") for p in range(4)]
@@ -24,7 +24,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(estimate.time, "monotonic", lambda: clock.now)
+    monkeypatch.setattr(remaining_time.time, "monotonic", lambda: clock.now)
     return clock
 
 

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from dags import events
-from dags.cli import app
-from dags.events import Event, RunEnded, RunStarted, TaskDone, TaskFailed, TaskFresh, event_kinds, record
-from dags.history import RunLog, stamped
-from dags.tasks import Task
-from storage.archive import Archive
-from storage.ledger import run_events
-from storage.receipts import Output, Receipt, ShardFile
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.diagnostics.run_log import RunLog, stamped
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime import events
+from posegaussian.dags.runtime.events import Event, RunEnded, RunStarted, TaskDone, TaskFailed, TaskFresh, event_kinds, record
+from posegaussian.storage.archive.ledger import run_events
+from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import FORCED, NAME, Pipeline
 
 DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"

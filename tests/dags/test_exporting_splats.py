@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from dags.exporting_splats import chosen_views, export_splats, needed
-from dags.results import Results
-from stages.rendering.lift import Maps, lift
-from stages.rendering.sources import unrefined_arrays
-from stages.rendering.splat_scene import scene_of
-from storage.errors import ConfigError, UserError
-from storage.splat_files import read_splats
+from posegaussian.dags.export.splats import chosen_views, export_splats, needed
+from posegaussian.dags.planning.results import Results
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.splatting.splat_scene import scene_of
+from posegaussian.storage.formats.splat_ply import read_splats
+from posegaussian.storage.model.errors import ConfigError, UserError
 from tests.dags.test_cli import assert_says, posegaussian
 from tests.pipeline import NAME, Pipeline, film
 

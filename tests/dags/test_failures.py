@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags.config import load_configuration
-from dags.events import Event, TaskDone, TaskFailed, TaskRetried
-from dags.failures import Kind, TaskTimedOut, classify
-from dags.flight import Rules
-from dags.importing import find_capture, register
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.session import Session
-from dags.work_order import Terms
-from storage.archive import Archive
-from storage.errors import LeaseHeld, LeaseLost, SourceError
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed, TaskRetried
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.failures import Kind, TaskTimedOut, classify
+from posegaussian.dags.runtime.in_flight import Rules
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, SourceError
 from tests.pipeline import FORCED, Pipeline, film
 
 GAUSSIANS = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
@@ -63,7 +63,7 @@ def run(pipeline: Pipeline, rules: Rules, selection: Selection = GAUSSIANS) -> l
 
 def stumble(monkeypatch: pytest.MonkeyPatch, errors: list[Exception]) -> None:
     """Partition 1 of gaussians meets these errors, one an attempt, and then works."""
-    import stages.gaussians.run as gaussians
+    import posegaussian.stages.gaussians.run as gaussians
 
     real = gaussians.run
 
@@ -112,7 +112,7 @@ def test_what_ran_out_of_memory_is_tried_once_more_and_then_fails_with_advice(ar
 
 
 def test_a_task_beyond_its_time_fails_by_the_setting_s_name(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    import stages.gaussians.run as gaussians
+    import posegaussian.stages.gaussians.run as gaussians
 
     real = gaussians.run
 
@@ -190,9 +190,9 @@ def test_a_sequence_that_cannot_even_be_planned_or_prepared_does_not_stop_the_ot
 
 
 def test_what_is_blocked_is_told_once_for_everything_it_waits_for() -> None:
-    from dags.events import TaskBlocked
-    from dags.progress import WarningCollector
-    from dags.tasks import Task
+    from posegaussian.dags.diagnostics.progress import WarningCollector
+    from posegaussian.dags.planning.tasks import Task
+    from posegaussian.dags.runtime.events import TaskBlocked
 
     cause, left = Task("b", "survey", None, 1), Task("b", "pose", 0)
     collector = WarningCollector()

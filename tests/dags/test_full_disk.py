@@ -13,18 +13,19 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from dags import gc
-from dags.events import RunEnded, RunStarted
-from dags.history import RunLog
-from dags.importing import find_capture, register
-from dags.selection import Selection
-from dags.session import Session
-from dags.simulate import film, read_scene, scene_file, stage_scene
-from storage import files, lease
-from storage.archive import Archive
-from storage.errors import NotWritten
-from storage.receipts import missing_files, scan_receipts
-from storage.sweep import folder_bytes
+from posegaussian.dags.diagnostics.run_log import RunLog
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.maintenance import garbage_collection
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import RunEnded, RunStarted
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.simulation.simulate import film, read_scene, scene_file, stage_scene
+from posegaussian.storage.archive import lease
+from posegaussian.storage.archive.deletion import folder_bytes
+from posegaussian.storage.archive.receipts import missing_files, scan_receipts
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.files import write
+from posegaussian.storage.model.errors import NotWritten
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
 
 BLOCK = 4096
@@ -51,7 +52,7 @@ class Disk:
             sync(handle)
 
         monkeypatch.setattr(lease, "_create", take)
-        monkeypatch.setattr(files.os, "fsync", synced)
+        monkeypatch.setattr(write.os, "fsync", synced)
 
     def check(self, more: int) -> None:
         if self.leases <= 0 and folder_bytes(self.root) + more > self.size:
@@ -75,11 +76,11 @@ def full(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pipelin
 @pytest.mark.parametrize("kind", ["arrays", "paths"])
 def test_gc_frees_a_disk_that_is_full_to_the_last_byte(full: Pipeline, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = full.with_settings(*(["rendering.paths=[]"] if kind == "paths" else [])).plan()
-    items = [i for i in gc.items([plan], Archive(full.root)) if i.kind == kind]
+    items = [i for i in garbage_collection.items([plan], Archive(full.root)) if i.kind == kind]
     with pytest.raises(NotWritten, match="the disk is full"):
         full.session.run([full.plan(selection=Selection(force=frozenset({"metrics"})))], Selection(force=frozenset({"metrics"})))
     before = folder_bytes(full.root)
-    assert gc.apply(items, [plan]) > 0
+    assert garbage_collection.apply(items, [plan]) > 0
     assert folder_bytes(full.root) < before
     assert not list(full.root.rglob("*.lease"))
     assert not list(full.root.rglob("*.partial"))
@@ -92,10 +93,10 @@ def test_gc_frees_a_disk_that_is_full_to_the_last_byte(full: Pipeline, kind: str
 
 def test_gc_that_may_not_make_room_says_so(full: Pipeline) -> None:
     plan = full.plan()
-    item = gc.Item("stages", NAME, "nothing", 0, "nothing", lambda: None)
+    item = garbage_collection.Item("stages", NAME, "nothing", 0, "nothing", lambda: None)
     before = content(full)
     with pytest.raises(NotWritten, match=r"_arrays\.lease: the disk is full"):
-        gc.apply([item], [plan])
+        garbage_collection.apply([item], [plan])
     assert_same_content(content(full), before)
 
 
@@ -165,5 +166,5 @@ def test_half_a_film_is_no_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_an_output_that_cannot_be_written_is_a_sentence(finished: Pipeline) -> None:
     with open("/dev/full", "w") as out:
-        done = subprocess.run([sys.executable, "-m", "dags.cli", "status", *finished.options], stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run([sys.executable, "-m", "posegaussian.dags.cli.app", "status", *finished.options], stdout=out, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "error: standard output: No space left on device; choose another place, or free this one\n")

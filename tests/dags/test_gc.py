@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from dags import gc
-from dags.entering import enter
-from dags.plan import Plan
-from dags.tasks import Task
-from dags.work_order import Terms
-from storage.archive import Archive
-from storage.errors import ArchiveError
-from storage.sweep import SETTLED_SECONDS, folder_bytes
+from posegaussian.dags.maintenance import garbage_collection
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.entering import enter
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.storage.archive.deletion import SETTLED_SECONDS, folder_bytes
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.errors import ArchiveError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
 
 
@@ -27,11 +27,11 @@ def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
     return finished.copy(tmp_path / "archive")
 
 
-def found(plan: Plan) -> list[gc.Item]:
-    return gc.items([plan], Archive(plan.context.sequence.root.parent))
+def found(plan: Plan) -> list[garbage_collection.Item]:
+    return garbage_collection.items([plan], Archive(plan.context.sequence.root.parent))
 
 
-def of(items: Iterable[gc.Item], *kinds: str) -> list[gc.Item]:
+def of(items: Iterable[garbage_collection.Item], *kinds: str) -> list[garbage_collection.Item]:
     return [i for i in items if i.kind in kinds]
 
 
@@ -53,7 +53,7 @@ def test_arrays_go_and_come_back_where_they_are_needed(archive: Pipeline, finish
     plan = archive.plan()
     items = of(found(plan), "arrays")
     before = folder_bytes(archive.root / NAME)
-    freed = gc.apply(items, [plan])
+    freed = garbage_collection.apply(items, [plan])
     # Receipts grow by a word for each output that is marked as dropped.
     assert freed == sum(i.bytes for i in items)
     assert before - folder_bytes(archive.root / NAME) > 0.95 * freed
@@ -71,7 +71,7 @@ def test_paths_that_are_not_asked_for(archive: Pipeline) -> None:
     (item,) = of(found(plan), "paths")
     assert "camera path orbit-" in item.what
     assert item.again.startswith("rendering")
-    gc.apply([item], [plan])
+    garbage_collection.apply([item], [plan])
     assert not list((archive.root / NAME / "rendering").glob("orbit-*"))
     assert list((archive.root / NAME / "rendering").glob("held_out-*"))
     assert archive.plan().all_fresh
@@ -84,7 +84,7 @@ def test_partitions_beyond_the_range_and_stages_that_are_not_needed(archive: Pip
     plan = shorter.plan()
     ranged = of(found(plan), "range")
     assert {i.what for i in ranged} >= {"frames beyond the range", "depth beyond the range", "gaussians beyond the range"}
-    gc.apply(ranged, [plan])
+    garbage_collection.apply(ranged, [plan])
     assert of(found(shorter.plan()), "range") == []
     assert shorter.plan().all_fresh
     without = Pipeline(archive.root, archive.folder, ["frames.range=0:4"], held_out="[]").plan()
@@ -105,7 +105,7 @@ def test_strays_are_found_once_they_are_old_enough_to_be_nobodys(archive: Pipeli
     plan = archive.plan()
     (item,) = of(found(plan), "strays")
     assert item.what == "1 half written files, 14 shards without a receipt"  # depth and confidence of seven views
-    gc.apply([item], [plan])
+    garbage_collection.apply([item], [plan])
     assert not partial.exists()
     assert archive.ran() == {"depth": 1}, "what has a receipt was not touched"
 
@@ -124,20 +124,20 @@ def test_shards_of_a_drop_that_was_killed_midway_are_strays(archive: Pipeline, m
     plan = archive.plan()
     monkeypatch.setattr(Path, "unlink", die)
     with pytest.raises(Death):
-        gc.apply([i for i in of(found(plan), "arrays") if "gaussians/scale" in i.what], [plan])
+        garbage_collection.apply([i for i in of(found(plan), "arrays") if "gaussians/scale" in i.what], [plan])
     monkeypatch.undo()
     for file in (archive.root / NAME / "gaussians").rglob("*"):
         age(file)
     plan = archive.plan()
     assert plan.all_fresh
     (item,) = of(found(plan), "strays")
-    gc.apply([item], [plan])
+    garbage_collection.apply([item], [plan])
     assert of(found(archive.plan()), "strays") == []
     assert archive.plan().all_fresh
 
 
 def test_the_newest_runs_and_everything_of_unknown_origin_stay(archive: Pipeline) -> None:
-    for n in range(gc.KEPT_RUNS + 3):
+    for n in range(garbage_collection.KEPT_RUNS + 3):
         folder = archive.root / "_runs" / f"20260101T0000{n:02d}"
         folder.mkdir(parents=True)
         (folder / "pipeline.yaml").write_text("{}")
@@ -156,8 +156,8 @@ def test_the_newest_runs_and_everything_of_unknown_origin_stay(archive: Pipeline
     (runs,) = of(items, "runs")
     assert "3 oldest runs" in runs.what
     sources = {p: p.read_bytes() for p in (archive.root / NAME / "source").rglob("*") if p.is_file()}
-    gc.apply(items, [plan])
-    assert len(list((archive.root / "_runs").iterdir())) == gc.KEPT_RUNS
+    garbage_collection.apply(items, [plan])
+    assert len(list((archive.root / "_runs").iterdir())) == garbage_collection.KEPT_RUNS
     assert (mine / "c" / "0").exists()
     assert newer.exists()
     assert {p: p.read_bytes() for p in sources} == sources
@@ -165,7 +165,7 @@ def test_the_newest_runs_and_everything_of_unknown_origin_stay(archive: Pipeline
 
 @pytest.mark.parametrize(("task", "kind"), [(Task(NAME, "survey", None, 99), None), (Task(NAME, "depth", 99), "range"), (Task(NAME, "frames", 0, 99), "stages"), (Task(NAME, "rendering", 0, None, "arc-0"), "paths"), (Task(NAME, "future", 0), None)])
 def test_constants_of_the_sequence_and_unknown_stages_are_never_offered(task: Task, kind: str | None, finished: Pipeline) -> None:
-    assert gc._kind(finished.plan(), task) == kind
+    assert garbage_collection._kind(finished.plan(), task) == kind
 
 
 def test_nothing_computed_is_offered_while_a_source_is_missing(archive: Pipeline, tmp_path: Path, person_folder: Path) -> None:
@@ -179,13 +179,13 @@ def test_nothing_computed_is_offered_while_a_source_is_missing(archive: Pipeline
     next((folder / "images").rglob("*.png")).unlink()
     plan = moved.plan()
     assert of(found(plan), "arrays", "paths", "range", "stages") == []
-    assert "nothing could be made again" in gc.notes([plan])[0]
+    assert "nothing could be made again" in garbage_collection.notes([plan])[0]
 
 
 def test_the_command_shows_and_deletes_only_what_it_is_told_to(archive: Pipeline) -> None:
     from typer.testing import CliRunner
 
-    from dags.cli import app
+    from posegaussian.dags.cli.app import app
 
     given = ["--archive", str(archive.root), *(part for s in archive.assignments for part in ("--set", s))]
     shown = CliRunner().invoke(app, ["gc", *given])
@@ -202,5 +202,5 @@ def test_the_command_shows_and_deletes_only_what_it_is_told_to(archive: Pipeline
 def test_not_while_a_run_is_at_work(archive: Pipeline) -> None:
     plan = archive.plan()
     with enter(plan, Terms("someone")), pytest.raises(ArchiveError, match="is worked on by run someone"):
-        gc.apply(found(plan), [plan])
+        garbage_collection.apply(found(plan), [plan])
     assert archive.plan().all_fresh

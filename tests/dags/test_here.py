@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from dags.here import RunFailed, run_here
-from dags.plan import State
-from dags.selection import Selection
-from dags.tasks import Task
-from storage.receipts import Receipt
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
+from posegaussian.storage.archive.receipts import Receipt
 from tests.pipeline import Pipeline, film
 
 FRAMES = Selection(only=frozenset({"frames"}))

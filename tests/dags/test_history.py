@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from dags.history import retries, retry_command, still_failed
-from dags.selection import Selection
-from storage import ledger
-from storage.archive import Archive
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.diagnostics.run_log import retries, retry_command, still_failed
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline
 
 COMMON = ["--set", "views.held_out=[mid00]", "--set", "effects.temporal_smoothing=on", "--set", "effects.exposure_matching=off"]
@@ -21,7 +21,7 @@ COMMON = ["--set", "views.held_out=[mid00]", "--set", "effects.temporal_smoothin
 @pytest.fixture
 def failed(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pipeline:
     """An archive whose last run failed in one partition of depth."""
-    import stages.depth.run as depth
+    import posegaussian.stages.depth.run as depth
 
     archive, real = finished.copy(tmp_path / "archive"), depth.run
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from dags.config import load_configuration
-from dags.simulate import read_scene
-from dags.training_config import load_training
-from storage.archive import local_path
-from storage.home import word_at_home
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.simulation.simulate import read_scene
+from posegaussian.dags.training.config import load_training
+from posegaussian.storage.archive.store import local_path
+from posegaussian.storage.model.home import word_at_home
 from tests.pipeline import film
 
 

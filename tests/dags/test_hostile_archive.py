@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from storage.errors import UserError
-from storage.records import ATTRIBUTES, write_record
+from posegaussian.dags.cli.app import app
+from posegaussian.storage.archive.records import ATTRIBUTES, write_record
+from posegaussian.storage.model.errors import UserError
 from tests.pipeline import NAME, Pipeline
 
 Spoil = Callable[[Path, Path], object]

@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from dags.fingerprint import own_parts
-from dags.importing import find_capture, register
-from dags.plan import State
-from dags.selection import Selection
-from storage.crop import Crop
-from storage.errors import ArchiveError, ConfigError, LeaseHeld
-from storage.lease import Lease
-from storage.spec import digest
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.planning.fingerprint import own_parts
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import ArchiveError, ConfigError, LeaseHeld
+from posegaussian.storage.model.spec import digest
 from tests.pipeline import NAME, Pipeline, film
 
 BARS = 6

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dags.selection import Selection
-from storage.errors import ConfigError
-from storage.sources import open_source
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.readers.sources import open_source
 from tests.pipeline import Pipeline, content, film
 
 LATE = "cam01"
@@ -72,8 +72,8 @@ def test_a_file_that_holds_all_frames_is_read_further(tmp_path: Path) -> None:
     """A video's pictures are counted, not named: the reader looks so much further."""
     import numpy as np
 
-    from storage.capture import Capture, SourceFile, Stream
-    from storage.exporters.video import write_video
+    from posegaussian.storage.exporters.video import write_video
+    from posegaussian.storage.model.capture import Capture, SourceFile, Stream
     from tests.stages.geometry.scenes import ring
 
     pictures = [np.full((32, 32, 3), 40 * n, np.uint8) for n in range(6)]

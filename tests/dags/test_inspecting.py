@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dags.cli_inspect import inspect
-from dags.config import load_configuration
-from dags.context import Context
-from dags.importing import find_capture, register
-from dags.inspecting import footage_of, planned_of, run_inspection
-from stages.depth.params import resolve_method
-from stages.inspection.finding import ORDER, Finding, Verdict
-from stages.inspection.pairs import every_pair, of_pairs
-from stages.inspection.report import IMPACT, Report
-from stages.inspection.report import inspect as measure
-from stages.registry import stage as stage_named
-from storage.archive import Archive
+from posegaussian.dags.cli.inspect import inspect
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.inspection.inspect import footage_of, planned_of, run_inspection
+from posegaussian.dags.planning.context import Context
+from posegaussian.stages.depth.params import resolve_method
+from posegaussian.stages.inspection.finding import ORDER, Finding, Verdict
+from posegaussian.stages.inspection.pairs import every_pair, of_pairs
+from posegaussian.stages.inspection.report import IMPACT, Report
+from posegaussian.stages.inspection.report import inspect as measure
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline, film
 
 MEASURES = {

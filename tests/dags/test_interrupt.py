@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from dags.interrupt import interruptible
-from dags.plan import State
-from storage.lease import living
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.runtime.signals import interruptible
+from posegaussian.storage.archive.lease import living
 from tests.pipeline import NAME, Pipeline
 
 
@@ -52,7 +52,7 @@ def test_ctrl_c_ends_a_run_in_order(scheduler: str, person_folder: Path, tmp_pat
 
 HANGING = """
 import sys, time
-import stages.frames.run as frames
+import posegaussian.stages.frames.run as frames
 def run(inputs, params):
     print("in the kernel", flush=True)
     time_is_up = time.monotonic() + 100
@@ -64,7 +64,7 @@ def run(inputs, params):
             pass
     yield
 frames.run = run
-from dags.cli import main
+from posegaussian.dags.cli.app import main
 sys.argv = ["posegaussian", *sys.argv[1:]]
 main()
 """
@@ -93,7 +93,7 @@ def test_a_second_ctrl_c_ends_a_run_whose_kernel_does_not_listen(finished: Pipel
 
 DROPPING = """
 import gc, os, signal, sys, time
-from dags.interrupt import interruptible
+from posegaussian.dags.runtime.signals import interruptible
 def say(line):
     sys.stdout.write(line + "\\n")  # one write: two threads speak
 def within_a_collection(phase, info):

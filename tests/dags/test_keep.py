@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.config import load_configuration
-from dags.events import Event, TaskDone, TaskNeeded
-from dags.eviction import Keeper
-from dags.exporting import needed, write_exports
-from dags.keep import policy
-from dags.plan import Plan, State
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.status import numbers
-from dags.tables import plan_table, status_tables
-from dags.tasks import PRODUCERS
-from storage.errors import ConfigError, ShardMissing
-from storage.sweep import folder_bytes
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.diagnostics.status import numbers
+from posegaussian.dags.diagnostics.tables import plan_table, status_tables
+from posegaussian.dags.export.pictures import needed, write_exports
+from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.retention import policy
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import PRODUCERS
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskNeeded
+from posegaussian.dags.runtime.eviction import Keeper
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.storage.archive.deletion import folder_bytes
+from posegaussian.storage.model.errors import ConfigError, ShardMissing
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 DROP = "run.keep=as_declared"
@@ -145,8 +145,8 @@ def test_only_blocks_what_would_need_another_stage(dropped: Pipeline) -> None:
 
 def test_content_that_comes_out_different_reaches_those_that_were_fresh(dropped: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     """A kernel that is not the same twice (another device, another library): nothing may stay fresh over the old bytes."""
-    import stages.frames.run as frames
-    from stages.io import Block
+    import posegaussian.stages.frames.run as frames
+    from posegaussian.stages.contract.io import Block
 
     real = frames.run
 
@@ -192,7 +192,7 @@ def test_a_keep_of_its_own_wins_over_the_run_s(finished: Pipeline, tmp_path: Pat
 
 
 def test_nothing_is_dropped_before_its_readers_are_done(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import stages.rendering.run as rendering
+    import posegaussian.stages.rendering.run as rendering
 
     pipeline = Pipeline(tmp_path / "archive", finished.folder, [DROP, "keep.pose/joints3d=never"])
     pipeline.register()

@@ -10,17 +10,17 @@ from uuid import uuid4
 import numpy as np
 import pytest
 
-from dags import gc
-from dags.events import Event, RunEnded, TaskDone, TaskFailed
-from dags.flight import Rules
-from dags.plan import TAKEN_OVER, Plan, State
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.work_order import Terms
-from storage import kept
-from storage.archive import Archive
-from storage.receipts import damaged_files, missing_files, scan_receipts
+from posegaussian.dags.maintenance import garbage_collection
+from posegaussian.dags.planning.plan import TAKEN_OVER, Plan, State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, RunEnded, TaskDone, TaskFailed
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.in_flight import Rules
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.storage.archive import set_aside
+from posegaussian.storage.archive.receipts import damaged_files, missing_files, scan_receipts
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 ROOM = 10**9
@@ -60,8 +60,8 @@ def of(known: dict[str, bytes | list], p: Pipeline) -> dict[str, bytes | list]:
     return {k: v for k, v in content(p).items() if k in known}
 
 
-def aside(p: Pipeline) -> list[kept.Entry]:
-    return kept.entries(Archive(p.root))
+def aside(p: Pipeline) -> list[set_aside.Entry]:
+    return set_aside.entries(Archive(p.root))
 
 
 def states(plan: Plan) -> set[State]:
@@ -124,13 +124,13 @@ def test_what_is_forced_is_made_anew_and_its_old_result_is_not_trusted(a: Pipeli
 
 def test_other_content_upstream_is_not_taken_over(a: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     """The pictures come out otherwise when the run goes back: what was made of the old ones does not fit them."""
-    from stages.frames.warp import Warp
+    from posegaussian.stages.imaging.warp import Warp
 
     sequence = Archive.open(str(a.root)).sequence(NAME)
     frames = [r for r in scan_receipts(sequence) if r.stage == "frames"]
     run(a.with_settings(*OTHER))
     for r in frames:
-        kept.forget(sequence, kept.key_of(r), r.fingerprint)
+        set_aside.forget(sequence, set_aside.key_of(r), r.fingerprint)
     plain = Warp.__call__
     monkeypatch.setattr(Warp, "__call__", lambda self, picture: np.maximum(plain(self, picture), 3) if picture.ndim == 3 else plain(self, picture))
     computed, _ = run(a)
@@ -155,7 +155,7 @@ def test_a_damaged_result_is_computed_and_deleted(a: Pipeline) -> None:
     assert len(aside(a)) <= before, "the damaged ones went, the other setting's came"
 
 
-@pytest.mark.parametrize("where", ["storage.kept.link_or_copy", "storage.kept.write_receipt", "storage.kept.os.link", "storage.kept.os.rename"])
+@pytest.mark.parametrize("where", ["posegaussian.storage.archive.set_aside.link_or_copy", "posegaussian.storage.archive.set_aside.write_receipt", "posegaussian.storage.archive.set_aside.os.link", "posegaussian.storage.archive.set_aside.os.rename"])
 def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: Pipeline, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     first, b = content(a), a.with_settings(*OTHER)
     putting = "os." in where
@@ -163,7 +163,7 @@ def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: 
         run(b)
     calls = [0]
     name = where.rpartition(".")[2]
-    plain = getattr(os if putting else kept, name)
+    plain = getattr(os if putting else set_aside, name)
 
     def die(*args: object, **more: object) -> object:
         calls[0] += 1
@@ -172,7 +172,7 @@ def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: 
         return plain(*args, **more)
 
     with monkeypatch.context() as m:
-        m.setattr(kept, "os" if putting else name, SimpleNamespace(**{**vars(os), name: die}) if putting else die)
+        m.setattr(set_aside, "os" if putting else name, SimpleNamespace(**{**vars(os), name: die}) if putting else die)
         Run([(b if putting else a).plan()], Selection(), SerialBackend(), [], rules=Rules(Terms(uuid4().hex, kept=ROOM))).go()
     assert calls[0] > 2
     sequence = Archive.open(str(a.root)).sequence(NAME)
@@ -186,10 +186,10 @@ def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: 
 
 def test_gc_shows_and_frees_them(a: Pipeline) -> None:
     run(a.with_settings(*OTHER))
-    item = next(i for i in gc.items([a.plan()], Archive(a.root)) if i.kind == "variants")
+    item = next(i for i in garbage_collection.items([a.plan()], Archive(a.root)) if i.kind == "variants")
     assert "results of other settings" in item.what
     assert item.bytes == sum(e.own for e in aside(a)) > 0
-    gc.apply([item], [a.plan()])
+    garbage_collection.apply([item], [a.plan()])
     assert aside(a) == []
 
 

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from dags.inspecting import footage_of
-from dags.selection import Selection
-from stages.capture.motion import pose
-from stages.capture.person import render, ring
-from stages.frames.display import gain_table
-from stages.inspection.finding import Verdict
-from stages.inspection.light import of_light
-from storage.exporters.images_layout import write_capture
+from posegaussian.dags.inspection.inspect import footage_of
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.stages.imaging.color import gain_table
+from posegaussian.stages.inspection.finding import Verdict
+from posegaussian.stages.inspection.light import of_light
+from posegaussian.stages.simulator.subjects.capsule_person import render, ring
+from posegaussian.stages.simulator.subjects.motion import pose
+from posegaussian.storage.exporters.images_layout import write_capture
 from tests.pipeline import Pipeline
 
 

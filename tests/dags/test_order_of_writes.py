@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from storage.archive import Archive
-from storage.receipts import receipt_file, scan_receipts
+from posegaussian.storage.archive.receipts import receipt_file, scan_receipts
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline
 
 

@@ -14,20 +14,20 @@ import pytest
 from distributed import WorkerPlugin
 from rich.console import Console
 
-from dags import cluster
-from dags.cluster import DaskBackend
-from dags.code import ROOT
-from dags.config import RunSettings, load_configuration
-from dags.events import Event, Notice, TaskBlocked, TaskDone, TaskFailed, TaskLeftOut
-from dags.failures import Kind
-from dags.local_cluster import start_local
-from dags.pools import CPU, Pool
-from dags.progress import WarningCollector
-from dags.run import Run
-from dags.selection import Selection
-from dags.unreached import UnreachedBackend
-from storage.errors import ConfigError, SchedulerLost
-from storage.receipts import scan_receipts
+from posegaussian.dags.config.settings import RunSettings, load_configuration
+from posegaussian.dags.diagnostics.progress import WarningCollector
+from posegaussian.dags.planning.resources import CPU, Pool
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.provenance.code_digest import ROOT
+from posegaussian.dags.runtime.events import Event, Notice, TaskBlocked, TaskDone, TaskFailed, TaskLeftOut
+from posegaussian.dags.runtime.executors import dask as cluster
+from posegaussian.dags.runtime.executors.dask import DaskBackend
+from posegaussian.dags.runtime.executors.local_cluster import start_local
+from posegaussian.dags.runtime.executors.unavailable import UnreachedBackend
+from posegaussian.dags.runtime.failures import Kind
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.model.errors import ConfigError, SchedulerLost
 from tests.dags.clusters import Cluster
 from tests.pipeline import Pipeline, assert_same_content, content, ended
 
@@ -47,7 +47,7 @@ class OlderLibrary(WorkerPlugin):
         self.names = names
 
     def setup(self, worker: object) -> None:
-        import dags.build as build
+        import posegaussian.dags.provenance.builds as build
 
         real = build._version
         if worker.name in self.names:  # type: ignore[attr-defined]
@@ -87,7 +87,7 @@ OLD = """import sys
 
 class Gone:
     def find_spec(self, name, path=None, target=None):
-        if name == "dags.on_worker":
+        if name == "posegaussian.dags.runtime.executors.dask_worker":
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Gone())
@@ -98,16 +98,17 @@ sys.meta_path.insert(0, Gone())
 def other_code(folder: Path) -> Path:
     """A copy of the packages in which arrays are written otherwise."""
     for package in ("dags", "stages", "storage"):
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
-    with (folder / "storage/shards.py").open("a") as file:
+        shutil.copytree(ROOT / package, folder / "posegaussian" / package, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "posegaussian/__init__.py").touch()
+    with (folder / "posegaussian/storage/archive/shards.py").open("a") as file:
         file.write("EDITED = True\n")
     return folder
 
 
 def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     edited, old = other_code(tmp_path / "edited"), tmp_path / "old"
-    (old / "dags").mkdir(parents=True)
-    (old / "dags/__init__.py").write_text(OLD)
+    (old / "posegaussian").mkdir(parents=True)
+    (old / "posegaussian/__init__.py").write_text(OLD)
     with ExitStack() as stack:
         others = Cluster(stack, tmp_path / "scheduler.json")
         others.add("edited", code=edited)
@@ -115,9 +116,9 @@ def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive:
         settings = RunSettings(scheduler=others.address())
         with pytest.raises(ConfigError) as refused:
             DaskBackend(settings, archive.root)
-        assert "has other code or libraries than this run: storage/shards.py (" in str(refused.value)
+        assert "has other code or libraries than this run: storage/archive/shards.py (" in str(refused.value)
         assert "cannot run this version of posegaussian " in str(refused.value)
-        assert "No module named 'dags.on_worker'" in str(refused.value)
+        assert "No module named 'posegaussian.dags.runtime.executors.dask_worker'" in str(refused.value)
         others.add("good")
         others.address()
         backend = DaskBackend(settings, archive.root)
@@ -128,7 +129,7 @@ def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive:
         monkeypatch.setattr(cluster, "LOOK_AGAIN", 0.0)
         events = archive.run(selection=METRICS, backend=backend)
     (late,) = [e.sentence for e in events if isinstance(e, Notice)]
-    assert "storage/shards.py (" in late
+    assert "storage/archive/shards.py (" in late
     assert {e.receipt.facts["worker"] for e in events if isinstance(e, TaskDone)} == {"good"}
     assert ended(events).done == 3
 
@@ -168,7 +169,7 @@ def test_what_a_lost_scheduler_never_got_is_failed_and_blocked_and_not_left_out(
 
 
 def test_workers_that_die_while_they_start_are_started_again_and_then_told_as_a_failed_run(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dags import local_cluster
+    from posegaussian.dags.runtime.executors import local_cluster
 
     attempts, real = [], local_cluster._start
 

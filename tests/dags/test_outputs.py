@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from dags.export_order import ExportOrder
-from dags.outputs import output_file, output_folder
-from storage.errors import ConfigError, UserError
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.export.output_paths import output_file, output_folder
+from posegaussian.dags.export.request import ExportOrder
+from posegaussian.storage.model.errors import ConfigError, UserError
 from tests.pipeline import NAME, Pipeline
 
 

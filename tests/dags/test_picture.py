@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dags.picture import CARD, HEAD, ROW, Card, cards, size_text, write_picture
-from dags.plan import Plan, State
-from stages.registry import STAGES
+from posegaussian.dags.diagnostics.plan_graph import CARD, HEAD, ROW, Card, cards, size_text, write_picture
+from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.stages.registry import STAGES
 from tests.pipeline import Pipeline
 
 SVG = "{http://www.w3.org/2000/svg}"

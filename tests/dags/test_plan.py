@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from dags import fingerprint
-from dags.events import TaskDone, TaskFailed
-from dags.explain import why as chain
-from dags.plan import State
-from dags.selection import Selection
-from dags.tasks import Task
-from storage.errors import ConfigError
+from posegaussian.dags.planning import fingerprint
+from posegaussian.dags.planning.explain import why as chain
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.events import TaskDone, TaskFailed
+from posegaussian.storage.model.errors import ConfigError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
 
@@ -112,7 +112,7 @@ def test_why_walks_back_to_the_first_cause(archive: Pipeline) -> None:
 
 
 def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    import stages.depth.run as depth
+    import posegaussian.stages.depth.run as depth
 
     real = depth.run
 
@@ -139,7 +139,7 @@ def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.M
 
 def test_plan_imports_no_numerical_library(archive: Pipeline) -> None:
     code = (
-        "import sys; from dags.cli import app; from typer.testing import CliRunner; "
+        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; "
         f"r = CliRunner().invoke(app, ['plan', *{archive.options!r}]); "
         "print(r.exit_code, 'all fresh' in r.output, [m for m in ('torch', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
     )

@@ -8,13 +8,13 @@ import re
 import pytest
 from rich.console import Console
 
-from dags import progress
-from dags.estimate import Remaining
-from dags.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
-from dags.progress import QUIET_SECONDS, PlainProgress, TerminalProgress, WarningCollector
-from dags.tasks import Task
-from dags.wording import Voice
-from storage.receipts import Receipt
+from posegaussian.dags.diagnostics import progress
+from posegaussian.dags.diagnostics.progress import QUIET_SECONDS, PlainProgress, TerminalProgress, WarningCollector
+from posegaussian.dags.diagnostics.remaining_time import Remaining
+from posegaussian.dags.humanize.text import Voice
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
+from posegaussian.storage.archive.receipts import Receipt
 
 DEPTH = [Task("kick", "depth", p) for p in range(4)]
 POSE = [Task("kick", "pose", p) for p in range(2)]

@@ -8,20 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags import memory, projection
-from dags.meters import Peak
-from dags.plan import State
-from dags.pools import local_pools, refusals
-from dags.projection import History, project
-from dags.selection import Selection
-from dags.tables import projection_table
-from dags.task_cost import RESERVED, load, needs_of
-from dags.tasks import tasks
-from dags.wording import seconds_text
-from stages.registry import STAGES
-from storage.archive import Archive
-from storage.errors import ConfigError
-from storage.ledger import rebuild
+from posegaussian.dags.diagnostics.tables import projection_table
+from posegaussian.dags.humanize.text import seconds_text
+from posegaussian.dags.planning import forecast
+from posegaussian.dags.planning.forecast import History, project
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.resources import local_pools, refusals
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of
+from posegaussian.dags.planning.tasks import tasks
+from posegaussian.dags.runtime import meters
+from posegaussian.dags.runtime.meters import Peak
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.ledger import rebuild
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.errors import ConfigError
 from tests.pipeline import NAME, Pipeline
 
 
@@ -122,9 +123,9 @@ def test_a_task_too_large_for_a_worker_is_refused_with_what_to_change(archive: P
 
 def test_more_bytes_than_the_disk_has_are_refused_before_the_start(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = archive.plan(selection=Selection(start="frames"))
-    assert projection.refusals([plan], Archive(archive.root), history(archive)) == [], "what is replaced makes room"
+    assert forecast.refusals([plan], Archive(archive.root), history(archive)) == [], "what is replaced makes room"
     usage = shutil.disk_usage(archive.root)
-    monkeypatch.setattr(projection.shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
     first = Pipeline(archive.root.with_name("first"), archive.folder)
     first.register()
     with pytest.raises(ConfigError, match=r"the run is projected to need .* more on disk, .* has 0.0 MB free; set run.keep to as_declared"):
@@ -143,8 +144,8 @@ def test_receipts_carry_projected_beside_measured_memory(finished: Pipeline) -> 
 @pytest.mark.parametrize("record", ["kernel", "samples"])
 def test_the_peak_is_the_block_s_own_not_the_process_s(record: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     if record == "samples":
-        monkeypatch.setattr(memory, "CLEAR", tmp_path / "no" / "such" / "file")
-    elif not memory.CLEAR.exists():
+        monkeypatch.setattr(meters, "CLEAR", tmp_path / "no" / "such" / "file")
+    elif not meters.CLEAR.exists():
         pytest.skip("this system does not let a process reset its peak")
     size = 150 * 2**20
 
@@ -155,7 +156,7 @@ def test_the_peak_is_the_block_s_own_not_the_process_s(record: str, monkeypatch:
                 a += 1
             import time
 
-            time.sleep(3 * memory.SAMPLE_SECONDS)
+            time.sleep(3 * meters.SAMPLE_SECONDS)
         return peak.bytes
 
     large, small = peak_of(size), peak_of(2**20)

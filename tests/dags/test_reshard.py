@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from dags import reshard
-from dags.entering import enter
-from dags.plan import Plan
-from dags.work_order import Terms
-from storage.archive import Archive
-from storage.errors import ArchiveError
-from storage.ledger import row
-from storage.receipts import scan_receipts, write_receipt
+from posegaussian.dags.maintenance import reshard
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.runtime.entering import enter
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.storage.archive.ledger import row
+from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.errors import ArchiveError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
@@ -109,7 +109,7 @@ def test_a_camera_path_that_is_not_asked_for_is_refused_unless_named(archive: Pi
 
 
 def test_dropped_bytes_are_refused_with_the_command_that_makes_them(archive: Pipeline) -> None:
-    from dags.eviction import Keeper
+    from posegaussian.dags.runtime.eviction import Keeper
 
     Keeper([archive.with_settings("run.keep=as_declared").plan()]).sweep()
     with pytest.raises(ArchiveError, match=r"frames/color.* was dropped.*--force frames.* --force gaussians"):
@@ -119,7 +119,7 @@ def test_dropped_bytes_are_refused_with_the_command_that_makes_them(archive: Pip
 def test_the_command_says_what_it_did(archive: Pipeline) -> None:
     from typer.testing import CliRunner
 
-    from dags.cli import app
+    from posegaussian.dags.cli.app import app
 
     given = ["--archive", str(archive.root), *(part for s in archive.assignments for part in ("--set", s))]
     done = CliRunner().invoke(app, ["reshard", NAME, "--frames", "3", *given])

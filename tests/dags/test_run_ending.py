@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags.config import load_configuration
-from dags.history import retry_command
-from dags.plan import State
-from dags.selection import Selection
-from dags.session import Session
-from dags.status import standing
-from dags.wording import Voice
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.diagnostics.run_log import retry_command
+from posegaussian.dags.diagnostics.status import standing
+from posegaussian.dags.humanize.text import Voice
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
 from tests.pipeline import NAME, Pipeline
 
 STILL = "still cam00"

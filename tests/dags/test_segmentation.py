@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from dags.fingerprint import models
-from stages.frames.stage import STAGE as FRAMES
-from stages.network.params import NETWORK
-from stages.registry import stage
+from posegaussian.dags.planning.fingerprint import models
+from posegaussian.stages.frames.stage import STAGE as FRAMES
+from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.registry import stage
 from tests.pipeline import Pipeline, film
 
 
@@ -32,7 +32,7 @@ def matte(pipeline: Pipeline) -> str:
 
 
 def test_with_given_joints_blazepose_segments_where_it_is_here(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dags.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     plan = captures["joints"].plan()
     assert plan.context.joint_set == "coco17", "the joints are the given ones"
     assert matte(captures["joints"]) == "person"
@@ -47,14 +47,14 @@ def test_with_given_joints_blazepose_segments_where_it_is_here(captures: dict[st
 
 @pytest.mark.parametrize(("capture", "setting"), [("masks", ()), ("joints", ("frames.matte=plate",)), ("joints", ("frames.matte=none",)), ("joints", ("detection.estimator=none",))])
 def test_the_estimator_does_not_run_where_nothing_reads_it(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch, capture: str, setting: tuple[str, ...]) -> None:
-    monkeypatch.setattr("dags.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     plan = captures[capture].with_settings(*setting).plan()
     assert "detection" in plan.unneeded
     assert not plan.counts("detection")
 
 
 def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_would_be_better(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dags.context.blazepose_is_here", lambda: False)
+    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: False)
     plan = captures["joints"].plan()
     assert matte(captures["joints"]) == "person"
     assert "detection" in plan.unneeded
@@ -65,7 +65,7 @@ def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_wo
 
 def test_every_task_that_opens_models_is_told_which_the_plan_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The survey's fingerprint names no sources, yet it looks at pictures through the estimator, too."""
-    monkeypatch.setattr("dags.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     film(tmp_path / "capture", size=32, frames=2, masks=False, joints=False)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture").with_settings("network.weights=fast")
     pipeline.register()

@@ -8,19 +8,19 @@ from uuid import uuid4
 
 import pytest
 
-from dags import reshard
-from dags.events import RunEnded, TaskDone
-from dags.flight import Rules
-from dags.plan import make_plan
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.variants import others, share, variant
-from dags.work_order import Terms
-from storage.archive import Archive, Sequence
-from storage.receipts import ReceiptKey, damaged_files, missing_files, remove_receipt, scan_receipts
-from storage.verify import Count, faults
+from posegaussian.dags.maintenance import reshard
+from posegaussian.dags.planning.plan import make_plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.variants import others, share, variant
+from posegaussian.dags.runtime.events import RunEnded, TaskDone
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.in_flight import Rules
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.storage.archive.integrity import Count, faults
+from posegaussian.storage.archive.receipts import ReceiptKey, damaged_files, missing_files, remove_receipt, scan_receipts
+from posegaussian.storage.archive.store import Archive, Sequence
 from tests.nested import nest, shards
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 

@@ -8,14 +8,14 @@ import pytest
 import zarr
 from rich.console import Console
 
-from dags.config import load_configuration
-from dags.effects import judged
-from dags.session import Session
-from dags.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
-from stages.capture.effects.registry import EFFECTS
-from stages.io import Views
-from storage.errors import ArchiveError, ConfigError, SourceError
-from storage.media import read_mask, read_picture, write_png
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.planning.effects import judged
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.simulation.simulate import SCENES, effects_plan, film, read_scene, scene_file, simulate, stage_scene
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.simulator.effects.registry import EFFECTS
+from posegaussian.storage.model.errors import ArchiveError, ConfigError, SourceError
+from posegaussian.storage.readers.images import read_mask, read_picture, write_png
 from tests.pipeline import Pipeline
 from tests.pipeline import film as film_person
 
@@ -116,7 +116,7 @@ def asked(archive: Path, *words: str) -> str:
     """What a command says of the simulated sequence, without its configuration."""
     from typer.testing import CliRunner
 
-    from dags.cli import app
+    from posegaussian.dags.cli.app import app
 
     done = CliRunner().invoke(app, [*words, "--archive", str(archive), "--set", "run.scheduler=serial"])
     assert done.exit_code == 0, (done.output, done.exception)
@@ -181,7 +181,7 @@ def test_the_sequence_is_planned_with_its_held_out_camera_and_its_truth(simulate
 
 def test_pictures_shot_in_parts_are_the_same_capture(simulated: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     archive, path = simulated
-    monkeypatch.setattr("dags.simulate.SHOTS_AT_ONCE", 2)
+    monkeypatch.setattr("posegaussian.dags.simulation.simulate.SHOTS_AT_ONCE", 2)
     scene = read_scene(path)
     truth = film(scene, stage_scene(scene, path.parent), tmp_path, threads=1)
     for f in ("joints/cam02.json", "depth/cam01/000002.exr", "cameras.json"):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dags.events import TaskDone, TaskStarted
-from dags.spending import Spending
-from dags.tasks import Task
-from storage.receipts import Receipt
+from posegaussian.dags.diagnostics.profile import Spending
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.events import TaskDone, TaskStarted
+from posegaussian.storage.archive.receipts import Receipt
 
 
 def done(stage: str, partition: int, **facts: object) -> TaskDone:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from dags import status
-from dags.selection import Selection
-from dags.status import Numbers, numbers, standing
-from storage.files import write_atomically
+from posegaussian.dags.diagnostics import status
+from posegaussian.dags.diagnostics.status import Numbers, numbers, standing
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.files.write import write_atomically
 from tests.pipeline import NAME, Pipeline
 
 

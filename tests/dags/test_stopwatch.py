@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from dags import stopwatch
-from dags.meters import Stopwatch
+from posegaussian.dags.runtime import meters
+from posegaussian.dags.runtime.meters import Stopwatch
 
 
 class Clock:
@@ -17,7 +17,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(stopwatch.time, "perf_counter", lambda: clock.now)
+    monkeypatch.setattr(meters.time, "perf_counter", lambda: clock.now)
     return clock
 
 

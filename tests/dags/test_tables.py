@@ -7,8 +7,8 @@ import re
 import pytest
 from rich.console import Console
 
-from dags.tables import MARKS, status_tables
-from stages.registry import STAGES
+from posegaussian.dags.diagnostics.tables import MARKS, status_tables
+from posegaussian.stages.registry import STAGES
 
 COUNTS = {"all": 128, "done": 96, "failed": 3, "blocked": 12, "warned": 17, "stale": 0, "undecided": 0, "dropped": 0}
 

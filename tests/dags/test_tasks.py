@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from dags.config import Settings
-from dags.context import Context, make_context
-from dags.tasks import PRODUCERS, Product, Task, dependencies, inputs, producer, tasks
-from stages.registry import STAGES
-from stages.registry import stage as stage_named
-from storage.archive import Archive
-from storage.joints import JOINT_SETS
-from storage.spec import ArraySpec
+from posegaussian.dags.config.settings import Settings
+from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, dependencies, inputs, producer, tasks
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.joint_sets import JOINT_SETS
+from posegaussian.storage.model.spec import ArraySpec
 from tests.storage.samples import make_capture
 
 JOINT_SET = next(iter(JOINT_SETS))

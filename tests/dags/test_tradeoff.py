@@ -12,20 +12,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dags import tradeoff
-from dags.held_out_quality import quality
-from dags.pareto import Level, pareto
-from dags.pareto_picture import labels, log_ticks, ticks
-from dags.plan import make_plan
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.tradeoff import chosen_levels, declared_knobs, run_tradeoff
-from dags.variants import FOLDER, others, share, variant
-from storage.errors import ConfigError, UserError
-from storage.media import read_picture
-from storage.receipts import scan_receipts
+from posegaussian.dags.planning.plan import make_plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.variants import FOLDER, others, share, variant
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.tradeoff import tradeoff
+from posegaussian.dags.tradeoff.figure import labels, log_ticks, ticks
+from posegaussian.dags.tradeoff.pareto import Level, pareto
+from posegaussian.dags.tradeoff.quality import quality
+from posegaussian.dags.tradeoff.tradeoff import chosen_levels, declared_knobs, run_tradeoff
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.model.errors import ConfigError, UserError
+from posegaussian.storage.readers.images import read_picture
 from tests.pipeline import NAME, Pipeline
 
 KNOBS = ["depth.method", "frames.size"]

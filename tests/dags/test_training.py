@@ -15,13 +15,13 @@ import psutil
 import pytest
 from safetensors import safe_open
 
-from dags.training import Order, Parts, train
-from dags.training_folder import RunFolder
-from dags.training_frames import FrameError, read_frame
-from stages.network.card import read_card
-from stages.training.config import TrainingConfig
-from storage.checkpoints import read_latest, steps_kept
-from storage.errors import ConfigError, UserError
+from posegaussian.dags.training.frame_producers import FrameError, read_frame
+from posegaussian.dags.training.loop import Order, Parts, train
+from posegaussian.dags.training.run_folder import RunFolder
+from posegaussian.stages.network.card import read_card
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
+from posegaussian.storage.model.errors import ConfigError, UserError
 
 PARTS = Parts("tests.dags.fake_frames", "tests.dags.fake_frames:frames_of_step", "tests.dags.fake_trainer:Trainer")
 SHORT = ("frames_per_scene=2", "depth_steps=40", "joint_steps=20", "validate_every=20", "checkpoint_every=10", "window=4", "steps_per_frame=4")
@@ -30,9 +30,9 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE = f"""
 import sys
 sys.path.insert(0, {str(ROOT)!r})
-import dags.training
-dags.training.PARTS = dags.training.Parts({PARTS.frames!r}, {PARTS.frames_of_step!r}, {PARTS.trainer!r})
-from dags.cli import main
+import posegaussian.dags.training.loop
+posegaussian.dags.training.loop.PARTS = posegaussian.dags.training.loop.Parts({PARTS.frames!r}, {PARTS.frames_of_step!r}, {PARTS.trainer!r})
+from posegaussian.dags.cli.app import main
 main()
 """
 

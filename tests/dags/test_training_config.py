@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dags.training_config import PACKAGED, differences, forbidden, load_training
-from stages.network.presets import PRESETS, Preset
-from stages.training.config import TrainingConfig
-from storage.errors import ConfigError
+from posegaussian.dags.training.config import PACKAGED, differences, forbidden, load_training
+from posegaussian.stages.network.model.presets import PRESETS, Preset
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.storage.model.errors import ConfigError
 from tests.dags.test_cli import assert_says, posegaussian
 
 
@@ -102,9 +102,9 @@ def test_the_command_says_faults_of_its_configuration(tmp_path: Path) -> None:
 
 def test_help_and_configuration_import_nothing_heavy(tmp_path: Path) -> None:
     code = (
-        "import sys; from dags.cli import app; from typer.testing import CliRunner; "
+        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; "
         "runs = [CliRunner().invoke(app, words).exit_code for words in (['--help'], ['train', '--help'], ['train', '--set', 'batch=0'])]; "
-        "import dags.training, dags.training_frames, dags.training_state, dags.training_card; "
+        "import posegaussian.dags.training.loop, posegaussian.dags.training.frame_producers, posegaussian.dags.training.state, posegaussian.dags.training.card; "
         "print(runs, [m for m in ('torch', 'safetensors', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2])

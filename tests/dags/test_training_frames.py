@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.training_frames import Frames, Item, Producers, read_frame
-from stages.training.config import TrainingConfig
+from posegaussian.dags.training.frame_producers import Frames, Item, Producers, read_frame
+from posegaussian.stages.training.config import TrainingConfig
 from tests.dags import fake_frames
 
 CONFIG = TrainingConfig(depth_steps=400, joint_steps=0, window=3, steps_per_frame=2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from dags.training_state import packed, unpacked
+from posegaussian.dags.training.state import packed, unpacked
 
 STATE = {
     "step": 3,

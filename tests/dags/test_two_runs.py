@@ -16,16 +16,16 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
-from dags.plan import State
-from dags.presence import folder
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.session import Session
-from storage.errors import ArchiveError
-from storage.lease import Lease
-from storage.receipts import ReceiptKey, lease_file
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.run_registry import folder
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
+from posegaussian.storage.model.errors import ArchiveError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
 DEPTH = Selection(start="depth")
@@ -43,7 +43,7 @@ def failures(events: list[Event]) -> list[TaskFailed]:
 HOLDER = """
 import sys
 from pathlib import Path
-from storage.lease import Lease
+from posegaussian.storage.archive.lease import Lease
 Lease.take(Path(sys.argv[1]), "the-other-run", "cpu-7")
 print("there", flush=True)
 sys.stdin.read()
@@ -108,13 +108,13 @@ def test_ctrl_c_ends_a_wait(archive: Pipeline) -> None:
 
 AT_ONCE = """
 import sys, time
-import stages.rendering.run as rendering
+import posegaussian.stages.rendering.run as rendering
 real = rendering.run
 def slow(inputs, params):
     time.sleep(1.0)  # so that they meet
     return real(inputs, params)
 rendering.run = slow
-from dags.cli import main
+from posegaussian.dags.cli.app import main
 print("ready", flush=True)
 sys.stdin.readline()
 main()
@@ -197,12 +197,12 @@ def test_two_runs_at_once_share_the_work_and_end_with_the_bytes_of_one(finished:
 SLEEPER = """
 import sys, time
 from pathlib import Path
-import stages.depth.run as depth
-from dags.execute import Terms
-from dags.flight import Rules
-from dags.run import Run
-from dags.plan import Selection
-from dags.serial import SerialBackend
+import posegaussian.stages.depth.run as depth
+from posegaussian.dags.runtime.worker import Terms
+from posegaussian.dags.runtime.in_flight import Rules
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.planning.plan import Selection
+from posegaussian.dags.runtime.executors.serial import SerialBackend
 from tests.pipeline import Pipeline
 
 root, folder, flag = map(Path, sys.argv[1:])
@@ -265,7 +265,7 @@ def test_arrays_are_not_replaced_under_another_run(archive: Pipeline) -> None:
 
 
 def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    import stages.gaussians.run as gaussians
+    import posegaussian.stages.gaussians.run as gaussians
 
     real = gaussians.run
 

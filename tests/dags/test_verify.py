@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from dags.selection import Selection
-from dags.session import Session
-from dags.verify import verify
-from storage.errors import ArchiveError, ShardCorrupt
-from storage.lease import Lease
-from storage.receipts import ReceiptKey, lease_file
+from posegaussian.dags.maintenance.verify import verify
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
+from posegaussian.storage.model.errors import ArchiveError, ShardCorrupt
 from tests.pipeline import NAME, Pipeline, assert_same_content, content
 
 SHARD = "depth/depth/c.1.2.0.0"
@@ -75,7 +75,7 @@ def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_an
 
 def test_a_flipped_bit_is_never_read_as_data(archive: Pipeline) -> None:
     """Wherever the bit lies that was flipped: in the data, in a chunk's checksum, in the index of the shard."""
-    from dags.results import Results
+    from posegaussian.dags.planning.results import Results
 
     file = archive.root / NAME / SHARD
     whole = file.read_bytes()

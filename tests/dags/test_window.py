@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dags.window import AHEAD, MOST, RECENT, Window
+from posegaussian.dags.runtime.executors.prefetch import AHEAD, MOST, RECENT, Window
 
 
 def after(least: int, seconds: float, count: int = RECENT) -> int:

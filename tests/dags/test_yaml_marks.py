@@ -9,8 +9,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dags.yaml_marks import Document, load, parse_value
-from storage.errors import ConfigError
+from posegaussian.dags.config.yaml_source import Document, load, parse_value
+from posegaussian.storage.model.errors import ConfigError
 
 
 def document(folder: Path, text: str) -> Document:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from storage import media
-from storage.video import VideoFile
+from posegaussian.dags.cli.app import app
+from posegaussian.storage.readers import images
+from posegaussian.storage.readers.video import VideoFile
 
 CONFIG = """
 frames:
@@ -34,7 +34,7 @@ def test_balance_becomes_a_novel_view_video(captures: Path, tmp_path: Path) -> N
     done = runner.invoke(app, ["export", "balance", "--path", "arc cam01 cam02", "--video", str(video), "--frames", str(frames), "--sheet", str(sheet), *common])
     assert done.exit_code == 0, done.output
     assert VideoFile(video).count == 2
-    pictures = [media.read_picture(p) for p in sorted(frames.rglob("*.png"))]
+    pictures = [images.read_picture(p) for p in sorted(frames.rglob("*.png"))]
     assert [p.name for p in sorted(frames.rglob("*.png"))] == ["000000.png", "000002.png"]
     for picture in pictures:
         assert picture.shape == (320, 181, 3)
@@ -43,4 +43,4 @@ def test_balance_becomes_a_novel_view_video(captures: Path, tmp_path: Path) -> N
         assert 0.02 < lit.mean() < 0.15
         rows = np.nonzero(lit.any(axis=1))[0]
         assert rows[-1] - rows[0] > 80, "a standing man is taller than a quarter of the picture"
-    assert media.read_picture(sheet).shape[0] > 500
+    assert images.read_picture(sheet).shape[0] > 500

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from stages.registry import STAGES
-from storage import media
+from posegaussian.dags.cli.app import app
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.readers import images
 from tests.pipeline import Pipeline, film
 
 
@@ -47,7 +47,7 @@ def test_export_of_any_path_works_without_truth(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.output
         pictures = sorted(out.rglob("*.png"))
         assert [p.name for p in pictures] == ["000000.png", "000001.png", "000002.png"]
-        assert media.read_picture(pictures[0]).max() > 50, f"{path} shows nothing"
+        assert images.read_picture(pictures[0]).max() > 50, f"{path} shows nothing"
         assert (out / "frames.csv").read_text().splitlines()[0] == "frame,index,time"
         assert Path(f"{out}.mp4").stat().st_size > 500
 

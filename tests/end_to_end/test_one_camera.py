@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dags.cli import app
-from dags.effects_table import effects_reasons
-from dags.events import TaskDone
-from dags.results import Results
-from storage import media
-from storage.exporters.images_layout import write_capture
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.diagnostics.effects_table import effects_reasons
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.runtime.events import TaskDone
+from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.readers import images
 from tests.pipeline import Pipeline, assert_same_content, content, film
 
 AUTO = [f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")]
@@ -86,7 +86,7 @@ def test_a_subject_that_is_elsewhere_than_assumed_is_reported(tmp_path: Path) ->
 
 @pytest.mark.parametrize("method", ["sgbm", "sweep", "hull", "given"])
 def test_methods_that_a_single_view_cannot_serve_are_refused(method: str, tmp_path: Path) -> None:
-    from storage.errors import ConfigError
+    from posegaussian.storage.model.errors import ConfigError
 
     with pytest.raises(ConfigError, match=f"depth.method is {method}.*use auto"):
         one_camera(tmp_path, f"depth.method={method}").plan()
@@ -137,7 +137,7 @@ def test_export_of_one_camera_with_maps_in_millimetres(tmp_path: Path) -> None:
     assert said.exit_code == 0, said.output
     done = runner.invoke(app, ["export", "one", "--frames", str(tmp_path / "out"), *archive])
     assert done.exit_code == 0, done.output
-    assert media.read_picture(next((tmp_path / "out").rglob("*.png"))).max() > 50
+    assert images.read_picture(next((tmp_path / "out").rglob("*.png"))).max() > 50
 
 
 def test_a_view_that_becomes_a_source_brings_its_depth_maps_along(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from dags import threads
+from posegaussian.dags.runtime import threads
 from tests.fuzz.formats import formats
 from tests.fuzz.pool import Outcome, make_wholes, run
 

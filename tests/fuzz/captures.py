@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.importers.cameras import rotation_matrix
-from storage.importers.registry import find_capture
-from storage.media import write_exr, write_png
+from posegaussian.storage.importers.cameras import rotation_matrix
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.clips import counting_clip, planes
 from tests.storage.importers import made, test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
 
@@ -27,7 +27,7 @@ def pose2sim(base: Path) -> None:
 
 def trc(path: Path) -> None:
     """A person of 21 markers, as Pose2Sim writes it."""
-    from storage.joints import JOINT_SETS
+    from posegaussian.storage.model.joint_sets import JOINT_SETS
 
     names = JOINT_SETS["trc21"].names
     head = [

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from dags.config import load_configuration
-from dags.importing import find_capture, register
-from storage.archive import Archive
-from storage.capture import PER_VIEW, Capture
-from storage.sources import open_source
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.capture import PER_VIEW, Capture
+from posegaussian.storage.readers.sources import open_source
 from tests.fuzz import captures, models
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,10 +72,10 @@ def read_sources(capture: Capture) -> None:
 
 def look_at_cameras(capture: Capture) -> None:
     """Rectify, walk and carve with the cameras: loops over their numbers must end."""
-    from stages.frames.layout import frames_rig
-    from stages.geometry.agreement import agreement
-    from stages.geometry.hull import Silhouettes, searched_radius, visual_hull
-    from stages.geometry.subject import look_at_point
+    from posegaussian.stages.geometry.subject import look_at_point
+    from posegaussian.stages.imaging.camera_mapping import frames_rig
+    from posegaussian.stages.silhouettes.agreement import agreement
+    from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
 
     rig = frames_rig(capture.rig, settings().frames.size)
     w, h = rig.size.max(axis=0)
@@ -89,7 +89,7 @@ def look_at_cameras(capture: Capture) -> None:
 
 
 def camera_path(folder: Path, out: Path) -> None:
-    from stages.geometry.path_file import read_path_file
+    from posegaussian.stages.camera_paths.path_file import read_path_file
 
     read_path_file(str(folder / "path.json"), np.arange(3))
 
@@ -101,13 +101,13 @@ def configuration(folder: Path, out: Path) -> None:
 
 
 def scene(folder: Path, out: Path) -> None:
-    from dags.simulate import read_scene, stage_scene
+    from posegaussian.dags.simulation.simulate import read_scene, stage_scene
 
     stage_scene(read_scene(folder / "own.yaml"), folder).written.check()
 
 
 def training(folder: Path, out: Path) -> None:
-    from dags.training_config import load_training
+    from posegaussian.dags.training.config import load_training
 
     load_training(folder / "own.yaml").network()
 
@@ -124,7 +124,7 @@ def a_copy(source: Path) -> Callable[[Path], None]:
 
 def record(folder: Path, out: Path) -> None:
     """A sequence's own record, which may come from somebody else with the archive."""
-    from storage.receipts import scan_receipts
+    from posegaussian.storage.archive.receipts import scan_receipts
 
     archive = Archive.open(str(folder / "archive"))
     for name in archive.names():
@@ -194,9 +194,9 @@ def formats() -> list[Format]:
     return [
         *capture_formats(),
         Format("camera path JSON", captures.path_file, "*.json", "json", camera_path),
-        Format("configuration YAML", a_copy(ROOT / "dags" / "pipeline.yaml"), "own.yaml", "yaml", configuration),
-        Format("scene YAML", a_copy(ROOT / "dags" / "scenes" / "messy.yaml"), "own.yaml", "yaml", scene),
-        Format("training YAML", a_copy(ROOT / "dags" / "training.yaml"), "own.yaml", "yaml", training),
+        Format("configuration YAML", a_copy(ROOT / "dags" / "config" / "pipeline.yaml"), "own.yaml", "yaml", configuration),
+        Format("scene YAML", a_copy(ROOT / "dags" / "simulation" / "scenes" / "messy.yaml"), "own.yaml", "yaml", scene),
+        Format("training YAML", a_copy(ROOT / "dags" / "training" / "training.yaml"), "own.yaml", "yaml", training),
         *(Format(name, make, files, kind, use) for name, make, files, kind, use in models.rows()),
         Format("sequence record JSON", archived, "archive/sequence/zarr.json", "json", record),
     ]

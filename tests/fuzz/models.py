@@ -29,7 +29,7 @@ def rows() -> Iterator[tuple[str, Callable[[Path], None], str, str, Callable[[Pa
 
 
 def splats(base: Path) -> None:
-    from storage.splat_files import write_splats
+    from posegaussian.storage.formats.splat_ply import write_splats
 
     base.mkdir(parents=True)
     write_splats(base / "a.ply", test_splat_files.made(20, 2))
@@ -41,8 +41,8 @@ def packed_splats(base: Path) -> None:
 
 
 def read_splat_file(folder: Path, out: Path) -> None:
-    from stages.rendering.splat_scene import scene_of
-    from storage.splat_files import read_splats, write_splats
+    from posegaussian.stages.splatting.splat_scene import scene_of
+    from posegaussian.storage.formats.splat_ply import read_splats, write_splats
 
     read = read_splats(folder / "a.ply")
     scene_of(read.splats)
@@ -51,10 +51,10 @@ def read_splat_file(folder: Path, out: Path) -> None:
 
 def weights(base: Path) -> None:
     """A network of the smallest widths."""
-    from dags.training_weights import save_weights
-    from stages.network.card import Card
-    from stages.network.network import PoseGaussianNetwork
-    from stages.network.presets import Preset
+    from posegaussian.dags.training.weights import save_weights
+    from posegaussian.stages.network.card import Card
+    from posegaussian.stages.network.model.network import PoseGaussianNetwork
+    from posegaussian.stages.network.model.presets import Preset
 
     base.mkdir(parents=True)
     preset = Preset("fast", widths=(8, 8, 8, 8), hidden=8)
@@ -74,8 +74,8 @@ def weights(base: Path) -> None:
 
 
 def read_weights(folder: Path, out: Path) -> None:
-    from dags.network_weights import network_of, notes
-    from stages.network.params import NetworkParams
+    from posegaussian.dags.assets.network_weights import network_of, notes
+    from posegaussian.stages.network.params import NetworkParams
 
     params = NetworkParams(weights=str(folder / "tiny.safetensors"))
     notes(params)
@@ -86,8 +86,8 @@ def checkpoint(base: Path) -> None:
     """Two checkpoints with the state of an optimiser."""
     import torch
 
-    from dags.training_state import packed
-    from storage.checkpoints import write_checkpoint
+    from posegaussian.dags.training.state import packed
+    from posegaussian.storage.archive.checkpoints import write_checkpoint
 
     for step in (100, 200):
         state = {
@@ -101,8 +101,8 @@ def checkpoint(base: Path) -> None:
 
 
 def read_checkpoints(folder: Path, out: Path) -> None:
-    from dags.training_state import unpacked
-    from storage.checkpoints import read_latest
+    from posegaussian.dags.training.state import unpacked
+    from posegaussian.storage.archive.checkpoints import read_latest
 
     found, _ = read_latest(folder / "checkpoints")
     if found is not None:
@@ -120,9 +120,9 @@ def described(base: Path) -> None:
 
 
 def read_model(folder: Path, out: Path) -> None:
-    from dags.models import add
-    from stages.detection.description import read_description
-    from stages.detection.onnx import OnnxEstimator
+    from posegaussian.dags.assets.downloads import add
+    from posegaussian.stages.estimators.description import read_description
+    from posegaussian.stages.estimators.onnx import OnnxEstimator
 
     add([folder / "own.yaml"])
     OnnxEstimator(read_description(folder / "own.yaml")).look(
@@ -132,7 +132,7 @@ def read_model(folder: Path, out: Path) -> None:
 
 def bought(base: Path) -> None:
     """Files that claim to be BlazePose's; what was published would be refused as well, were it spoilt."""
-    from stages.detection.models import BLAZEPOSE
+    from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE
 
     base.mkdir(parents=True)
     (base / "pose.tflite").write_bytes(bytes(range(256)) * 20)
@@ -143,7 +143,7 @@ def bought(base: Path) -> None:
 
 
 def add_models(folder: Path, out: Path) -> None:
-    from dags.models import add
+    from posegaussian.dags.assets.downloads import add
 
     os.environ["POSEGAUSSIAN_MODELS"] = str(out / "models")
     for file in sorted(folder.iterdir()):
@@ -152,7 +152,7 @@ def add_models(folder: Path, out: Path) -> None:
 
 def scan(base: Path) -> None:
     """A textured square."""
-    from storage.media import write_png
+    from posegaussian.storage.readers.images import write_png
 
     base.mkdir(parents=True)
     (base / "a.obj").write_text(
@@ -164,8 +164,8 @@ def scan(base: Path) -> None:
 
 
 def read_scan(folder: Path, out: Path) -> None:
-    from dags.simulate import load_scan
-    from stages.capture.scene import Scan
+    from posegaussian.dags.simulation.simulate import load_scan
+    from posegaussian.stages.simulator.scene import Scan
 
     load_scan(Scan(obj=Path("a.obj"), height=1.7), folder)
 

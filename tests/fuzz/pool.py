@@ -26,19 +26,19 @@ import OpenImageIO  # noqa: F401
 import safetensors.torch  # noqa: F401
 import zarr  # noqa: F401
 
-import dags.cli
-import dags.importing
-import dags.models
-import dags.network_weights
-import dags.simulate
-import dags.training_config
-import dags.training_state  # noqa: F401
-import stages.detection.onnx
-import stages.geometry.agreement
-import stages.geometry.path_file
-import stages.network.network
-import stages.rendering.splat_scene  # noqa: F401
-from storage.errors import UserError
+import posegaussian.dags.assets.downloads
+import posegaussian.dags.assets.network_weights
+import posegaussian.dags.cli.app
+import posegaussian.dags.importing.register
+import posegaussian.dags.simulation.simulate
+import posegaussian.dags.training.config
+import posegaussian.dags.training.state
+import posegaussian.stages.camera_paths.path_file
+import posegaussian.stages.estimators.onnx
+import posegaussian.stages.network.model.network
+import posegaussian.stages.silhouettes.agreement
+import posegaussian.stages.splatting.splat_scene  # noqa: F401
+from posegaussian.storage.model.errors import UserError
 from tests.fuzz.formats import Format
 from tests.fuzz.models import NEVER_WHOLE
 from tests.fuzz.spoil import rename, spoil

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from storage.errors import SourceError
+from posegaussian.storage.model.errors import SourceError
 from tests.fuzz import pool
 from tests.fuzz.formats import Format, formats
 from tests.fuzz.pool import folder_of, run, variant

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.geometry.paths import make_path
-from stages.io import Views
-from storage.capture import Capture, SourceFile, Stream
-from storage.importers.cameras import RawCamera, build_rig
-from storage.importers.easymocap import _camera, read_opencv_yaml
-from storage.importers.letterbox import fitted
-from storage.media import write_png
-from storage.rig import CameraPath, Rig
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.io import Views
+from posegaussian.storage.importers.cameras import RawCamera, build_rig
+from posegaussian.storage.importers.easymocap import _camera, read_opencv_yaml
+from posegaussian.storage.importers.letterbox import fitted
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.readers.images import write_png
 from tests.hard_cases.catalogue import Case, worst
 from tests.stages.geometry.scenes import camera, rig_of
 

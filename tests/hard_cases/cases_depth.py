@@ -10,22 +10,22 @@ import cv2
 import numpy as np
 import torch
 
-from stages.depth.bounds import Bounds
-from stages.depth.fuse import complete, transfer
-from stages.depth.params import DepthParams
-from stages.depth.sampling import disagreement, fill, sample
-from stages.depth.scene import Frame, Geometry, hull_only
-from stages.depth.sgbm import match
-from stages.geometry.hull import foreground
-from stages.geometry.pairs import classify
-from stages.geometry.projection import pixel_centres, project, unproject
-from stages.geometry.rectification import RectifiedPair, rectify
-from stages.geometry.subject import body_points
-from stages.metrics.depth_error import depth_error
-from stages.metrics.run import ONLY_SSIM, measure
-from stages.rendering.lift import Maps, lift
-from storage.media import read_depth, write_exr
-from storage.rig import Rig, to_integer_centres
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry, hull_only
+from posegaussian.stages.geometry.pairs import classify
+from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.geometry.subject import body_points
+from posegaussian.stages.matching.bounds import Bounds
+from posegaussian.stages.matching.fuse import complete, transfer
+from posegaussian.stages.matching.sampling import disagreement, fill, sample
+from posegaussian.stages.matching.sgbm import match
+from posegaussian.stages.metrics.depth_error import depth_error
+from posegaussian.stages.metrics.run import ONLY_SSIM, measure
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.silhouettes.hull import foreground
+from posegaussian.storage.model.cameras import Rig, to_integer_centres
+from posegaussian.storage.readers.images import read_depth, write_exr
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask, textured_sphere
 
@@ -289,7 +289,7 @@ CASES = (
     Case("D4", "an empty mask", "the mean of nothing is not a number, and every mean over it", "of a value", lambda: float(np.mean(np.zeros(0))), empty_mask_error, 0.0, "depth and hull are 0, a measure has no row"),
     Case("D9", "looking up beside the picture", "zeros beside it pull depth to the camera", "m", naive_edge, lambda: apart(sample(np.full((4, 4), 2, np.float32), EDGES, np.ones_like(EDGES), 0.02), 2), 1e-6, "what is unknown drops out of the weights; float32"),
     Case("D10", "disparities above 512 px in wide pairs", "thrown away: a part of the surface is never looked at", "of the surface", naive_cut, uncounted, 0.0, "searched and measured about the surface, whatever the disparity"),
-    Case("D11", "the half pixel between two conventions", "maps with integer centres, unprojected with centres at a half", "px", lambda: round_trip((64, 48), 0.5), lambda: round_trip((64, 48), 0.0), 1e-9, "one convention; `storage/rig.py` alone converts; float64"),
+    Case("D11", "the half pixel between two conventions", "maps with integer centres, unprojected with centres at a half", "px", lambda: round_trip((64, 48), 0.5), lambda: round_trip((64, 48), 0.0), 1e-9, "one convention; `storage/model/cameras.py` alone converts; float64"),
     Case("D12", "soft masks", "other thresholds for the picture and for what is counted: a rim that is neither", "pixels", naive_thresholds, threshold_error, 0.0, "one threshold: depth lies on the mask exactly"),
     Case("D13", "black or textureless background", "matched all the same", "pixels", naive_background, matched_background, 0.0, "only pixels of the mask are matched, or counted"),
     Case("D14", "what the other camera cannot see", "a depth is found for it, any", "of the hidden pixels", lambda: wrong_where_hidden(False), lambda: wrong_where_hidden(True), 0.3, "a match must be confirmed from the other side within 1.5 px; of one pair and a pattern that repeats, chance confirms some"),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.metrics.depth_error import depth_error, nearest_pair
-from stages.metrics.lpips import ALEX, Network
-from stages.metrics.ms_ssim import WEIGHTS, ms_ssim
-from stages.metrics.psnr import psnr
-from stages.metrics.ssim import ssim_map
+from posegaussian.stages.metrics.depth_error import depth_error, nearest_pair
+from posegaussian.stages.metrics.lpips import ALEX, Network
+from posegaussian.stages.metrics.ms_ssim import WEIGHTS, ms_ssim
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.ssim import ssim_map
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.stages.geometry.scenes import ring, sphere_depth
 from tests.stages.metrics.test_lpips import by_hand, made_weights

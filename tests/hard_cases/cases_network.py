@@ -8,10 +8,10 @@ from functools import cache
 import torch
 import torch.nn.functional as F
 
-from stages.network.correlation import Correlation, columns_of, volume_bytes
-from stages.network.disparity import Coding
-from stages.network.refine import DepthRefinement
-from stages.network.update import convex_weights, upsample
+from posegaussian.stages.network.model.correlation import Correlation, columns_of, volume_bytes
+from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.refine import DepthRefinement
+from posegaussian.stages.network.model.update import convex_weights, upsample
 from tests.hard_cases.catalogue import Case, apart, worst
 
 WIDTHS = (1, 2, 3, 5, 7, 9, 12, 13)

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import torch
 
-from stages.rendering.run import quantise
-from stages.rendering.scene import Cutoffs, Gaussians
+from posegaussian.stages.rendering.run import quantise
+from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
 from tests.hard_cases import naive
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.hard_cases.laws import FIELDS, drawn, pictures, to

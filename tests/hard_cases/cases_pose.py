@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stages.pose.heatmaps import CELL, FLOOR, draw
-from stages.pose.params import PoseParams
-from stages.pose.stage import STAGE as POSE
-from stages.smoothing.params import SmoothingParams
-from storage.joints import COCO17
+from posegaussian.stages.pose.heatmaps import CELL, FLOOR, draw
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE as POSE
+from posegaussian.stages.smoothing.params import SmoothingParams
+from posegaussian.storage.model.joint_sets import COCO17
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.memory import run_stage
 from tests.stages.pose.scene import Joints2D, pixels, ring, roles, walk

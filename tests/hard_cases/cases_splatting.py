@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from stages.rendering.projection import project
-from stages.rendering.quaternions import rotations
-from stages.rendering.scene import Cutoffs, Gaussians
+from posegaussian.stages.splatting.definition.projection import project
+from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
+from posegaussian.stages.splatting.quaternions import rotations
 from tests.hard_cases import cases_pictures, naive
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.hard_cases.laws import drawn, relative, slope_error, to

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stages.network.encoders import image_encoder
-from stages.network.heads import Heads, Prior, blend_quaternions, growth, limited
-from stages.network.losses import sequence_loss
-from stages.network.presets import PRESETS, Normalisation
-from stages.training.trainer import Trainer
+from posegaussian.stages.network.losses import sequence_loss
+from posegaussian.stages.network.model.encoders import image_encoder
+from posegaussian.stages.network.model.heads import Heads, Prior, blend_quaternions, growth, limited
+from posegaussian.stages.network.model.presets import PRESETS, Normalisation
+from posegaussian.stages.training.trainer import Trainer
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.stages.training.made import ball, tiny
 

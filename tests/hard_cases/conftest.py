@@ -15,12 +15,12 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def each_compiled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """What draws float32 in `draw` and `drawn`. The interpreter is given large tiles: it takes as long for a pixel as for a thousand."""
-    from stages.rendering import gpu
+    from posegaussian.stages.splatting.gpu import backend
     from tests.stages.rendering import scenes
 
     monkeypatch.setattr(scenes, "compiled", request.param)
-    if gpu.interpreted():
-        monkeypatch.setattr(gpu, "SHAPE", gpu.Shape(tile=64, chunk=32))
+    if backend.interpreted():
+        monkeypatch.setattr(backend, "SHAPE", backend.Shape(tile=64, chunk=32))
     return request.param
 
 
@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Float64 is drawn by the reference, once. Of a case's parameters the interpreter, which is slow, gets four, and every sixth beyond."""
     import torch
 
-    from stages.rendering import gpu
+    from posegaussian.stages.splatting.gpu import backend
 
     kept, met = [], Counter[str]()
     for item in items:
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 continue
             case = item.nodeid.partition("[")[0]
             met[case] += 1
-            if gpu.interpreted() and met[case] > 4 and met[case] % 6:
+            if backend.interpreted() and met[case] > 4 and met[case] % 6:
                 continue
         kept.append(item)
     items[:] = kept

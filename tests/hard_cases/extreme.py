@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 import torch
 
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
 from tests.hard_cases.laws import drawn
 
 

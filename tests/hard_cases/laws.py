@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import torch
 
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.stages.rendering.scenes import placed
 
 FIELDS = tuple(Gaussians.__dataclass_fields__)

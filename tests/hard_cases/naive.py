@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from stages.rendering.scene import Camera, Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 
 
 class Flat(NamedTuple):

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from storage.media import write_png
+from posegaussian.storage.readers.images import write_png
 from tests.hard_cases.catalogue import Case, Outcome
 from tests.hard_cases.thumbnails import thumbnails
 

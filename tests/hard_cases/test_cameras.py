@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.geometry.subject import look_at_point
-from storage.errors import CalibrationError
-from storage.importers.cameras import RawCamera, build_rig
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.storage.importers.cameras import RawCamera, build_rig
+from posegaussian.storage.model.errors import CalibrationError
 from tests.hard_cases.cases_cameras import arc, as_captured, centres, doubled, two, written
 from tests.stages.geometry.scenes import camera
 

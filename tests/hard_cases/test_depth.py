@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 import torch
 
-from stages.depth.bounds import Bounds, around, between, inverse, shifted
-from stages.depth.fuse import complete, fuse
-from stages.depth.params import DepthParams
-from stages.depth.run import check
-from stages.depth.sampling import extend, sample
-from stages.depth.sgbm import match
-from stages.geometry.pairs import choose_pairs, classify
-from stages.geometry.rectification import rectify
-from stages.io import Block
-from stages.rendering.lift import Maps, lift
-from storage.errors import SourceError
-from storage.media import read_depth, write_png
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.run import check
+from posegaussian.stages.geometry.pairs import choose_pairs, classify
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.matching.bounds import Bounds, around, between, inverse, shifted
+from posegaussian.stages.matching.fuse import complete, fuse
+from posegaussian.stages.matching.sampling import extend, sample
+from posegaussian.stages.matching.sgbm import match
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.images import read_depth, write_png
 from tests.hard_cases.cases_depth import ORIGIN, VERTICAL, WIDE, bounds_around, hidden_scene, round_trip, sphere_scene, wrong_where_hidden
 from tests.hard_cases.catalogue import named, run
 from tests.stages.geometry.scenes import rig_of, ring

@@ -5,7 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.rendering.scene import Cutoffs
+from posegaussian.stages.splatting.definition.scene import Cutoffs
 from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import drawn, pictures, to
 

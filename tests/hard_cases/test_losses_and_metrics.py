@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from stages.metrics.depth_error import depth_error, disparity_error, nearest_pair
-from stages.metrics.ms_ssim import ms_ssim
-from stages.metrics.psnr import psnr
-from stages.metrics.run import ONLY_SSIM, measure
-from stages.metrics.ssim import ssim_map
+from posegaussian.stages.metrics.depth_error import depth_error, disparity_error, nearest_pair
+from posegaussian.stages.metrics.ms_ssim import ms_ssim
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.run import ONLY_SSIM, measure
+from posegaussian.stages.metrics.ssim import ssim_map
 from tests.hard_cases.cases_metrics import depths, nearly_constant, network, noisy_pair, picture
 from tests.stages.geometry.scenes import ring
 

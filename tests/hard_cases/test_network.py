@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from stages.network.correlation import Correlation, columns_of
-from stages.network.disparity import Coding
+from posegaussian.stages.network.model.correlation import Correlation, columns_of
+from posegaussian.stages.network.model.disparity import Coding
 from tests.hard_cases.cases_network import CASES, WIDTHS, gone, loud, random
 from tests.hard_cases.catalogue import run
 

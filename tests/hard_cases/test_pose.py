@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from stages.pose.params import PoseParams
-from stages.pose.stage import STAGE as POSE
-from stages.pose.triangulate import triangulate
-from stages.smoothing.filters import blend, stillness
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE as POSE
+from posegaussian.stages.smoothing.filters import blend, stillness
 from tests.hard_cases.cases_pose import (
     HIDDEN,
     OUTSIDE,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.projection import project
-from stages.rendering.quaternions import rotations
-from stages.rendering.run import quantise
-from stages.rendering.scene import Cutoffs, Gaussians
-from stages.rendering.splat_scene import scene_of
+from posegaussian.stages.rendering.run import quantise
+from posegaussian.stages.splatting.definition.projection import project
+from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
+from posegaussian.stages.splatting.quaternions import rotations
+from posegaussian.stages.splatting.splat_scene import scene_of
 from tests.hard_cases.laws import FIELDS, agree, derivative, drawn, pictures, to
 from tests.stages.rendering.scenes import camera, cloud, draw, gaussians, turned_about_y
 from tests.storage.test_splat_files import made

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from stages.network.heads import growth, limited
-from stages.network.losses import render_loss, sequence_loss, ssim_map
+from posegaussian.stages.network.losses import render_loss, sequence_loss, ssim_map
+from posegaussian.stages.network.model.heads import growth, limited
 from tests.hard_cases.cases_training import FAR, bad_batch, blend_error, dead_confidence, kept_disparity, naive_blend, told_by_neighbours
 
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import torch
 
-from stages.depth.fuse import transfer
-from stages.depth.params import DepthParams
-from stages.depth.sampling import disagreement
-from stages.geometry.rectification import rectify
-from stages.rendering.run import quantise
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.matching.fuse import transfer
+from posegaussian.stages.matching.sampling import disagreement
+from posegaussian.stages.rendering.run import quantise
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
 from tests.hard_cases import naive
 from tests.hard_cases.cases_depth import ORIGIN, hidden_matches, hidden_scene, matches, naive_matches
 from tests.hard_cases.cases_pictures import COLUMN, EDGE_ON, before_white, wrapped

@@ -16,17 +16,17 @@ import cv2
 import numpy as np
 import pytest
 
-from dags import tasks as dag_tasks
-from dags.results import Results
-from dags.selection import Selection
-from stages.capture.motion import joints_at, pose
-from stages.capture.person import capture_person, render, ring
-from stages.frames.display import gain_table
-from stages.frames.layout import distort, undistort
-from stages.geometry.projection import pixel_centres, project
-from stages.registry import STAGES
-from storage.exporters.images_layout import write_capture
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.dags.planning import tasks as dag_tasks
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.stages.geometry.projection import pixel_centres, project
+from posegaussian.stages.imaging.camera_mapping import distort, undistort
+from posegaussian.stages.imaging.color import gain_table
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person, render, ring
+from posegaussian.stages.simulator.subjects.motion import joints_at, pose
+from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from tests.pipeline import FORCED, Pipeline, assert_same_content, content
 
 Scene = dict[str, Any]
@@ -274,18 +274,18 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("effect", "work"),
     [
-        ("undistortion", "stages.frames.layout.distort"),
-        ("exposure_matching", "stages.frames.run.gain_table"),
-        ("exposure_matching", "stages.survey.run.SurfaceLook"),
-        ("outline_correction", "stages.survey.run.outline_offsets"),
-        ("pose_heatmaps", "stages.pose.run.draw"),
-        ("temporal_smoothing", "stages.smoothing.run.blend"),
-        ("left_right_check", "stages.depth.estimate.disagreement"),
-        ("limb_bounds", "stages.depth.run.limbs_of"),
-        ("limb_bounds", "stages.survey.run.fit_of_view"),
-        ("view_dependent_color", "stages.rendering.frame.color_towards"),
-        ("view_dependent_color", "stages.survey.run.noise_level"),
-        ("anti_aliasing", "stages.rendering.frame.mip_filter"),
+        ("undistortion", "posegaussian.stages.imaging.camera_mapping.distort"),
+        ("exposure_matching", "posegaussian.stages.frames.run.gain_table"),
+        ("exposure_matching", "posegaussian.stages.survey.run.SurfaceLook"),
+        ("outline_correction", "posegaussian.stages.survey.run.outline_offsets"),
+        ("pose_heatmaps", "posegaussian.stages.pose.run.draw"),
+        ("temporal_smoothing", "posegaussian.stages.smoothing.run.blend"),
+        ("left_right_check", "posegaussian.stages.depth.stereo.disagreement"),
+        ("limb_bounds", "posegaussian.stages.depth.run.limbs_of"),
+        ("limb_bounds", "posegaussian.stages.survey.run.fit_of_view"),
+        ("view_dependent_color", "posegaussian.stages.rendering.frame.color_towards"),
+        ("view_dependent_color", "posegaussian.stages.survey.run.noise_level"),
+        ("anti_aliasing", "posegaussian.stages.rendering.frame.mip_filter"),
     ],
 )
 def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str, work: str) -> None:

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags import threads
-from dags.plan import State
-from dags.selection import Selection
-from stages.registry import STAGES
-from storage import ledger
-from storage.archive import Archive
-from storage.receipts import scan_receipts
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime import threads
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
@@ -45,8 +45,8 @@ def test_one_thread_equals_two(finished: Pipeline, tmp_path: Path) -> None:
     other.register()
     threads.limit(2)
     try:
-        from dags.run import Run
-        from dags.serial import SerialBackend
+        from posegaussian.dags.runtime.executors.serial import SerialBackend
+        from posegaussian.dags.runtime.scheduler import Run
 
         Run([other.plan()], Selection(), SerialBackend(), [], threads=2).go()
     finally:
@@ -60,8 +60,8 @@ def ledger_rows(pipeline: Pipeline) -> list[dict]:
 
 
 def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
-    from dags.cluster import DaskBackend
-    from dags.config import RunSettings
+    from posegaussian.dags.config.settings import RunSettings
+    from posegaussian.dags.runtime.executors.dask import DaskBackend
 
     assert all(s.tolerance is None for s in STAGES), "a stage declares a tolerance: compare it here with that tolerance"
     other = Pipeline(tmp_path / "archive", finished.folder)
@@ -112,15 +112,15 @@ def _replace_by_noise(folder: Path, camera: str) -> None:
     """Pictures and masks of one camera become noise, its joints are moved, its true depth becomes a wall."""
     import json
 
-    from storage import media
+    from posegaussian.storage.readers import images
 
     random = np.random.default_rng(0)
     for kind in ("images", "masks"):
         for file in (folder / kind / camera).iterdir():
-            old = media.read_picture(file) if kind == "images" else media.read_mask(file)
-            media.write_png(file, random.integers(0, 256, old.shape, dtype=np.uint8))
+            old = images.read_picture(file) if kind == "images" else images.read_mask(file)
+            images.write_png(file, random.integers(0, 256, old.shape, dtype=np.uint8))
     for file in (folder / "depth" / camera).iterdir():
-        media.write_exr(file, np.full_like(media.read_depth(file), 1.0))
+        images.write_exr(file, np.full_like(images.read_depth(file), 1.0))
     joints = folder / "joints" / f"{camera}.json"
     data = json.loads(joints.read_text())
     for annotation in data["annotations"]:

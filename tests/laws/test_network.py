@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 import torch
 
-from dags.cluster import DaskBackend
-from dags.config import RunSettings
-from dags.contribution import sentences
-from dags.events import Event, TaskDone, TaskFailed, TaskStarted, record
-from dags.plan import State
-from dags.results import Results
-from dags.run import Run
-from dags.selection import Selection
-from dags.serial import SerialBackend
-from dags.spending import Spending
-from dags.training_weights import save_weights
-from stages.network.card import Card
-from stages.network.network import PoseGaussianNetwork
-from stages.network.presets import PRESETS
-from storage import ledger
-from storage.errors import ConfigError
-from storage.receipts import scan_receipts, write_receipt
+from posegaussian.dags.config.settings import RunSettings
+from posegaussian.dags.diagnostics.learned_share import sentences
+from posegaussian.dags.diagnostics.profile import Spending
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed, TaskStarted, record
+from posegaussian.dags.runtime.executors.dask import DaskBackend
+from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.training.weights import save_weights
+from posegaussian.stages.network.card import Card
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
+from posegaussian.storage.model.errors import ConfigError
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 FRAMES = "frames.range=0:2"

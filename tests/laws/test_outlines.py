@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.events import EffectsDecided
-from dags.results import Results
-from stages.frames.outline import moved
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.runtime.events import EffectsDecided
+from posegaussian.stages.imaging.outline import moved
 from tests.laws.test_effects import Scene, filmed, pipeline, state
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dags.plan import State
-from dags.results import Results
-from stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.results import Results
+from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 SHORT = ["frames.range=0:3", "gaussians.opacity=0.1"]

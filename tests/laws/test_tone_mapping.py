@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.results import Results
-from dags.selection import Selection
-from stages.frames.display import to_linear, tone_mapped
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.stages.imaging.color import to_linear, tone_mapped
 from tests.laws.test_effects import filmed, pipeline, state
 from tests.pipeline import Pipeline
 

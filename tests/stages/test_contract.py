@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from pydantic import ValidationError
 
-from stages.contract import Params, Read, Resources, Stage, extra, resolve, setting
-from storage.spec import ArraySpec, TableSpec
+from posegaussian.stages.contract.declaration import Params, Read, Resources, Stage, extra, resolve, setting
+from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 
 class Example(Params):

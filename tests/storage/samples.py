@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.archive import Archive, Sequence
-from storage.capture import Capture, SourceFile, Stream
-from storage.rig import Rig, rigid
+from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 
 
 def make_rig(views: int = 3, width: int = 40, height: int = 30) -> Rig:

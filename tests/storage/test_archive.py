@@ -14,12 +14,12 @@ import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.registry import STAGES
-from storage import archive as module
-from storage.archive import FORMAT, MAX_CHUNK_BYTES, Archive, Sequence, layout, local_path
-from storage.errors import ArchiveError
-from storage.records import ATTRIBUTES
-from storage.spec import ArraySpec
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive import store as module
+from posegaussian.storage.archive.records import ATTRIBUTES
+from posegaussian.storage.archive.store import FORMAT, MAX_CHUNK_BYTES, Archive, Sequence, layout, local_path
+from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.model.spec import ArraySpec
 from tests.storage.samples import make_capture, make_rig, make_sequence
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import zarr
 
-from stages.registry import STAGES
-from storage.archive import Sequence
-from storage.array_metadata import ForeignArray, read_metadata, refuse_huge, values_digest
-from storage.places import Unsafe
-from storage.shards import read_array
-from storage.spec import ArraySpec, array_digest
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.array_metadata import ForeignArray, read_metadata, refuse_huge, values_digest
+from posegaussian.storage.archive.shards import read_array
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.files.names import Unsafe
+from posegaussian.storage.model.spec import ArraySpec, array_digest
 from tests.storage.samples import make_sequence
 
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
@@ -127,5 +127,5 @@ def test_the_digest_of_an_array_is_that_of_its_values_however_it_is_read(sequenc
     values = np.random.default_rng(0).normal(size=(7, 5, 3)).astype(np.float32)
     sequence.put("a", values, ("a", "b", "c"), "1", "x", chunk=(2, 5, 3))
     for part in (1, 100, 2**20):
-        monkeypatch.setattr("storage.array_metadata.PART_BYTES", part)
+        monkeypatch.setattr("posegaussian.storage.archive.array_metadata.PART_BYTES", part)
         assert values_digest(sequence.open_array("a")) == array_digest(values)

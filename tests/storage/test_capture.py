@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.capture import Capture, SourceFile, Stream
-from storage.crop import Crop
-from storage.errors import BrokenRecord, SourceError, UserError
-from storage.records import read_capture
+from posegaussian.storage.archive.records import read_capture
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import BrokenRecord, SourceError, UserError
 from tests.storage.samples import fake_file, make_capture
 
 

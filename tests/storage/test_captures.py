@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.capture import Capture
-from storage.crop import Crop
-from storage.importers.registry import find_capture
-from storage.rig import to_integer_centres
-from storage.sources import open_source
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.cameras import to_integer_centres
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.importers.made import project
 
 SHARED = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures"
@@ -65,7 +65,7 @@ def test_one_frame_of_h264_and_vp9(balance):
 def test_balance_markers_project_onto_its_joints(balance):
     """Frame n of the TRC is frame n of the videos and its axes are (Y, Z, X): one frame or axis off would show."""
     joints, markers = open_source(balance, "joints"), open_source(balance, "joints3d")
-    from storage.joints import joint_map
+    from posegaussian.storage.model.joint_sets import joint_map
 
     of = joint_map("body_25b", markers.joint_set)
 

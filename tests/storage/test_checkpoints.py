@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from storage import checkpoints, files
-from storage.checkpoints import PIECE_BYTES, CheckpointError, read_checkpoint, read_latest, steps_kept, write_checkpoint
+from posegaussian.storage.archive import checkpoints
+from posegaussian.storage.archive.checkpoints import PIECE_BYTES, CheckpointError, read_checkpoint, read_latest, steps_kept, write_checkpoint
+from posegaussian.storage.files import write
 
 
 @pytest.mark.parametrize("length", [0, 1, PIECE_BYTES, PIECE_BYTES + 1, 2 * PIECE_BYTES + 12_345])
@@ -104,7 +105,7 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(tmp_path: Pa
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as m:
-        m.setattr(files.os, "fsync", full)
+        m.setattr(write.os, "fsync", full)
         with pytest.raises(CheckpointError, match=r"step 20 is not kept, the ones before are as they were: cannot write .* the disk is full: .* are free"):
             write_checkpoint(tmp_path, 20, b"more", {})
     assert [f.name for f in tmp_path.iterdir()] == ["00000010"]

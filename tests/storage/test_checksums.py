@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from storage import checksums
-from storage.archive import Archive, Sequence
-from storage.array_metadata import ForeignArray, is_sealed, read_metadata, seal
-from storage.errors import ArchiveError, BrokenRecord
-from storage.receipts import Receipt, scan_receipts, write_receipt
-from storage.records import ATTRIBUTES, write_record
-from storage.spec import ArraySpec
-from storage.verify import Count, faults, repair, seal_all
+from posegaussian.storage.archive import checksums
+from posegaussian.storage.archive.array_metadata import ForeignArray, is_sealed, read_metadata, seal
+from posegaussian.storage.archive.integrity import Count, faults, repair, seal_all
+from posegaussian.storage.archive.receipts import Receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.records import ATTRIBUTES, write_record
+from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.model.errors import ArchiveError, BrokenRecord
+from posegaussian.storage.model.spec import ArraySpec
 from tests.storage.samples import make_capture, make_sequence
 
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
@@ -127,7 +127,7 @@ def test_a_kill_while_an_array_grows_leaves_one_that_can_be_read(sequence: Seque
     def die(*_: object) -> None:
         raise Death
 
-    monkeypatch.setattr("storage.archive.seal", die)
+    monkeypatch.setattr("posegaussian.storage.archive.store.seal", die)
     with pytest.raises(Death):
         sequence.ensure_array(DEPTH, {**SHAPE, "frame": 21})
     monkeypatch.undo()

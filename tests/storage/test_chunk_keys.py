@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage import kept
-from storage.archive import Archive, Sequence
-from storage.array_metadata import SHARD_NAMES, ForeignArray, copy_description, read_metadata
-from storage.chunk_keys import named_as_in
-from storage.errors import ShardMissing
-from storage.receipts import Output, Receipt, damaged_files, scan_receipts, write_receipt
-from storage.shards import read_array, read_frames, write_array
-from storage.timegrid import TimeGrid
-from storage.verify import Count, faults, repair
+from posegaussian.storage.archive import set_aside
+from posegaussian.storage.archive.array_metadata import SHARD_NAMES, ForeignArray, copy_description, read_metadata
+from posegaussian.storage.archive.chunk_keys import named_as_in
+from posegaussian.storage.archive.integrity import Count, faults, repair
+from posegaussian.storage.archive.receipts import Output, Receipt, damaged_files, scan_receipts, write_receipt
+from posegaussian.storage.archive.shards import read_array, read_frames, write_array
+from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.model.errors import ShardMissing
+from posegaussian.storage.model.timegrid import TimeGrid
 from tests.nested import nest, nest_array, nest_description, nested_output, shards
 from tests.storage.samples import make_sequence
 from tests.storage.test_shards import DEPTH, FRAMES, GRID, PARTITION, SHAPE, VIEWS, block_of, make_values, write_all
@@ -138,13 +138,13 @@ def test_results_put_aside_come_back_under_the_names_of_the_array_that_is_there(
     if before == "nested":
         nest(sequence)
     receipts = list(scan_receipts(sequence))
-    assert kept.put(sequence, receipts)
+    assert set_aside.put(sequence, receipts)
     shutil.rmtree(sequence.root / DEPTH.name)
     sequence.ensure_array(DEPTH, SHAPE)
     if before == "flat":
         nest_array(sequence.root / DEPTH.name)
     for r in receipts:
-        taken = kept.take(sequence, kept.key_of(r), r.fingerprint, "run", 60.0)
+        taken = set_aside.take(sequence, set_aside.key_of(r), r.fingerprint, "run", 60.0)
         assert taken is not None
         assert taken.contents == r.contents
         assert damaged_files(sequence, taken) == []

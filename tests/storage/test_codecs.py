@@ -9,8 +9,8 @@ import pytest
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
-from stages.capture.person import capture_person
-from storage.archive import codecs
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.archive.store import codecs
 
 
 def stored(folder: Path, data: np.ndarray, compressors: list | None = None) -> int:

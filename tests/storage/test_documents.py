@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from dags.yaml_marks import load
-from storage import documents
-from storage.capture import SourceFile
-from storage.documents import read_json, read_table, read_text, read_toml, read_xml, regular
-from storage.errors import ConfigError, SourceError
-from storage.media import picture_size
-from storage.ply import read_ply
-from storage.video import VideoFile
-from storage.yaml_documents import read_yaml
+from posegaussian.dags.config.yaml_source import load
+from posegaussian.storage.formats.ply import read_ply
+from posegaussian.storage.model import documents
+from posegaussian.storage.model.capture import SourceFile
+from posegaussian.storage.model.documents import read_json, read_table, read_text, read_toml, read_xml, regular
+from posegaussian.storage.model.errors import ConfigError, SourceError
+from posegaussian.storage.model.yaml_documents import read_yaml
+from posegaussian.storage.readers.images import picture_size
+from posegaussian.storage.readers.video import VideoFile
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "json": read_json, "toml": read_toml, "xml": read_xml, "yaml": read_yaml, "table": read_table, "text": read_text,

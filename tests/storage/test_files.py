@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dags.failures import Kind, failure
-from storage import files
-from storage.errors import NotWritten
-from storage.files import link_or_copy, make_folder, scratch_array, whole_file, write_atomically
+from posegaussian.dags.runtime.failures import Kind, failure
+from posegaussian.storage.files import write
+from posegaussian.storage.files.write import link_or_copy, make_folder, scratch_array, whole_file, write_atomically
+from posegaussian.storage.model.errors import NotWritten
 
 
 def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,7 +25,7 @@ def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path,
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(files.os, "replace", killed)
+    monkeypatch.setattr(write.os, "replace", killed)
     with pytest.raises(KeyboardInterrupt):
         write_atomically(file, b"new")
     monkeypatch.undo()
@@ -52,7 +52,7 @@ def test_what_the_system_refuses_is_a_sentence_and_changes_nothing(tmp_path: Pat
     def refused(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(files.os, "fsync", refused)
+    monkeypatch.setattr(write.os, "fsync", refused)
     with pytest.raises(NotWritten, match=f"cannot write {file}: {words}") as e:
         write_atomically(file, b"new")
     with pytest.raises(NotWritten):
@@ -95,7 +95,7 @@ def test_a_link_or_a_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     def other_disk(*_: object) -> None:
         raise OSError(errno.EXDEV, "other disk")
 
-    monkeypatch.setattr(files.os, "link", other_disk)
+    monkeypatch.setattr(write.os, "link", other_disk)
     link_or_copy(tmp_path / "a", tmp_path / "b/c")
     assert not (tmp_path / "b/c").samefile(tmp_path / "a")
     assert (tmp_path / "b/c").read_bytes() == b"a"
@@ -113,10 +113,10 @@ def test_room_is_taken_before_anything_is_mapped(tmp_path: Path, monkeypatch: py
         taken.append(size)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(files.os, "posix_fallocate", full, raising=False)
-    monkeypatch.setattr(files.os, "write", full)
+    monkeypatch.setattr(write.os, "posix_fallocate", full, raising=False)
+    monkeypatch.setattr(write.os, "write", full)
     if not asked:
-        monkeypatch.delattr(files.os, "posix_fallocate")
+        monkeypatch.delattr(write.os, "posix_fallocate")
     monkeypatch.setattr(mmap, "mmap", mapped)
     with pytest.raises(NotWritten, match=r"the disk is full: .* up to 2\.4 MB are needed"):
         scratch_array(tmp_path, np.float32, (10, 100, 200, 3))
@@ -132,12 +132,12 @@ WRITERS = """
 import resource, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa
-from stages.network.card import Card
+from posegaussian.stages.network.card import Card
 from storage import checkpoints, media
-from storage.errors import UserError
-from storage.exporters import contact_sheet, frames, images_layout, video
-from storage.splat_files import write_splats
-from storage.splats import Splats
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.exporters import contact_sheet, frames, images_layout, video
+from posegaussian.storage.formats.splat_ply import write_splats
+from posegaussian.storage.model.splats import Splats
 root, random = Path(sys.argv[1]), np.random.default_rng(0)
 noise = random.integers(0, 256, (96, 96, 3), dtype=np.uint8)
 n = 900

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from storage.errors import SourceError
-from storage.joint_files import frame_number, read_coco, read_openpose, read_trc
+from posegaussian.storage.formats.joint_files import frame_number, read_coco, read_openpose, read_trc
+from posegaussian.storage.model.errors import SourceError
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from storage.errors import SourceError
-from storage.joints import BODY_25, COCO17, JOINT_SETS, TRC21, joint_map, joint_set, to_set
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.joint_sets import BODY_25, COCO17, JOINT_SETS, TRC21, joint_map, joint_set, to_set
 
 IDS = list(JOINT_SETS)
 NO_JOINTS = {"blazepose39": {34, 35, 36, 37, 38}}

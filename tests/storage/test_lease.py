@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from storage.errors import LeaseHeld, LeaseLost
-from storage.lease import LENGTH, Lease, living, read_lease
+from posegaussian.storage.archive.lease import LENGTH, Lease, living, read_lease
+from posegaussian.storage.model.errors import LeaseHeld, LeaseLost
 
 
 class Clock:
@@ -83,7 +83,7 @@ def test_the_keeper_renews_what_is_held(file: Path) -> None:
 
 def dead(file: Path, seconds: float = 3600) -> int:
     """Have a process take the lease and die without a word; returns its pid."""
-    code = f"import os; from pathlib import Path; from storage.lease import Lease; Lease.take(Path({str(file)!r}), 'dead', seconds={seconds}); print(os.getpid(), flush=True); os._exit(9)"
+    code = f"import os; from pathlib import Path; from posegaussian.storage.archive.lease import Lease; Lease.take(Path({str(file)!r}), 'dead', seconds={seconds}); print(os.getpid(), flush=True); os._exit(9)"
     return int(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stdout)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from storage import ledger
-from storage.archive import Archive
-from storage.receipts import Output, Receipt, ShardFile, write_receipt
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, write_receipt
+from posegaussian.storage.archive.store import Archive
 from tests.storage.samples import make_capture
 
 FACTS = {"seconds": 2.5, "started": "2026-01-01T00:00:00.000+00:00", "host": "h", "worker": "w1", "device": "cpu", "peak_rss": 2**30}

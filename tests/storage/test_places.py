@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from storage.errors import CalibrationError
-from storage.places import Look, Unsafe, below, check_camera_names, files_below, folders_in, is_word, name_fault, parse_json, read_file
+from posegaussian.storage.files.names import Look, Unsafe, below, check_camera_names, files_below, folders_in, is_word, name_fault, parse_json, read_file
+from posegaussian.storage.model.errors import CalibrationError
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=300)
 BAD_KEYS = ["", "/", "/etc/passwd", "..", ".", "a/..", "a/../b", "../a", "a//b", "a/", "./a", "a\\b", "a/\0", "a\nb", "\ud800"]

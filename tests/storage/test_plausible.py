@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from dags.simulate import read_scene
-from stages.geometry.path_file import read_path_file
-from storage.crop import Crop
-from storage.errors import CalibrationError, ConfigError, SourceError
-from storage.importers.joint_streams import trc_joints
-from storage.joint_files import frame_number, read_coco, read_openpose, read_trc
-from storage.media import picture_size, read_picture, write_png
-from storage.plausible import check_rate, check_rotation_vector, check_time
+from posegaussian.dags.simulation.simulate import read_scene
+from posegaussian.stages.camera_paths.path_file import read_path_file
+from posegaussian.storage.formats.joint_files import frame_number, read_coco, read_openpose, read_trc
+from posegaussian.storage.importers.joint_streams import trc_joints
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import CalibrationError, ConfigError, SourceError
+from posegaussian.storage.model.plausible import check_rate, check_rotation_vector, check_time
+from posegaussian.storage.readers.images import picture_size, read_picture, write_png
 from tests.fuzz.captures import trc
 from tests.storage.samples import make_rig
 

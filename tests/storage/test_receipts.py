@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from storage.archive import Sequence
-from storage.receipts import Output, Receipt, ShardFile, missing_files, receipt_file, remove_receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, missing_files, receipt_file, remove_receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Sequence
 from tests.storage.samples import make_sequence
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)

@@ -9,8 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from storage.errors import CalibrationError, UserError
-from storage.rig import CameraPath, Rig, from_integer_centres, points_from_integer_centres, points_to_integer_centres, rigid, to_integer_centres
+from posegaussian.storage.model.cameras import (
+    CameraPath,
+    Rig,
+    from_integer_centres,
+    points_from_integer_centres,
+    points_to_integer_centres,
+    rigid,
+    to_integer_centres,
+)
+from posegaussian.storage.model.errors import CalibrationError, UserError
 from tests.storage.samples import make_rig
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)

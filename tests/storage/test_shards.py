@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from storage import archive
-from storage.archive import Sequence
-from storage.errors import ShardCorrupt, ShardMissing, UserError
-from storage.receipts import Output
-from storage.shards import read_array, read_frames, write_array, write_table
-from storage.spec import ArraySpec, TableSpec
-from storage.timegrid import TimeGrid
+from posegaussian.storage.archive import store
+from posegaussian.storage.archive.receipts import Output
+from posegaussian.storage.archive.shards import read_array, read_frames, write_array, write_table
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing, UserError
+from posegaussian.storage.model.spec import ArraySpec, TableSpec
+from posegaussian.storage.model.timegrid import TimeGrid
 from tests.storage.samples import make_sequence
 
 FRAMES, VIEWS, HEIGHT, WIDTH, PARTITION = 10, 2, 5, 7, 4
@@ -97,7 +97,7 @@ def test_every_partition_length_holds_the_same_content(frames: int, partition: i
 
 
 def test_tiled_pictures_round_trip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, "MAX_CHUNK_BYTES", 2 * WIDTH * 4)
+    monkeypatch.setattr(store, "MAX_CHUNK_BYTES", 2 * WIDTH * 4)
     sequence = make_sequence(tmp_path, VIEWS, PARTITION, range(FRAMES))
     values = make_values(DEPTH)
     outputs = write_all(sequence, DEPTH, values)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from storage.spec import FIXED_DIMS, ArraySpec, array_digest, canonical, digest, dim_length
+from posegaussian.storage.model.spec import FIXED_DIMS, ArraySpec, array_digest, canonical, digest, dim_length
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(exclude_categories=["Cs"]), max_size=5)
@@ -52,7 +52,7 @@ def test_what_means_the_same_hashes_equally() -> None:
 
 
 def test_a_digest_is_the_same_in_another_process_with_another_hash_seed() -> None:
-    code = "import numpy as np; from storage.spec import digest; print(digest({'b': [1.5, -0.0, 'x'], 'a': np.arange(6.0).reshape(2, 3)}))"
+    code = "import numpy as np; from posegaussian.storage.model.spec import digest; print(digest({'b': [1.5, -0.0, 'x'], 'a': np.arange(6.0).reshape(2, 3)}))"
     env = {**os.environ, "PYTHONHASHSEED": "12345"}
     other = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout.strip()
     assert other == digest({"a": np.arange(6.0).reshape(2, 3), "b": [1.5, -0.0, "x"]})

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.errors import SourceError
-from storage.ply import read_ply
-from storage.splat_files import NEEDED, read_splats, write_splats
-from storage.splat_packing import OPAQUE, PACKED
-from storage.splats import SH0, Splats
+from posegaussian.storage.formats.compressed_splat_ply import OPAQUE, PACKED
+from posegaussian.storage.formats.ply import read_ply
+from posegaussian.storage.formats.splat_ply import NEEDED, read_splats, write_splats
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.splats import SH0, Splats
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "splats"
 

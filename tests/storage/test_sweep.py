@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from storage import sweep
-from storage.archive import Sequence
-from storage.lease import Lease
-from storage.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
+from posegaussian.storage.archive import deletion
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
+from posegaussian.storage.archive.store import Sequence
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def on_disk(s: Sequence, partition: int) -> Receipt | None:
 def test_dropping_marks_the_receipt_keeps_the_digest_and_frees_the_files(sequence: Sequence) -> None:
     receipt = on_disk(sequence, 0)
     assert receipt is not None
-    after = sweep.drop_outputs(sequence, receipt, {("a/one", 0)})
+    after = deletion.drop_outputs(sequence, receipt, {("a/one", 0)})
     assert after == on_disk(sequence, 0)
     assert after.contents == receipt.contents
     assert after.present == {("a/two", 0): "da/two"}
@@ -50,15 +50,15 @@ def test_dropping_marks_the_receipt_keeps_the_digest_and_frees_the_files(sequenc
     assert not (sequence.root / "a/one/c/0/0").exists()
     assert (sequence.root / "a/one/c/0").is_dir(), "other tasks may write into the partition's folder"
     assert (sequence.root / "a/one/c/1/0/0").exists()
-    assert sweep.drop_outputs(sequence, receipt, {("a/one", 0)}) == after, "dropping again changes nothing"
+    assert deletion.drop_outputs(sequence, receipt, {("a/one", 0)}) == after, "dropping again changes nothing"
 
 
 def test_the_receipt_says_dropped_before_the_first_file_goes(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
     receipt = on_disk(sequence, 0)
     assert receipt is not None
-    monkeypatch.setattr(sweep, "_partition_folder", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(deletion, "_partition_folder", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        sweep.drop_outputs(sequence, receipt, {("a/one", 0), ("a/two", 0)})
+        deletion.drop_outputs(sequence, receipt, {("a/one", 0), ("a/two", 0)})
     now = on_disk(sequence, 0)
     assert now is not None
     assert all(o.dropped for o in now.outputs)
@@ -73,7 +73,7 @@ def test_what_another_run_made_meanwhile_is_left_alone(change: str, sequence: Se
         remove_receipt(sequence, "a", 0, None, None)
     else:
         write_receipt(sequence, made(sequence, 0, "g"))
-    assert sweep.drop_outputs(sequence, receipt, {("a/one", 0)}) == receipt
+    assert deletion.drop_outputs(sequence, receipt, {("a/one", 0)}) == receipt
     assert (sequence.root / "a/one/c/0/0/0").exists()
 
 
@@ -81,14 +81,14 @@ def test_what_another_run_is_making_is_left_alone(sequence: Sequence) -> None:
     receipt = on_disk(sequence, 0)
     assert receipt is not None
     with Lease.take(lease_file(sequence, ReceiptKey("a", 0, None, None)), "someone else"):
-        assert sweep.drop_outputs(sequence, receipt, {("a/one", 0)}) == receipt
+        assert deletion.drop_outputs(sequence, receipt, {("a/one", 0)}) == receipt
     assert (sequence.root / "a/one/c/0/0/0").exists()
 
 
 def test_forgetting_takes_receipt_and_files_and_leaves_the_arrays(sequence: Sequence) -> None:
     receipt = on_disk(sequence, 1)
     assert receipt is not None
-    sweep.forget(sequence, receipt)
+    deletion.forget(sequence, receipt)
     assert on_disk(sequence, 1) is None
     assert not (sequence.root / "a/one/c/1").exists()
     assert (sequence.root / "a/one/zarr.json").exists()
@@ -100,24 +100,24 @@ def test_a_folder_is_renamed_before_it_is_emptied(tmp_path: Path, monkeypatch: p
     folder = tmp_path / "x"
     (folder / "deep").mkdir(parents=True)
     (folder / "deep" / "f").write_text("1")
-    assert sweep.folder_bytes(folder) == 1
-    monkeypatch.setattr(sweep.shutil, "rmtree", lambda p: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert deletion.folder_bytes(folder) == 1
+    monkeypatch.setattr(deletion.shutil, "rmtree", lambda p: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        sweep.delete_folder(folder)
+        deletion.delete_folder(folder)
     assert not folder.exists(), "a half deleted folder must not pass for a whole one"
     monkeypatch.undo()
     (left,) = tmp_path.glob(".x.*.partial")
-    assert sweep.partial_files(tmp_path) == [], "young: it may belong to someone at work"
-    then = time.time() - 2 * sweep.SETTLED_SECONDS
+    assert deletion.partial_files(tmp_path) == [], "young: it may belong to someone at work"
+    then = time.time() - 2 * deletion.SETTLED_SECONDS
     os.utime(left, (then, then))
-    assert sweep.partial_files(tmp_path) == [left]
+    assert deletion.partial_files(tmp_path) == [left]
 
 
 def test_strays_are_old_files_that_no_receipt_names(sequence: Sequence) -> None:
     receipts = [r for r in (on_disk(sequence, 0), on_disk(sequence, 1)) if r is not None]
-    then = time.time() - 2 * sweep.SETTLED_SECONDS
+    then = time.time() - 2 * deletion.SETTLED_SECONDS
     for file in (sequence.root / "a").rglob("*"):
         os.utime(file, (then, then))
-    assert list(sweep.strays(sequence, receipts, ["a/one", "a/two"])) == []
-    assert [p.relative_to(sequence.root).as_posix() for p in sweep.strays(sequence, receipts[:1], ["a/one", "a/two"])] == ["a/one/c/1/0/0", "a/two/c.1.0.0"]
-    assert list(sweep.strays(sequence, receipts[:1], ["a/three"])) == []
+    assert list(deletion.strays(sequence, receipts, ["a/one", "a/two"])) == []
+    assert [p.relative_to(sequence.root).as_posix() for p in deletion.strays(sequence, receipts[:1], ["a/one", "a/two"])] == ["a/one/c/1/0/0", "a/two/c.1.0.0"]
+    assert list(deletion.strays(sequence, receipts[:1], ["a/three"])) == []

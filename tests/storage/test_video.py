@@ -6,9 +6,9 @@ import av
 import numpy as np
 import pytest
 
-from storage.errors import SourceError
-from storage.exporters.video import write_video
-from storage.video import VideoFile
+from posegaussian.storage.exporters.video import write_video
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.video import VideoFile
 from tests.storage.clips import counted, counting_clip, planes, write_clip
 
 CONTAINERS = [
@@ -25,7 +25,7 @@ CONTAINERS = [
 @pytest.mark.parametrize(("name", "options"), CONTAINERS)
 @pytest.mark.parametrize("gap", [0, 48])
 def test_any_frames_are_the_frames_of_the_whole(tmp_path, monkeypatch, name, options, gap):
-    monkeypatch.setattr("storage.video._SEEK_GAP", gap)
+    monkeypatch.setattr("posegaussian.storage.readers.video._SEEK_GAP", gap)
     video = VideoFile(counting_clip(tmp_path / name, 60, **options))
     assert video.count == 60
     assert video.size == (32, 32)

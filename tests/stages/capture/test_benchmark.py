@@ -5,11 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from stages.capture.benchmark import MOTIONS, REPORTING_SEEDS, TUNING_SEEDS, VALIDATION_PHASES, VARIANTS, ablation_scene, benchmark_scene
-from stages.capture.casting import KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, VALIDATION_SUBJECT, cast
-from stages.capture.scene import faults
-from stages.capture.staging import stage
-from stages.geometry.projection import project
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.simulator.quality_scenes import MOTIONS, REPORTING_SEEDS, TUNING_SEEDS, VALIDATION_PHASES, VARIANTS, ablation_scene, benchmark_scene
+from posegaussian.stages.simulator.scene import faults
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.stages.simulator.subjects.splits import KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, VALIDATION_SUBJECT, cast
 
 
 def test_the_reporting_seeds_show_every_kept_subject_outfit_and_motion_twice() -> None:
@@ -106,9 +106,9 @@ def test_an_ablations_held_out_pictures_are_the_same_for_every_number_of_cameras
 
 def test_noise_is_as_strong_as_it_is_called() -> None:
     """Two of 255 steps at mid-grey, sRGB 118, which is where the declared figure holds."""
-    from stages.capture.effects.sensor_noise import EFFECT, SensorNoise, apply
-    from stages.capture.light import encode
-    from stages.capture.take import Picture
+    from posegaussian.stages.simulator.effects.sensor_noise import EFFECT, SensorNoise, apply
+    from posegaussian.stages.simulator.render.light import encode
+    from posegaussian.stages.simulator.take import Picture
 
     params = SensorNoise.model_validate(dict(VARIANTS["noise_gain"]["effects"])["sensor_noise"])
     picture = Picture(0, 0, np.ones((1, 1)), np.ones((1, 1)), np.zeros(3), 1.0, 1.0, lambda: None, np.zeros(0, bool))

@@ -4,7 +4,12 @@ from typing import Any
 
 import pytest
 
-from stages.capture.casting import (
+from posegaussian.stages.simulator.effects.second_person import SecondPerson, apply
+from posegaussian.stages.simulator.scene import Scene, faults
+from posegaussian.stages.simulator.setup import play
+from posegaussian.stages.simulator.subjects.motion_names import MOTION_NAMES, VALIDATION_MOTION
+from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS
+from posegaussian.stages.simulator.subjects.splits import (
     FIRST_KEPT_SEED,
     FIRST_VALIDATION_SEED,
     KEPT_OUTFITS,
@@ -16,11 +21,6 @@ from stages.capture.casting import (
     casting,
     refusal,
 )
-from stages.capture.effects.second_person import SecondPerson, apply
-from stages.capture.motion_names import MOTION_NAMES, VALIDATION_MOTION
-from stages.capture.outfits import LOOKS, OUTFITS
-from stages.capture.scene import Scene, faults
-from stages.capture.staging import play
 
 
 def test_everybody_is_open_kept_or_for_validation() -> None:
@@ -48,7 +48,7 @@ def test_a_seed_shows_only_whom_it_may(seeds: range, subjects: tuple[str, ...], 
 
 def test_the_second_person_of_a_scene_is_cast_by_the_same_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[str, str]] = []
-    monkeypatch.setattr("stages.capture.actors.Performer", lambda who, what, *rest: seen.append((who, what)))
+    monkeypatch.setattr("posegaussian.stages.simulator.subjects.actors.Performer", lambda who, what, *rest: seen.append((who, what)))
     for seeds, subjects, outfits in ((range(1, 60), OPEN_SUBJECTS, OPEN_OUTFITS), (range(9000, 9060), KEPT_SUBJECTS, KEPT_OUTFITS)):
         seen.clear()
         for s in seeds:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from stages.capture.motion import GEOMETRY, KINDS, MOTIONS, PART_BONES, joints_at, pose
-from stages.capture.person import capture_person, render, ring
-from stages.capture.raycast import ELLIPSOID, ROUND_CONE, cast, ellipsoid_hit, round_cone_hit
-from stages.capture.texture import noise
-from stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.simulator.render.raycast import ELLIPSOID, ROUND_CONE, cast, ellipsoid_hit, round_cone_hit
+from posegaussian.stages.simulator.render.texture import noise
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person, render, ring
+from posegaussian.stages.simulator.subjects.motion import GEOMETRY, KINDS, MOTIONS, PART_BONES, joints_at, pose
 
 K = np.array([[60.0, 0.0, 24.0], [0.0, 55.0, 23.5], [0.0, 0.0, 1.0]])
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.capture.light import SRGB, averaged, encode, shade
-from stages.capture.raster import NEAR, flat_normals, rasterize, shares, vertex_normals
-from stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.simulator.render.light import SRGB, averaged, encode, shade
+from posegaussian.stages.simulator.render.raster import NEAR, flat_normals, rasterize, shares, vertex_normals
 
 K = np.array([[90.0, 0.0, 31.0], [0.0, 84.0, 33.5], [0.0, 0.0, 1.0]])
 SIZE = (64, 66)

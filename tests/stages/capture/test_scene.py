@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.capture import staging, take
-from stages.capture.effects import registry
-from stages.capture.effects.registry import EFFECTS
-from stages.capture.rigs import make_rig
-from stages.capture.scene import Scene
-from stages.capture.staging import stage
-from stages.capture.take import OF_CAMERAS, Shot
-from stages.contract import resolve
-from stages.geometry.projection import project, unproject
-from storage.rig import Rig
+from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.simulator import setup, take
+from posegaussian.stages.simulator.effects import registry
+from posegaussian.stages.simulator.effects.registry import EFFECTS
+from posegaussian.stages.simulator.rigs import make_rig
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.setup import stage
+from posegaussian.stages.simulator.take import OF_CAMERAS, Shot
+from posegaussian.storage.model.cameras import Rig
 
 EVERYTHING: dict[str, Any] = {
     "lens_distortion": {"k1": -0.1}, "calibration_error": {"pixels": 0.5}, "dropped_frames": {"share": 0.3}, "time_offset": "on", "occluding_object": {"position": [1.0, 0.05]}, "second_person": "on",
@@ -68,7 +68,7 @@ def test_an_effect_changes_something_and_one_that_is_off_changes_and_computes_no
     written = any(not np.array_equal(getattr(on.written, k), getattr(bare.written, k)) for k in ("world_to_camera", "distortion")) or not np.array_equal(on.valid, bare.valid)
     assert changed or written
     called: list[str] = []
-    for module in (take, staging):
+    for module in (take, setup):
         monkeypatch.setattr(module, "resolve", lambda dotted: called.append(dotted) or resolve(dotted))
     off = stage(scene(effects={name: "off"}))
     assert same(off.take.shoot(1, 0), plain), "a scene without the effect, bit by bit"
@@ -81,7 +81,7 @@ def test_without_an_effect_in_the_registry_the_others_give_the_same_bytes(monkey
     names = [e.name for e in EFFECTS][::2]
     effects = {n: EVERYTHING[n] for n in names}
     with_all = stage(scene(effects=effects))
-    monkeypatch.setattr(staging, "EFFECTS", tuple(e for e in registry.EFFECTS if e.name in names))
+    monkeypatch.setattr(setup, "EFFECTS", tuple(e for e in registry.EFFECTS if e.name in names))
     with_half = stage(scene(effects=effects))
     np.testing.assert_array_equal(with_all.valid, with_half.valid)
     assert same(with_all.take.shoot(2, 0), with_half.take.shoot(2, 0))

@@ -5,18 +5,18 @@ import os
 import numpy as np
 import pytest
 
-from stages.capture.bake import bake, refuse_non_commercial
-from stages.capture.bodies import FOLDER, load_body
-from stages.capture.casting import KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT
-from stages.capture.dressing import dressed
-from stages.capture.mesh import clipped, skin
-from stages.capture.motion_names import MOTION_NAMES
-from stages.capture.motions import MOTIONS, bones_at
-from stages.capture.obj import parse_obj, scan_mesh, texture_name
-from stages.capture.outfits import LOOKS, OUTFITS
-from stages.capture.patterns import PATTERNS
-from stages.capture.scene import Scan
-from stages.capture.skeleton import BONES, CARRIERS, PARENTS
+from posegaussian.dags.simulation.bake import bake, refuse_non_commercial
+from posegaussian.stages.simulator.render.mesh import clipped, skin
+from posegaussian.stages.simulator.render.patterns import PATTERNS
+from posegaussian.stages.simulator.scans import parse_obj, scan_mesh, texture_name
+from posegaussian.stages.simulator.scene import Scan
+from posegaussian.stages.simulator.subjects.bodies import FOLDER, load_body
+from posegaussian.stages.simulator.subjects.garments import dressed
+from posegaussian.stages.simulator.subjects.motion_names import MOTION_NAMES
+from posegaussian.stages.simulator.subjects.motions import MOTIONS, bones_at
+from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS
+from posegaussian.stages.simulator.subjects.skeleton import BONES, CARRIERS, PARENTS
+from posegaussian.stages.simulator.subjects.splits import KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT
 
 STYLE = np.array([0.3, -0.5, 0.1, 0.6])
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.capture.scene import Scene
-from stages.capture.staging import Staged, stage
-from stages.capture.take import Shot
-from stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.setup import Staged, stage
+from posegaussian.stages.simulator.take import Shot
 
 SIZE = (200, 260)
 
@@ -113,8 +113,8 @@ def test_simulating_needs_neither_anny_nor_torch() -> None:
     code = (
         "import sys\n"
         "sys.modules['anny'] = sys.modules['torch'] = None\n"
-        "from stages.capture.benchmark import benchmark_scene\n"
-        "from stages.capture.staging import stage\n"
+        "from posegaussian.stages.simulator.quality_scenes import benchmark_scene\n"
+        "from posegaussian.stages.simulator.setup import stage\n"
         "print(stage(benchmark_scene(1, 1, 32, 1, held_out=0)).take.shoot(0, 0).true_mask.max())\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

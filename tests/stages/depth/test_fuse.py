@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.depth.fuse import FILLED, HULL, MATCHED, complete, fuse
+from posegaussian.stages.matching.fuse import FILLED, HULL, MATCHED, complete, fuse
 
 
 def one(*pixels: tuple[float, float]) -> tuple[float, float]:

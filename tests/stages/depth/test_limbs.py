@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.depth.limbs import FARTHEST, MARGIN, bounded, limbs_of
-from stages.depth.params import DepthParams
-from stages.depth.scene import Frame, Geometry, hulls
-from stages.depth.stage import STAGE
-from stages.geometry.projection import project, rays, unproject
-from storage.joints import COCO17
-from storage.rig import points_from_integer_centres
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.pose_prior import FARTHEST, MARGIN, bounded, limbs_of
+from posegaussian.stages.depth.scene import Frame, Geometry, hulls
+from posegaussian.stages.depth.stage import STAGE
+from posegaussian.stages.geometry.projection import project, rays, unproject
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.model.cameras import points_from_integer_centres
+from posegaussian.storage.model.joint_sets import COCO17
 from tests.memory import run_stage
 
 DEPTH = "depth/depth"

@@ -5,13 +5,13 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.depth.params import DepthParams
-from stages.depth.run import check, matched_note
-from stages.depth.stage import STAGE
-from stages.io import Block
-from stages.metrics.depth_error import depth_error
-from storage.errors import UserError
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.run import check, matched_note
+from posegaussian.stages.depth.stage import STAGE
+from posegaussian.stages.metrics.depth_error import depth_error
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.model.errors import UserError
 from tests.memory import run_stage
 
 DEPTH, CONFIDENCE = "depth/depth", "depth/confidence"

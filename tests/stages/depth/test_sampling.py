@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from stages.depth.fuse import transfer
-from stages.depth.sampling import disagreement, extend, fill, sample
+from posegaussian.stages.matching.fuse import transfer
+from posegaussian.stages.matching.sampling import disagreement, extend, fill, sample
 from tests.stages.geometry.scenes import ring, sphere_depth
 
 

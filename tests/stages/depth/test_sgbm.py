@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.depth.sgbm import Bounds, match
-from stages.geometry.rectification import rectify
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.matching.sgbm import Bounds, match
 from tests.stages.geometry.scenes import ring, textured_sphere
 
 CENTRE = np.zeros(3)

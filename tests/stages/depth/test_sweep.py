@@ -6,18 +6,18 @@ import pytest
 import torch
 
 from benchmarks.baselines.cost_volume import cost_volume as plain
-from stages.capture.motion import pose
-from stages.capture.person import capture_person, look_at, render, samples_per_side
-from stages.depth.aggregate import aggregate, minimum
-from stages.depth.bounds import Bounds
-from stages.depth.cost import FORBIDDEN, WORST, cost_volume
-from stages.depth.fuse import HULL, MATCHED
-from stages.depth.params import DepthParams
-from stages.depth.rim import turn_away
-from stages.depth.scene import Frame, Geometry, hull_only
-from stages.depth.sweep import MOST, Neighbours, labels, nearest, sweep
-from stages.depth.sweeping import doubted, sweep_hull
-from storage.rig import Rig
+from posegaussian.stages.depth.occluding_contour import turn_away
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry, hull_only
+from posegaussian.stages.depth.sweeping import doubted, sweep_hull
+from posegaussian.stages.matching.aggregate import aggregate, minimum
+from posegaussian.stages.matching.bounds import Bounds
+from posegaussian.stages.matching.cost import FORBIDDEN, WORST, cost_volume
+from posegaussian.stages.matching.fuse import HULL, MATCHED
+from posegaussian.stages.matching.sweep import MOST, Neighbours, labels, nearest, sweep
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person, look_at, render, samples_per_side
+from posegaussian.stages.simulator.subjects.motion import pose
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 Arguments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[int, int], int, float, float]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stages.detection.estimator import Found
-from stages.detection.regions import to_own
+from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.imaging.regions import to_own
 
 
 class Numbered:
-    """`stages.io.PictureReader`: the picture of frame f in view v is filled with (f, v, 0)."""
+    """`posegaussian.stages.contract.io.PictureReader`: the picture of frame f in view v is filled with (f, v, 0)."""
 
     def __init__(self, frames: int, size: tuple[int, int], missing: Sequence[tuple[int, int]] = ()) -> None:
         self._frames, self._size, self._missing = frames, size, set(missing)

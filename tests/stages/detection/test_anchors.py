@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.detection.anchors import anchors
+from posegaussian.stages.estimators.anchors import anchors
 
 
 def test_there_are_2254_within_the_picture() -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.detection import blazepose
-from stages.detection.anchors import anchors
-from stages.detection.blazepose import COCO17, JOINTS, LEAST_PRESENCE, BlazePose, distance, distinct
-from stages.detection.estimator import Found
-from stages.detection.models import model_files
-from stages.detection.regions import region_of, to_own
-from storage.errors import ConfigError
-from storage.joints import joint_set
+from posegaussian.stages.estimators import blazepose
+from posegaussian.stages.estimators.anchors import anchors
+from posegaussian.stages.estimators.blazepose import COCO17, JOINTS, LEAST_PRESENCE, BlazePose, distance, distinct
+from posegaussian.stages.estimators.blazepose_files import model_files
+from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.imaging.regions import region_of, to_own
+from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.joint_sets import joint_set
 
 SIDE = 256
 PICTURE = np.stack([*np.mgrid[:SIDE, :SIDE][::-1], np.zeros((SIDE, SIDE), int)], axis=-1).astype(np.uint8)
@@ -166,7 +166,7 @@ def test_without_litert_the_command_is_named(monkeypatch: pytest.MonkeyPatch, tm
 
 
 def test_importing_it_does_not_import_litert() -> None:
-    code = "import sys, stages.detection.blazepose, stages.detection.onnx; print('ai_edge_litert' in sys.modules)"
+    code = "import sys, posegaussian.stages.estimators.blazepose, posegaussian.stages.estimators.onnx; print('ai_edge_litert' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(Path(blazepose.__file__).parents[2])})
     assert done.stdout.strip() == "False"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.detection.anchors import anchors
-from stages.detection.decoding import centred, detections, landmarks, refined, sigmoid
+from posegaussian.stages.estimators.anchors import anchors
+from posegaussian.stages.estimators.decoding import centred, detections, landmarks, refined, sigmoid
 
 
 def test_sigmoid_keeps_its_bounds_and_its_symmetry() -> None:

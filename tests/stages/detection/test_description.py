@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from stages.detection.description import read_description
-from storage.errors import ConfigError, SourceError
+from posegaussian.stages.estimators.description import read_description
+from posegaussian.storage.model.errors import ConfigError, SourceError
 
 GOOD = {"file": "net.onnx", "kind": "simcc", "input": [192, 256], "outputs": ["x", "y"], "joint_set": "coco17"}
 

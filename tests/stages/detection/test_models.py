@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from stages.detection import models
-from storage.errors import SourceError
+from posegaussian.stages.estimators import blazepose_files
+from posegaussian.storage.model.errors import SourceError
 
 
 def lay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
     """Made model files in the folder, and the module expecting exactly them."""
-    contents = {m.name: m.name.encode() * 3 for m in models.BLAZEPOSE}
-    made = tuple(replace(m, size=len(contents[m.name]), sha256=hashlib.sha256(contents[m.name]).hexdigest()) for m in models.BLAZEPOSE)
-    monkeypatch.setattr(models, "BLAZEPOSE", made)
+    contents = {m.name: m.name.encode() * 3 for m in blazepose_files.BLAZEPOSE}
+    made = tuple(replace(m, size=len(contents[m.name]), sha256=hashlib.sha256(contents[m.name]).hexdigest()) for m in blazepose_files.BLAZEPOSE)
+    monkeypatch.setattr(blazepose_files, "BLAZEPOSE", made)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         (folder / name).write_bytes(content)
@@ -29,7 +29,7 @@ def lay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
 def test_the_cache_folder_follows_xdg(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert models.blazepose_folder() == tmp_path / "posegaussian" / "models" / "blazepose"
+    assert blazepose_files.blazepose_folder() == tmp_path / "posegaussian" / "models" / "blazepose"
 
 
 @pytest.mark.parametrize(("platform", "folder"), [("linux", ".cache"), ("darwin", "Library/Caches"), ("win32", "AppData/Local")])
@@ -37,37 +37,37 @@ def test_without_xdg_it_is_the_platform_s(platform: str, folder: str, monkeypatc
     monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("LOCALAPPDATA", raising=False)
-    monkeypatch.setattr(models.Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(blazepose_files.Path, "home", lambda: tmp_path)
     monkeypatch.setattr(sys, "platform", platform)
-    assert models.cache_folder() == tmp_path / folder / "posegaussian" / "models"
+    assert blazepose_files.cache_folder() == tmp_path / folder / "posegaussian" / "models"
 
 
 def test_all_three_files_or_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert models.model_files(tmp_path) is None
+    assert blazepose_files.model_files(tmp_path) is None
     lay(tmp_path, monkeypatch)
-    found = models.model_files(tmp_path)
+    found = blazepose_files.model_files(tmp_path)
     assert found is not None
     assert set(found) == {"pose_detection", "pose_landmark_full", "selfie_segmentation"}
-    models.check_files(found)
+    blazepose_files.check_files(found)
     found["pose_detection"].write_bytes(b"cut")
-    assert models.model_files(tmp_path) is None
+    assert blazepose_files.model_files(tmp_path) is None
 
 
 def test_a_spoilt_file_of_the_right_size_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     contents = lay(tmp_path, monkeypatch)
     (tmp_path / "pose_landmark_full.tflite").write_bytes(bytes(len(contents["pose_landmark_full.tflite"])))
-    found = models.model_files(tmp_path)
+    found = blazepose_files.model_files(tmp_path)
     assert found is not None
     with pytest.raises(SourceError, match=r"pose_landmark_full\.tflite has sha256 .*posegaussian models fetch blazepose"):
-        models.check_files(found)
+        blazepose_files.check_files(found)
 
 
 def test_what_is_missing_names_the_command(tmp_path: Path) -> None:
-    assert "`posegaussian models fetch blazepose`" in models.missing_sentence(tmp_path)
-    assert str(tmp_path) in models.missing_sentence(tmp_path)
+    assert "`posegaussian models fetch blazepose`" in blazepose_files.missing_sentence(tmp_path)
+    assert str(tmp_path) in blazepose_files.missing_sentence(tmp_path)
 
 
 def test_looking_for_models_imports_nothing_heavy() -> None:
-    code = "import sys, stages.detection.models, stages.detection.estimator, stages.detection.description; print(sorted({m.partition('.')[0] for m in sys.modules} & {'cv2', 'torch', 'numba', 'ai_edge_litert'}))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(Path(models.__file__).parents[2])})
+    code = "import sys, posegaussian.stages.estimators.blazepose_files, posegaussian.stages.estimators.interface, posegaussian.stages.estimators.description; print(sorted({m.partition('.')[0] for m in sys.modules} & {'cv2', 'torch', 'numba', 'ai_edge_litert'}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(Path(blazepose_files.__file__).parents[2])})
     assert done.stdout.strip() == "[]"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from stages.detection.description import Description, read_description
-from stages.detection.estimator import Found
-from stages.detection.onnx import OnnxEstimator
-from stages.detection.outputs import _to_cells, _to_shares
-from stages.detection.regions import to_own, to_picture
-from storage.errors import ConfigError
+from posegaussian.stages.estimators.description import Description, read_description
+from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.estimators.onnx import OnnxEstimator
+from posegaussian.stages.estimators.outputs import _to_cells, _to_shares
+from posegaussian.stages.imaging.regions import to_own, to_picture
+from posegaussian.storage.model.errors import ConfigError
 from tests.stages.detection.onnx_files import heatmap_network, simcc_network
 
 REGION = np.array([150.3, 120.7, 160.0, 0.3])

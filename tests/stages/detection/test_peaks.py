@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.detection.peaks import bin_peaks, heatmap_peaks
+from posegaussian.stages.estimators.peaks import bin_peaks, heatmap_peaks
 
 
 def gaussians(places: np.ndarray, covariance: np.ndarray, h: int = 48, w: int = 36) -> np.ndarray:

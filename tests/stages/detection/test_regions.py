@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.detection.regions import around, crop, crop_to_own, own_to_picture, region_of, squares, to_own, to_picture, whole
+from posegaussian.stages.imaging.regions import around, crop, crop_to_own, own_to_picture, region_of, squares, to_own, to_picture, whole
 
 REGION = np.array([61.3, 47.8, 40.5, 0.4])
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.detection.guided import body_region
-from stages.detection.params import DetectionParams, estimator_choice, refusal
-from stages.detection.reader import EstimatedJoints
-from stages.detection.regions import to_own
-from stages.detection.run import check
-from stages.detection.stage import STAGE
-from stages.facts import BLAZEPOSE, GIVEN_JOINTS
-from stages.io import Block
-from stages.pose.params import PoseParams
-from stages.pose.stage import STAGE as POSE
+from posegaussian.stages.contract.facts import BLAZEPOSE, GIVEN_JOINTS
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.detection.guided import body_region
+from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
+from posegaussian.stages.detection.reader import EstimatedJoints
+from posegaussian.stages.detection.run import check
+from posegaussian.stages.detection.stage import STAGE
+from posegaussian.stages.imaging.regions import to_own
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE as POSE
 from tests.memory import run_stage
 from tests.stages.detection.acting import Actor, Numbered
 from tests.stages.pose.scene import pixels, ring, roles, walk

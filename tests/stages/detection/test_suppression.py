@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.detection.suppression import overlap, weighted_suppression
+from posegaussian.stages.estimators.suppression import overlap, weighted_suppression
 
 
 def made(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,9 +7,9 @@ from uuid import uuid4
 import cv2
 import numpy as np
 
-from stages.capture.motion import joints_at, pose
-from stages.capture.person import render, ring
-from stages.geometry.projection import project
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.simulator.subjects.capsule_person import render, ring
+from posegaussian.stages.simulator.subjects.motion import joints_at, pose
 
 
 @dataclass

@@ -7,10 +7,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from stages.capture.person import PersonCapture
-from stages.frames.hints import Hints
-from stages.frames.params import FramesParams
-from stages.frames.stage import STAGE
+from posegaussian.stages.frames.params import FramesParams
+from posegaussian.stages.frames.segmentation_prior import Hints
+from posegaussian.stages.frames.stage import STAGE
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture
 from tests.memory import MemoryInputs
 
 FACTS = frozenset({"several_frames", "joints2d", "detected", "segmented"})

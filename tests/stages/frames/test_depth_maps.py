@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.frames.layout import frames_rig
-from stages.frames.warp import Warp
-from stages.geometry.projection import pixel_centres
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.warp import Warp
+from posegaussian.storage.model.cameras import Rig
 
 LENS = np.array([-0.1, 0.02, 0.001, 0, 0, 0, 0, 0])
 NORMAL, OFFSET = np.array([0.2, -0.1, 1.0]), 2.5
@@ -51,7 +51,7 @@ def test_a_plane_is_exact_at_every_resolution(size: int | None, resolution: tupl
 
 def test_undistorted_depth_is_that_of_the_straight_ray() -> None:
     """Depth along the axis does not change with the lens, only where it is seen."""
-    from stages.frames.layout import undistort
+    from posegaussian.stages.imaging.camera_mapping import undistort
 
     k = rig(LENS).intrinsics[0]
     ideal = undistort((pixel_centres((64, 48)) - k[:2, 2]) / 60.0, LENS)

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import ring
-from stages.frames.layout import frames_rig, switched
-from stages.frames.pixel_effects import crop_displacement, lens_displacement
+from posegaussian.stages.imaging.camera_mapping import frames_rig, switched
+from posegaussian.stages.imaging.pixel_effects import crop_displacement, lens_displacement
+from posegaussian.stages.simulator.subjects.capsule_person import ring
 
 
 def test_lens_displacement_is_the_largest_of_opencv_s_over_the_picture() -> None:

@@ -4,17 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import capture_person
-from stages.frames.display import to_display
-from stages.frames.layout import captured_to_calibrated, frames_rig
-from stages.frames.params import FramesParams
-from stages.frames.run import check
-from stages.frames.stage import STAGE
-from stages.geometry.projection import pixel_centres
-from stages.io import Block, Views
-from storage.crop import Crop
-from storage.errors import SourceError
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.frames.params import FramesParams
+from posegaussian.stages.frames.run import check
+from posegaussian.stages.frames.stage import STAGE
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.imaging.camera_mapping import captured_to_calibrated, frames_rig
+from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import SourceError
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures
 

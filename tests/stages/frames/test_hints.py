@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.capture.person import capture_person
-from stages.detection.regions import to_own
-from stages.frames.hints import warped_hint
-from stages.geometry.projection import pixel_centres
-from stages.geometry.support import Fields, ray_support
-from storage.rig import Rig, to_integer_centres
+from posegaussian.stages.frames.segmentation_prior import warped_hint
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.imaging.regions import to_own
+from posegaussian.stages.silhouettes.support import Fields, ray_support
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from tests.stages.frames.people import hints_of, segmented
 
 

@@ -6,11 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.frames.layout import captured_positions, captured_to_calibrated, distort, frames_positions, frames_rig, frames_size, reach, undistort
-from stages.frames.params import FramesParams
-from storage.crop import Crop
-from storage.errors import ConfigError
-from storage.rig import Rig, points_from_integer_centres, rigid, to_integer_centres
+from posegaussian.stages.frames.params import FramesParams
+from posegaussian.stages.imaging.camera_mapping import (
+    captured_positions,
+    captured_to_calibrated,
+    distort,
+    frames_positions,
+    frames_rig,
+    frames_size,
+    reach,
+    undistort,
+)
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, rigid, to_integer_centres
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import ConfigError
 
 LENS = np.array([-0.21, 0.08, 0.0011, -0.0007, 0.004, 0.02, -0.01, 0.002])
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from stages.capture.person import ring
-from stages.frames.matte import plate_distance, plate_matte
-from stages.frames.params import FramesParams
-from stages.frames.run import check
-from stages.frames.stage import STAGE as FRAMES
-from stages.io import Block, Views
-from stages.survey.params import PLATE, SPREAD, SurveyParams
-from stages.survey.stage import STAGE as SURVEY
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.frames.params import FramesParams
+from posegaussian.stages.frames.plate_matte import plate_distance, plate_matte
+from posegaussian.stages.frames.run import check
+from posegaussian.stages.frames.stage import STAGE as FRAMES
+from posegaussian.stages.simulator.subjects.capsule_person import ring
+from posegaussian.stages.survey.params import PLATE, SPREAD, SurveyParams
+from posegaussian.stages.survey.stage import STAGE as SURVEY
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Joints, Pictures, film, overlap, wall
 

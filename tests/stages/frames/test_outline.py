@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.frames.effects import FEWEST_POINTS, SCATTERED, proven_offsets
-from stages.frames.outline import moved
+from posegaussian.stages.frames.effects import FEWEST_POINTS, SCATTERED, proven_offsets
+from posegaussian.stages.imaging.outline import moved
 
 SCALE = 8
 

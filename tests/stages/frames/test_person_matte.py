@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.frames.params import FramesParams, better_matte, matte_choice
-from stages.frames.person_matte import Known, person_matte
-from stages.frames.stage import STAGE
-from storage.joints import COCO17
+from posegaussian.stages.frames.params import FramesParams, better_matte, matte_choice
+from posegaussian.stages.frames.person_matte import Known, person_matte
+from posegaussian.stages.frames.stage import STAGE
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.model.joint_sets import COCO17
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures, overlap, wall
 from tests.stages.frames.people import FACTS, hints_of, segmented

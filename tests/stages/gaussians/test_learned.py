@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from stages.gaussians.learned import CHANNELS, over_prior
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.prior import rays
-from stages.gaussians.run import prior
-from stages.network.inference import HEADS, NUMBERS
+from posegaussian.stages.gaussians.learned import CHANNELS, over_prior
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.prior import rays
+from posegaussian.stages.gaussians.run import prior
+from posegaussian.stages.network.inference import HEADS, NUMBERS
 
 K = np.array([[60.0, 0, 21.0], [0, 55.0, 14.0], [0, 0, 1]])
 SHAPE = (30, 40)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from stages.gaussians.frame import tangents
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.prior import normals, rays, scales
-from stages.gaussians.run import prior
-from stages.rendering.lift import Maps, lift
-from stages.rendering.projection import project
-from stages.rendering.scene import Camera, Cutoffs
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.prior import normals, rays, scales
+from posegaussian.stages.gaussians.run import prior
+from posegaussian.stages.geometry.tangent_frame import tangents
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.splatting.definition.projection import project
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
 
 K = np.array([[60.0, 0, 21.0], [0, 55.0, 14.0], [0, 0, 1]])
 H, W = 30, 40

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.contract import resolve
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.run import check
-from stages.io import Block
-from stages.registry import stage
+from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.run import check
+from posegaussian.stages.registry import stage
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.memory import run_stage
 
 

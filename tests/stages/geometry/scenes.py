@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.geometry.projection import pixel_centres, rays, unproject
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import pixel_centres, rays, unproject
+from posegaussian.storage.model.cameras import Rig
 
 
 def camera(centre: np.ndarray, target: np.ndarray, roll: float = 0.0) -> np.ndarray:

@@ -2,9 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
-from stages.geometry.projection import project, unproject
-from storage.rig import Rig
+from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import ring, sphere_depth
 
 CENTRE, RADIUS = np.zeros(3), 0.5

@@ -4,14 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.depth.params import DepthParams
-from stages.depth.scene import Frame, Geometry, hulls
-from stages.geometry.hull import Silhouettes, searched_radius
-from stages.geometry.hull import visual_hull as hull_of
-from stages.geometry.projection import unproject
-from stages.geometry.subject import look_at_point
-from storage.rig import Rig
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry, hulls
+from posegaussian.stages.geometry.projection import unproject
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
+from posegaussian.stages.silhouettes.hull import visual_hull as hull_of
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from stages.geometry.pairs import Verdict, choose_pairs, classify, pair_notes, pair_report
-from stages.geometry.rectification import rectify
-from stages.geometry.subject import body_points, look_at_point
-from storage.rig import Rig
+from posegaussian.stages.geometry.pairs import Verdict, choose_pairs, classify, pair_notes, pair_report
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.geometry.subject import body_points, look_at_point
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
 
 ORIGIN = np.zeros(3)
@@ -86,7 +86,7 @@ def test_a_camera_that_looks_elsewhere_is_told_by_name_in_either_order():
 
 @pytest.mark.parametrize("row", [r for r, (_, verdict) in ROWS.items() if verdict is Verdict.USABLE])
 def test_the_body_lies_inside_both_rectified_pictures_of_a_usable_pair(row: str) -> None:
-    from stages.geometry.projection import project
+    from posegaussian.stages.geometry.projection import project
 
     rig = ROWS[row][0]
     pair = rectify(rig, 0, 1, ORIGIN)

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.geometry.paths import make_path
-from stages.geometry.subject import look_at_point, up_direction
-from stages.io import Views
-from storage.errors import UserError
-from storage.rig import CameraPath, Rig, rigid
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.storage.model.cameras import CameraPath, Rig, rigid
+from posegaussian.storage.model.errors import UserError
 
 NEAR = 1e-4
 """Metres: `look_at_point` is pulled 5e-5 m off the ring's middle where focal lengths differ. Interpolated translations miss by 0.1 m."""

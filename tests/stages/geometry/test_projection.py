@@ -1,6 +1,6 @@
 import numpy as np
 
-from stages.geometry.projection import pixel_centres, project, rays, unproject
+from posegaussian.stages.geometry.projection import pixel_centres, project, rays, unproject
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth
 
 

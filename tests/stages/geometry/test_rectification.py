@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.geometry.projection import pixel_centres, project, unproject
-from stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
+from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth
 
 ORIGIN = np.zeros(3)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.geometry.pairs import MAX_ANGLE, angle_at, pair_report
-from stages.geometry.paths import make_path
-from stages.geometry.stretch import best_stretch, stretch_notes
-from stages.geometry.subject import look_at_point, up_direction
-from stages.io import Views
-from storage.errors import UserError
-from storage.rig import CameraPath, Rig
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.camera_paths.stretch import best_stretch, stretch_notes
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, angle_at, pair_report
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.errors import UserError
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
 
 MIDDLE = np.zeros(3)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.geometry.cone import cone_notes
-from stages.geometry.pairs import angle_at
-from stages.geometry.paths import SWAY, make_path
-from stages.geometry.projection import project
-from stages.geometry.subject import look_at_point, subject_distance
-from stages.io import Views
-from storage.errors import UserError
-from storage.rig import CameraPath, Rig
+from posegaussian.stages.camera_paths.paths import SWAY, make_path
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.geometry.cone import cone_notes
+from posegaussian.stages.geometry.pairs import angle_at
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.subject import look_at_point, subject_distance
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.errors import UserError
 from tests.stages.geometry.test_paths import ring, views
 
 

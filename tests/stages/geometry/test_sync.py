@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.geometry.projection import project
-from stages.geometry.sync import FURTHEST, SURE, time_offsets
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.sync import FURTHEST, SURE, time_offsets
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
 FRAMES, JOINTS = 100, 13

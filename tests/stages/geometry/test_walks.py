@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.geometry.agreement import agreement
-from stages.geometry.hull import Silhouettes, searched_radius, visual_hull
-from stages.rendering.clipping import cover
-from stages.rendering.scene import Camera
-from storage.rig import Rig
+from posegaussian.stages.rendering.clipping import cover
+from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import ring, sphere_mask
 
 CENTRE = np.array([0.1, -0.05, 0.1])

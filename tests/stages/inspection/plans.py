@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from stages.depth.params import DepthParams
-from stages.inspection.planned import Planned
-from storage.rig import Rig
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.storage.model.cameras import Rig
 
 
 def planned(rig: Rig, matte: str = "given", estimator: str = "files", sources: tuple[int, ...] | None = None, facts: frozenset[str] = frozenset({"joints2d"}), **depth: object) -> Planned:

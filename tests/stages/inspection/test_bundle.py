@@ -7,9 +7,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from stages.inspection.bundle import pair_error, refit
-from stages.pose.points import project
-from storage.rig import Rig
+from posegaussian.stages.geometry.points import project
+from posegaussian.stages.inspection.bundle import pair_error, refit
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
-from stages.inspection.finding import Finding, Verdict
+from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
+from posegaussian.stages.inspection.finding import Finding, Verdict
 from tests.stages.geometry.scenes import ring
 
 RIG = ring(4, (640, 480), 600.0)

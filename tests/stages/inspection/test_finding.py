@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stages.inspection.finding import Verdict, graded, measured, overall, unmeasured, worst_first
+from posegaussian.stages.inspection.finding import Verdict, graded, measured, overall, unmeasured, worst_first
 
 
 @pytest.mark.parametrize(

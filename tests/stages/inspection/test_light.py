@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.inspection.finding import Verdict
-from stages.inspection.light import of_light
-from stages.survey.exposure import NONE, match
-from stages.survey.surface import colors_at
+from posegaussian.stages.imaging.exposure import NONE, match
+from posegaussian.stages.inspection.finding import Verdict
+from posegaussian.stages.inspection.light import of_light
+from posegaussian.stages.survey.surface import colors_at
 
 STOPS = np.array([[0.0, 0, 0], [1.0, 1.2, 0.8], [0.0, 0, 0], [0, 0, 0]])
 
@@ -22,7 +22,7 @@ def surface(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     rng, out = np.random.default_rng(1), np.full((4, 4, 64, 3), NONE)
     for a, b in ((0, 1), (1, 2), (0, 2)):
         out[a, b, :40] = STOPS[a] - STOPS[b] + 0.1 * rng.normal(size=(40, 3))
-    monkeypatch.setattr("stages.inspection.light.surface_stops", lambda inputs, view, numbers: out[view])
+    monkeypatch.setattr("posegaussian.stages.inspection.light.surface_stops", lambda inputs, view, numbers: out[view])
     return out
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from stages.geometry.features import features, matched
-from stages.geometry.projection import project
-from stages.inspection.matches import epipolar_fit
-from storage.rig import Rig
+from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from posegaussian.stages.geometry.features import features, matched
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.inspection.matches import epipolar_fit
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
 SIZE = 1000

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stages.facts import SEGMENTED
-from stages.inspection.finding import Finding, Verdict, measured, overall
-from stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
-from stages.inspection.pairs import every_pair, of_pairs
-from stages.inspection.planned import Planned
-from storage.rig import Rig
+from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.inspection.finding import Finding, Verdict, measured, overall
+from posegaussian.stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
+from posegaussian.stages.inspection.pairs import every_pair, of_pairs
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 from tests.stages.inspection.plans import planned
 

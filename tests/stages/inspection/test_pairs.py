@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.depth.scene import Geometry
-from stages.inspection.finding import Finding, Verdict
-from stages.inspection.pairs import every_pair, of_pairs
-from stages.inspection.planned import Planned
+from posegaussian.stages.depth.scene import Geometry
+from posegaussian.stages.inspection.finding import Finding, Verdict
+from posegaussian.stages.inspection.pairs import every_pair, of_pairs
+from posegaussian.stages.inspection.planned import Planned
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 from tests.stages.inspection.plans import planned
 

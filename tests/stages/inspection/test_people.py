@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.detection.estimator import Found
-from stages.inspection.finding import Verdict
-from stages.inspection.footage import Footage
-from stages.inspection.people import SURE, Finder, of_people, people
+from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.inspection.finding import Verdict
+from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.people import SURE, Finder, of_people, people
 from tests.stages.geometry.scenes import ring
 from tests.stages.inspection.plans import planned
 

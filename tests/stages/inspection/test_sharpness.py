@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.inspection.sharpness import edge_width
+from posegaussian.stages.inspection.sharpness import edge_width
 
 
 def boxes(blur: float, contrast: float = 150.0, noise: float = 0.0) -> np.ndarray:

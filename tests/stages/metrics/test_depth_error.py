@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from stages.geometry.projection import project, unproject
-from stages.metrics.depth_error import MISSING, depth_error, disparity_error, nearest_pair
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.metrics.depth_error import MISSING, depth_error, disparity_error, nearest_pair
 from tests.stages.geometry.scenes import ring, sphere_depth
 
 RIG = ring(8, (64, 48))

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.io import Block
-from stages.metrics import flip
-from stages.metrics.further import UNAVAILABLE, Unavailable
-from stages.metrics.lpips import ALEX
-from stages.metrics.lpips_weights import load_network
-from stages.metrics.ms_ssim import ms_ssim
-from stages.metrics.params import MetricsParams
-from stages.metrics.run import check, measure
-from stages.metrics.stage import BYTES, WEIGHTS
-from stages.registry import stage
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.metrics import flip
+from posegaussian.stages.metrics.lpips import ALEX
+from posegaussian.stages.metrics.lpips_weights import load_network
+from posegaussian.stages.metrics.ms_ssim import ms_ssim
+from posegaussian.stages.metrics.optional_metrics import UNAVAILABLE, Unavailable
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import check, measure
+from posegaussian.stages.metrics.stage import BYTES, WEIGHTS
+from posegaussian.stages.registry import stage
 from tests.memory import run_stage
 from tests.stages.metrics.test_lpips import made_weights, saved
 from tests.stages.metrics.test_run import F, world
@@ -52,10 +52,10 @@ def test_what_is_not_asked_for_is_not_there_and_the_rest_is_unchanged(names: lis
 
 
 def test_nothing_is_computed_that_was_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    import stages.metrics.run as kernel
+    import posegaussian.stages.metrics.run as kernel
 
     monkeypatch.setattr(kernel, "ssim_map", None)
-    for module in ("stages.metrics.lpips", "stages.metrics.lpips_weights", "flip_evaluator"):
+    for module in ("posegaussian.stages.metrics.lpips", "posegaussian.stages.metrics.lpips_weights", "flip_evaluator"):
         monkeypatch.setitem(sys.modules, module, None)  # importing it would raise
     assert set(measure(*scene(), MetricsParams(measures=["psnr"]))) == {("full", "psnr"), ("box", "psnr")}
     table(MetricsParams(measures=["psnr"]))

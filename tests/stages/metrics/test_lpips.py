@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.metrics.lpips import ALEX, STACKS, VGG, Stack
-from stages.metrics.lpips_weights import load_network
-from storage.errors import SourceError
+from posegaussian.stages.metrics.lpips import ALEX, STACKS, VGG, Stack
+from posegaussian.stages.metrics.lpips_weights import load_network
+from posegaussian.storage.model.errors import SourceError
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "lpips"
 

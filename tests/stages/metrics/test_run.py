@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stages.contract import resolve
-from stages.geometry.paths import make_path
-from stages.io import Block, Views
-from stages.metrics.params import MetricsParams
-from stages.metrics.run import check, measure
-from stages.registry import stage
-from storage.rig import CameraPath, Rig
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import check, measure
+from posegaussian.stages.registry import stage
+from posegaussian.storage.model.cameras import CameraPath, Rig
 from tests.memory import run_stage
 
 F, H, W = 4, 20, 24

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stages.geometry.projection import pixel_centres, rays, unproject
-from stages.geometry.rectification import RectifiedPair, Window, rectify
-from stages.network.disparity import Coding
-from stages.network.network import PoseGaussianNetwork
-from stages.network.presets import PRESETS
-from stages.network.views import SourceView, Views
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import pixel_centres, rays, unproject
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
+from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.model.pairs import SourceView, Views
+from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
 UPRIGHT = np.array([1.0, 0.2, 0.1]), 0.05

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.geometry.projection import project, unproject
-from stages.network.correlation import Correlation, columns_of, volume_bytes
-from stages.network.warping import projection, warp, warped_correlation
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.network.model.correlation import Correlation, columns_of, volume_bytes
+from posegaussian.stages.network.model.warping import projection, warp, warped_correlation
 from tests.stages.geometry.scenes import camera, on_ring
 
 LEVELS, RADIUS = 3, 2

@@ -11,9 +11,9 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from stages.network.encoders import Encoder, SqueezeExcitation, depth_encoder, heatmaps_on, image_encoder, pose_encoder
-from stages.network.fusion import depth_fusion
-from stages.network.presets import COSTS, PRESETS, Preset
+from posegaussian.stages.network.model.encoders import Encoder, SqueezeExcitation, depth_encoder, heatmaps_on, image_encoder, pose_encoder
+from posegaussian.stages.network.model.fusion import depth_fusion
+from posegaussian.stages.network.model.presets import COSTS, PRESETS, Preset
 
 TINY = Preset("tiny", widths=(8, 8, 16, 16))
 VARIANTS = [

@@ -13,16 +13,16 @@ import torch.nn.functional as F
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from stages.geometry.pairs import pair_report
-from stages.geometry.projection import project, unproject
-from stages.geometry.rectification import RectifiedPair, rectify
-from stages.network.further import LEAST, candidates, window_around
-from stages.network.inference import Learned, Looks, look
-from stages.network.network import PoseGaussianNetwork
-from stages.network.presets import FURTHER_COSTS, PRESETS, Preset
-from stages.network.views import SourceView, Third, Views, windows
-from stages.network.warping import warp, warped_correlation
-from storage.rig import Rig
+from posegaussian.stages.geometry.pairs import pair_report
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.network.inference import Learned, Looks, look
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.model.pairs import SourceView, Third, Views, windows
+from posegaussian.stages.network.model.presets import FURTHER_COSTS, PRESETS, Preset
+from posegaussian.stages.network.model.warping import warp, warped_correlation
+from posegaussian.stages.network.third_view import LEAST, candidates, window_around
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
 from tests.stages.network.made import UPRIGHT, depth_of_plane, network, plane_depth, random_views, source, two_cameras
 
@@ -60,7 +60,7 @@ def looked_up(net: PoseGaussianNetwork, looks: Looks, views: Mapping[int, Source
         raise Looked
 
     with monkeypatch.context() as m:
-        m.setattr("stages.network.refine.warped_correlation", keep)
+        m.setattr("posegaussian.stages.network.model.refine.warped_correlation", keep)
         with pytest.raises(Looked):
             look(net, looks, views, 1, "float32")
     return asked[0], asked[1], asked[2]
@@ -194,7 +194,7 @@ def test_the_order_of_the_cameras_changes_nothing_but_rounding(net: PoseGaussian
 
 def test_the_third_view_has_a_say_and_one_without_a_surface_is_none(net: PoseGaussianNetwork, rig: Rig, shown: dict[int, SourceView], said: dict[int, Learned], monkeypatch: pytest.MonkeyPatch) -> None:
     looks = Looks.of(rig, (0, 1, 2), 1)
-    monkeypatch.setattr("stages.network.inference.third_of", lambda *a: None)
+    monkeypatch.setattr("posegaussian.stages.network.inference.third_of", lambda *a: None)
     without = look(net, looks, shown, 2, "float32")
     assert any((without[v].numbers != said[v].numbers).any() for v in range(3))
     gone = {**shown, 2: source(rig, 2, np.zeros((64, 64), np.float32))}
@@ -255,7 +255,7 @@ def test_a_network_of_pairs_has_nothing_of_it_and_refuses_a_third_view(monkeypat
     assert differing == ["refinement.update.motion.correlation.0.weight"]
     with pytest.raises(ValueError, match="further_views=True"):
         plain(with_third(random_views(1)), 1)
-    for name in ("stages.network.inference.third_of", "stages.network.refine.warped_correlation"):
+    for name in ("posegaussian.stages.network.inference.third_of", "posegaussian.stages.network.model.refine.warped_correlation"):
         monkeypatch.setattr(name, lambda *a: pytest.fail("computed for a network of pairs"))
     assert look(plain, Looks.of(rig, (0, 1, 2), 1), shown, 1, "float32").keys() == shown.keys()
 

@@ -10,8 +10,8 @@ import pytest
 import torch
 from torch import nn
 
-from stages.network.fusion import FUSIONS, Fusion, ImageOnly, depth_fusion
-from stages.network.presets import PRESETS, FusionKind
+from posegaussian.stages.network.model.fusion import FUSIONS, Fusion, ImageOnly, depth_fusion
+from posegaussian.stages.network.model.presets import PRESETS, FusionKind
 
 IMAGE, POSE = 16, 5
 KINDS = pytest.mark.parametrize("kind", list(FUSIONS))

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from stages.gaussians.frame import tangents
-from stages.network.decoder import Decoder
-from stages.network.heads import (
+from posegaussian.stages.geometry.tangent_frame import tangents
+from posegaussian.stages.network.model.decoder import Decoder
+from posegaussian.stages.network.model.heads import (
     FACING,
     Heads,
     Maps,
@@ -24,7 +24,7 @@ from stages.network.heads import (
     quaternion_of,
     seen_opacity,
 )
-from stages.rendering.quaternions import rotations
+from posegaussian.stages.splatting.quaternions import rotations
 
 torch.set_num_threads(1)
 FAR = torch.tensor([-1e4, -50.0, -6.0, -0.5, 0.0, 0.5, 6.0, 50.0, 1e4])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from stages.geometry.rectification import RectifiedPair
-from stages.network.heads import trust
-from stages.network.inference import FURTHEST, HEADS, NUMBERS, Learned, Looks, _merged, look, refined
-from stages.network.network import Prediction
-from stages.network.presets import PRESETS, Preset
-from stages.network.views import SourceView, Views, windows
-from storage.rig import Rig
+from posegaussian.stages.geometry.rectification import RectifiedPair
+from posegaussian.stages.network.inference import FURTHEST, HEADS, NUMBERS, Learned, Looks, _merged, look, refined
+from posegaussian.stages.network.model.heads import trust
+from posegaussian.stages.network.model.network import Prediction
+from posegaussian.stages.network.model.pairs import SourceView, Views, windows
+from posegaussian.stages.network.model.presets import PRESETS, Preset
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.network.made import UPRIGHT, network, plane_depth, plane_disparity, source, two_cameras
 
 torch.set_num_threads(1)

@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from stages.network.layout import shuffled, stacked, unshuffled
+from posegaussian.stages.network.model.layout import shuffled, stacked, unshuffled
 
 torch.set_num_threads(1)
 

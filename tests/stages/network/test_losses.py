@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from stages.metrics.ssim import ssim_map as measured
-from stages.network.losses import FAINT, PoseFusion, effective_rank, heatmap_probe, masked_mean, render_loss, sequence_loss, ssim_map, standardised
+from posegaussian.stages.metrics.ssim import ssim_map as measured
+from posegaussian.stages.network.losses import FAINT, PoseFusion, effective_rank, heatmap_probe, masked_mean, render_loss, sequence_loss, ssim_map, standardised
 
 torch.set_num_threads(1)
 

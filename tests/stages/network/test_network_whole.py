@@ -7,11 +7,11 @@ import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from stages.network.disparity import Coding
-from stages.network.heads import trust
-from stages.network.network import PoseGaussianNetwork, Prediction
-from stages.network.presets import COSTS, PRESETS
-from stages.network.views import MAPS, Views
+from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.heads import trust
+from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
+from posegaussian.stages.network.model.pairs import MAPS, Views
+from posegaussian.stages.network.model.presets import COSTS, PRESETS
 from tests.stages.network.made import network, random_views
 
 torch.set_num_threads(1)
@@ -45,7 +45,7 @@ def said(shaken: PoseGaussianNetwork, views: Views) -> Prediction:
 
 
 def test_a_confidence_of_0_is_the_start_to_the_bit(shaken: PoseGaussianNetwork, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.network.network.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     found = shaken(views, 1)
     assert bool(found.change.any())
     assert torch.equal(found.disparity[views.known], views.start[views.known])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from stages.contract import resolve
-from stages.io import Block, Views
-from stages.network.network import PoseGaussianNetwork
-from stages.network.params import NetworkParams
-from stages.network.run import check
-from stages.network.stage import STAGE, unneeded
-from storage.rig import Rig
+from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.run import check
+from posegaussian.stages.network.stage import STAGE, unneeded
+from posegaussian.storage.model.cameras import Rig
 from tests.memory import MemoryInputs, run_stage
 from tests.stages.network.made import network, plane_depth, source, two_cameras
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from dags.network_weights import card_of, network_of, notes, shipped
-from stages.network.params import NetworkParams
-from stages.network.presets import PRESETS, Preset
-from stages.network.weights import sha256
+from posegaussian.dags.assets.network_weights import card_of, network_of, notes, shipped
+from posegaussian.stages.network.model.presets import PRESETS, Preset
+from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.weights import sha256
 
 BYTES = {"fast": 4_000_000, "base": 10_000_000}
 

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.geometry.hull import Silhouettes
-from stages.geometry.projection import project, unproject
-from stages.network.inference import Learned, refined
-from stages.network.silhouettes import TOLERANCE, held, silhouettes_of
-from storage.rig import Rig, points_to_integer_centres
+from posegaussian.stages.geometry.projection import project, unproject
+from posegaussian.stages.network.inference import Learned, refined
+from posegaussian.stages.network.silhouettes import TOLERANCE, held, silhouettes_of
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth, sphere_mask
 
 SIZE = (160, 160)

@@ -7,13 +7,13 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from stages.geometry.projection import project
-from stages.geometry.rectification import rectify
-from stages.network.correlation import Correlation
-from stages.network.disparity import Coding
-from stages.network.refine import DepthRefinement, Refined
-from stages.network.update import ConvGRU, convex_weights, upsample
-from stages.network.warping import projection
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.geometry.rectification import rectify
+from posegaussian.stages.network.model.correlation import Correlation
+from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.refine import DepthRefinement, Refined
+from posegaussian.stages.network.model.update import ConvGRU, convex_weights, upsample
+from posegaussian.stages.network.model.warping import projection
 from tests.stages.geometry.scenes import camera, on_ring, rig_of
 
 FACTOR, CELLS = 4, (6, 9)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.geometry.projection import pixel_centres, project
-from stages.geometry.rectification import Window
-from stages.network.views import APART, MARGIN, SourceView, Views, evidence, others, rectified_pair, relief, sampled, start_on, windows
+from posegaussian.stages.geometry.projection import pixel_centres, project
+from posegaussian.stages.geometry.rectification import Window
+from posegaussian.stages.network.model.pairs import APART, MARGIN, SourceView, Views, evidence, others, rectified_pair, relief, sampled, start_on, windows
 from tests.stages.geometry.scenes import sphere_depth
 from tests.stages.network.made import UPRIGHT, pair_of, plane_depth, plane_disparity, source, two_cameras
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from dags.training_weights import save_weights
-from stages.network.card import Card, WeightsError, read_card
-from stages.network.presets import PRESETS
-from stages.network.weights import load_weights, sha256
+from posegaussian.dags.training.weights import save_weights
+from posegaussian.stages.network.card import Card, WeightsError, read_card
+from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.stages.network.weights import load_weights, sha256
 
 CARD = Card("tiny", "fast", PRESETS["fast"].as_json(), 6, "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stages.io import Views
-from storage.rig import Rig, rigid
+from posegaussian.stages.contract.io import Views
+from posegaussian.storage.model.cameras import Rig, rigid
 
 SKELETON = np.array(
     [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pose.bridge import Bones, bridge, rejected
-from storage.joints import JOINT_SETS, joint_set
+from posegaussian.stages.pose.bridge import Bones, bridge, rejected
+from posegaussian.storage.model.joint_sets import JOINT_SETS, joint_set
 from tests.stages.pose.scene import SKELETON, pixels, ring
 
 BONES = Bones.of("coco17")

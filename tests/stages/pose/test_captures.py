@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import capture_person
-from stages.io import Views
-from stages.pose.over_time import Followed, follow
-from stages.pose.params import PoseParams
-from stages.pose.points import project
-from stages.pose.stage import STAGE
-from stages.pose.swaps import HEAD, Sides
-from storage.joints import to_set
-from storage.rig import Rig, from_integer_centres, points_from_integer_centres, rigid
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.geometry.points import project
+from posegaussian.stages.pose.left_right_swaps import HEAD, Sides
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE
+from posegaussian.stages.pose.tracking import Followed, follow
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.model.cameras import Rig, from_integer_centres, points_from_integer_centres, rigid
+from posegaussian.storage.model.joint_sets import to_set
 from tests.memory import MemoryInputs, run_stage
 from tests.stages.pose.scene import Joints2D, ring
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.pose.found import FLIPS, nearest
-from stages.pose.params import PoseParams
-from stages.pose.stage import STAGE
-from storage.joints import joint_set, to_set
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE
+from posegaussian.stages.pose.subject_match import FLIPS, nearest
+from posegaussian.storage.model.joint_sets import joint_set, to_set
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Joints
 from tests.stages.pose.scene import pixels, ring, roles, walk

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pose.heatmaps import FLOOR, draw, grid_of
+from posegaussian.stages.pose.heatmaps import FLOOR, draw, grid_of
 
 SIZE, GRID = (64, 48), (12, 16)
 

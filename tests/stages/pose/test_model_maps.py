@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from stages.pose.params import PoseParams
-from stages.pose.stage import STAGE
-from storage.joints import COCO17
-from storage.rig import Rig
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.stage import STAGE
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import COCO17
 from tests.memory import run_stage
 from tests.stages.pose.scene import pixels, ring, roles, walk
 

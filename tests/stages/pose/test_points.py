@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stages.pose.points import focus, project, to_frames
-from storage.rig import Rig, from_integer_centres, points_from_integer_centres
+from posegaussian.stages.geometry.points import focus, project, to_frames
+from posegaussian.storage.model.cameras import Rig, from_integer_centres, points_from_integer_centres
 from tests.stages.pose.scene import SKELETON, pixels, ring
 
 

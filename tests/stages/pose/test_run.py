@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.io import Block
-from stages.pose.params import PoseParams
-from stages.pose.run import check, run, unknown_note
-from stages.pose.stage import STAGE
-from storage.joints import BODY_25, COCO17, to_set
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.run import check, run, unknown_note
+from posegaussian.stages.pose.stage import STAGE
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import BODY_25, COCO17, to_set
 from tests.memory import MemoryInputs, run_stage
 from tests.stages.pose.scene import SKELETON, Joints2D, Joints3D, pixels, ring, roles, walk
 

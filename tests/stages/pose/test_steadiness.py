@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pose.heatmaps import draw
-from stages.pose.steadiness import measures, off_heatmaps
+from posegaussian.stages.pose.heatmaps import draw
+from posegaussian.stages.pose.jitter import measures, off_heatmaps
 from tests.stages.pose.scene import SKELETON, moving, scored
 
 

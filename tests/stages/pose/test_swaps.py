@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pose.swaps import ARMS, HEAD, LEGS, Sides, Sighting, between_frames, between_views, mended
-from stages.pose.triangulate import triangulate
-from storage.joints import JOINT_SETS
-from storage.rig import Rig
+from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.pose.left_right_swaps import ARMS, HEAD, LEGS, Sides, Sighting, between_frames, between_views, mended
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import JOINT_SETS
 from tests.stages.pose.scene import SKELETON, pixels, ring, walk
 
 SIDES = Sides.of("coco17")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pose.points import project
-from stages.pose.triangulate import MIN_ANGLE, MOST_PAIRS, pairs_of, triangulate
-from storage.rig import Rig, rigid
+from posegaussian.stages.geometry.points import project
+from posegaussian.stages.geometry.triangulation import MIN_ANGLE, MOST_PAIRS, pairs_of, triangulate
+from posegaussian.storage.model.cameras import Rig, rigid
 from tests.stages.pose.scene import SKELETON, pixels, ring
 
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.gaussians.params import GaussiansParams
-from stages.io import Block
-from stages.refinement.params import RefinementParams
-from stages.refinement.run import check
-from stages.registry import stage
-from stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.refinement.params import RefinementParams
+from posegaussian.stages.refinement.run import check
+from posegaussian.stages.registry import stage
+from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.memory import run_stage
 
 FRAMES = 4

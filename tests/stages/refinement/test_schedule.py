@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stages.capture.person import capture_person
-from stages.refinement.schedule import FEWEST, Schedule, schedule
+from posegaussian.stages.refinement.schedule import FEWEST, Schedule, schedule
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 
 
 def of(views: int, usable: tuple[int, ...] | None = None) -> Schedule | None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from stages.refinement.thinning import EVERY, OPACITY, WIDER, thinned
-from stages.rendering.lift import Maps
+from posegaussian.stages.refinement.thinning import EVERY, OPACITY, WIDER, thinned
+from posegaussian.stages.rendering.lift import Maps
 
 
 def maps(size: int = 96) -> Maps:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.scene import Camera, Cutoffs, Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "gsplat_render"
 CASES = ("tiny_case", "basic_case")

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import torch
 
-from stages.rendering import gpu
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Backend, Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.splatting.definition.scene import Backend, Camera, Cutoffs, Drawing, Gaussians, Rendering
+from posegaussian.stages.splatting.gpu import backend as gpu
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 GPU_DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 """Where the `gpu` back end is tried."""

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.gaussians.params import GaussiansParams
-from stages.gaussians.run import prior
-from stages.geometry.subject import look_at_point
-from stages.metrics.psnr import psnr
-from stages.rendering.lift import Maps, lift
-from stages.rendering.mip import mip_filter
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.run import prior
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.mip import mip_filter
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
+from posegaussian.stages.splatting.rasterizer import rasterize
 
 SIZE = 128
 

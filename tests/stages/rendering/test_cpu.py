@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from stages.rendering import cpu, cpu_tiles
-from stages.rendering.scene import Cutoffs
+from posegaussian.stages.splatting.cpu import backend, tiles
+from posegaussian.stages.splatting.definition.scene import Cutoffs
 from tests.hard_cases.laws import agree
 from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 
@@ -18,36 +18,36 @@ KERNELS = ("cpu_tiles.sort_tiles-1.py311.nbi", "cpu_tiles.sort_tiles-1.py311.1.n
 def test_kernels_of_other_sources_are_forgotten_and_nothing_else(tmp_path: Path) -> None:
     for name in (*KERNELS, "raycast.cast-1.py311.nbi", "cpu_tiles.cpython-311.pyc"):
         (tmp_path / name).touch()
-    cpu.forget_stale_kernels(tmp_path)  # no note: nobody knows what these were made from
+    backend.forget_stale_kernels(tmp_path)  # no note: nobody knows what these were made from
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cpu_tiles.cpython-311.pyc", "raycast.cast-1.py311.nbi", "renderer.digest"]
     (tmp_path / KERNELS[0]).touch()
-    cpu.forget_stale_kernels(tmp_path)
+    backend.forget_stale_kernels(tmp_path)
     assert (tmp_path / KERNELS[0]).exists()
     (tmp_path / "renderer.digest").write_text("of another version")
-    cpu.forget_stale_kernels(tmp_path)
+    backend.forget_stale_kernels(tmp_path)
     assert not (tmp_path / KERNELS[0]).exists()
 
 
 def test_a_folder_that_does_not_exist_is_made(tmp_path: Path) -> None:
-    cpu.forget_stale_kernels(tmp_path / "new")
+    backend.forget_stale_kernels(tmp_path / "new")
     assert (tmp_path / "new" / "renderer.digest").is_file()
 
 
 def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        cpu.announce(tmp_path)
-        cpu.announce(tmp_path)
+        backend.announce(tmp_path)
+        backend.announce(tmp_path)
         assert len(caplog.messages) == 1
         assert "compiling the renderer" in caplog.messages[0]
         (tmp_path / "more").mkdir()
         (tmp_path / "more" / "cpu_projection.project-154.py311.1.nbc").touch()
-        cpu.announce(tmp_path / "more")
+        backend.announce(tmp_path / "more")
     assert len(caplog.messages) == 1
 
 
 def test_s12_more_intersections_than_slots_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cpu, "MOST_INTERSECTIONS", 100)
-    with pytest.raises(cpu.TooLarge, match="intersections"):
+    monkeypatch.setattr(backend, "MOST_INTERSECTIONS", 100)
+    with pytest.raises(backend.TooLarge, match="intersections"):
         draw(gaussians([[0, 0, 2.0]] * 60, 10.0, dtype=torch.float32), camera())
 
 
@@ -56,9 +56,9 @@ def test_tiles_that_only_the_box_reaches_are_left_out_and_none_that_the_ellipse_
     g = cloud(40, seed=5, dtype=torch.float32)
     g = dataclasses.replace(g, scale=g.scale * torch.tensor([20.0, 1.0, 1.0]))
     cam = camera(300, 260, 300.0)
-    task = cpu.job(cam, Cutoffs(), 3, 1)
-    records, reaches, _ = cpu.project([cpu.flat(getattr(g, n)) for n in cpu.ATTRIBUTES], task)
-    exact = len(cpu.list_tiles(records, reaches, task)[2])
-    boxes = sum((x1 - x0 + 1) * (y1 - y0 + 1) for x0, x1, y0, y1 in (cpu_tiles._box.py_func(reaches, i) for i in range(40)))
+    task = backend.job(cam, Cutoffs(), 3, 1)
+    records, reaches, _ = backend.project([backend.flat(getattr(g, n)) for n in backend.ATTRIBUTES], task)
+    exact = len(backend.list_tiles(records, reaches, task)[2])
+    boxes = sum((x1 - x0 + 1) * (y1 - y0 + 1) for x0, x1, y0, y1 in (tiles._box.py_func(reaches, i) for i in range(40)))
     assert exact < 0.8 * boxes
     agree(g, cam, picture=2e-3, gradient=2e-2)  # one threshold that flips is 1/255 of a pixel

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.geometry.paths import make_path
-from stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
-from stages.survey.silhouettes import agreeing_share
-from storage.rig import CameraPath
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.survey.silhouettes import agreeing_share
+from posegaussian.storage.model.cameras import CameraPath
 
 
 @pytest.fixture(scope="module")

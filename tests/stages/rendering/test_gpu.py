@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering import gpu, gpu_tiles, rasterizer
-from stages.rendering.projection import project
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.reference import sorted_by_depth
-from stages.rendering.scene import Camera, Cutoffs, Drawing, Gaussians, TooLarge
+from posegaussian.stages.splatting import rasterizer
+from posegaussian.stages.splatting.definition.projection import project
+from posegaussian.stages.splatting.definition.reference import sorted_by_depth
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, TooLarge
+from posegaussian.stages.splatting.gpu import backend, tiles
+from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
 from tests.stages.rendering import scenes
@@ -23,7 +24,7 @@ from tests.stages.rendering.reference_render import GSPLAT, reference_case
 from tests.stages.rendering.scenes import GPU_DEVICE, NO_GPU, camera, cloud, draw, gaussians
 
 needs_triton = pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
-QUICK = gpu.Shape(tile=64, chunk=32)
+QUICK = backend.Shape(tile=64, chunk=32)
 """Few programs: the interpreter takes as long for a pixel as for a thousand."""
 
 
@@ -35,8 +36,8 @@ def on_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def quick(on_gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    if gpu.interpreted():
-        monkeypatch.setattr(gpu, "SHAPE", QUICK)
+    if backend.interpreted():
+        monkeypatch.setattr(backend, "SHAPE", QUICK)
 
 
 @needs_triton
@@ -64,13 +65,13 @@ def test_what_is_not_asked_for_changes_nothing_of_the_rest(extras: tuple[str, ..
 
 @needs_triton
 @pytest.mark.usefixtures("on_gpu")
-@pytest.mark.parametrize("shape", [gpu.Shape(4, 4), gpu.Shape(16, 16), gpu.Shape(8, 2)])
-def test_tiles_and_chunks_change_nothing_but_rounding(shape: gpu.Shape, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("shape", [backend.Shape(4, 4), backend.Shape(16, 16), backend.Shape(8, 2)])
+def test_tiles_and_chunks_change_nothing_but_rounding(shape: backend.Shape, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opaque Gaussians, so that pixels stop within chunks and between them."""
-    monkeypatch.setattr(gpu, "SHAPE", QUICK)
+    monkeypatch.setattr(backend, "SHAPE", QUICK)
     g, cam = dataclasses.replace(cloud(12, dtype=torch.float32), opacity=torch.full((12,), 0.98), scale=torch.full((12, 3), 0.3)), camera(7, 6, 7.0)
     one, gradients = drawn(g, cam)
-    monkeypatch.setattr(gpu, "SHAPE", shape)
+    monkeypatch.setattr(backend, "SHAPE", shape)
     other, others = drawn(g, cam)
     assert all(torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True))  # depths up to 4
     assert all(relative(gradients[n], others[n]) < 1e-5 for n in gradients)
@@ -136,7 +137,7 @@ def test_same_picture_as_gsplat() -> None:
 def test_lists_hold_every_intersection_once_by_tile_and_depth() -> None:
     cam, tile = camera(37, 29), 8
     kept = sorted_by_depth(project(cloud(40, dtype=torch.float32), cam, Cutoffs()), cam, tile)
-    ids, slots, starts, bases = gpu_tiles.list_tiles(kept.boxes, cam, tile)
+    ids, slots, starts, bases = tiles.list_tiles(kept.boxes, cam, tile)
     across = -(-cam.width // tile)
     expected = [[i for i, (x0, y0, x1, y1) in enumerate(kept.boxes.tolist()) if x0 <= t % across < x1 and y0 <= t // across < y1] for t in range(len(starts) - 1)]
     assert [ids[a:b].tolist() for a, b in pairwise(starts.tolist())] == expected
@@ -145,9 +146,9 @@ def test_lists_hold_every_intersection_once_by_tile_and_depth() -> None:
 
 
 def test_s12_more_intersections_than_places_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu_tiles, "MOST_INTERSECTIONS", 100)
+    monkeypatch.setattr(tiles, "MOST_INTERSECTIONS", 100)
     with pytest.raises(TooLarge, match="intersections"):
-        gpu_tiles.list_tiles(torch.tensor([[0, 0, 6, 5]] * 60), camera(), 8)
+        tiles.list_tiles(torch.tensor([[0, 0, 6, 5]] * 60), camera(), 8)
 
 
 def test_gradients_from_moments_are_those_of_the_exponent() -> None:
@@ -159,7 +160,7 @@ def test_gradients_from_moments_are_those_of_the_exponent() -> None:
     p, q = d @ row[2:4], d @ row[4:6]
     (expected,) = torch.autograd.grad((m * (torch.log(row[6]) - 0.5 * (p * p + q * q))).sum(), row)
     sums = torch.stack([(m * v).sum() for v in (torch.ones_like(p), p, q, p * p, p * q, q * q)])
-    found = gpu.from_moments(torch.nn.functional.pad(row.detach(), (0, 9))[None], torch.nn.functional.pad(sums.detach(), (0, 10))[None])
+    found = backend.from_moments(torch.nn.functional.pad(row.detach(), (0, 9))[None], torch.nn.functional.pad(sums.detach(), (0, 10))[None])
     torch.testing.assert_close(found[0, :7], expected)
 
 
@@ -172,15 +173,15 @@ def test_gradients_from_moments_are_those_of_the_exponent() -> None:
     ],
 )
 def test_what_is_lacking_is_said_with_what_to_do(version: str | None, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu, "triton_version", lambda: version)
-    monkeypatch.setattr(gpu, "interpreted", lambda: False)
+    monkeypatch.setattr(backend, "triton_version", lambda: version)
+    monkeypatch.setattr(backend, "interpreted", lambda: False)
     with pytest.raises(ValueError, match=f"drawing.backend = 'gpu': {says}"):
         rasterize(cloud(3, dtype=torch.float32), [camera()], (), Drawing(backend="gpu"))
 
 
 def test_triton_of_two_digits_is_not_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu, "triton_version", lambda: "3.10.1+git")
-    assert gpu.lacks(torch.device("cuda")) is None
+    monkeypatch.setattr(backend, "triton_version", lambda: "3.10.1+git")
+    assert backend.lacks(torch.device("cuda")) is None
 
 
 @needs_triton
@@ -203,10 +204,10 @@ class _OnCuda:
 def test_auto_chooses_by_device_and_says_why_it_is_slow(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     rasterizer._say_once.cache_clear()
     single, double = _OnCuda(torch.float32), _OnCuda(torch.float64)
-    monkeypatch.setattr(gpu, "triton_version", lambda: "3.2.0")
+    monkeypatch.setattr(backend, "triton_version", lambda: "3.2.0")
     assert [rasterizer.resolve("auto", g) for g in (single, double)] == ["gpu", "reference"]  # type: ignore[arg-type]
     assert rasterizer.resolve("auto", cloud(1, dtype=torch.float32)) == "cpu"
-    monkeypatch.setattr(gpu, "triton_version", lambda: None)
+    monkeypatch.setattr(backend, "triton_version", lambda: None)
     with caplog.at_level(logging.WARNING):
         assert [rasterizer.resolve("auto", single) for _ in range(2)] == ["reference"] * 2  # type: ignore[arg-type]
     assert len(caplog.messages) == 1
@@ -217,7 +218,7 @@ COMPILE = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from stages.rendering import gpu, gpu_composite
+from posegaussian.stages.rendering import gpu, gpu_composite
 given = {
     "composite": ["*fp32", "*i32", "*i32", "*fp32", "*fp32", "*fp32", "*i32", "fp32", "fp32", "fp32", "i32", "i32", "i32"],
     "composite_backward": ["*fp32", "*i32", "*i32", "*i32", "*fp32", "*i32", "*fp32", "*fp32", "*fp32", "fp32", "fp32", "i32", "i32", "i32"],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.scene import Backend
+from posegaussian.stages.splatting.definition.scene import Backend
 from tests.stages.rendering.reference_render import CASES, GSPLAT, reference_case
 from tests.stages.rendering.scenes import draw
 

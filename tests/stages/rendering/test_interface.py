@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera, Cutoffs, Drawing
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing
+from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.hard_cases.laws import drawn, pictures, relative, to
 from tests.stages.rendering.scenes import camera, cloud, turned_about_y
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.lift import Maps, lift
-from stages.rendering.scene import Camera
-from storage.rig import rigid
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.storage.model.cameras import rigid
 
 K = np.array([[60.0, 2.0, 21.0], [0, 55.0, 14.0], [0, 0, 1]])
 H, W = 12, 16

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.lift import Maps, lift
-from stages.rendering.rasterizer import rasterize
-from stages.rendering.scene import Camera
-from storage.rig import rigid
+from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.stages.splatting.rasterizer import rasterize
+from posegaussian.storage.model.cameras import rigid
 from tests.hard_cases.laws import relative
 
 K = np.array([[20.0, 0.5, 8.3], [0, 21.0, 5.8], [0, 0, 1]])

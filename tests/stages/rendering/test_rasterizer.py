@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from benchmarks.workloads import person
-from stages.rendering import reference
-from stages.rendering.scene import Camera, Cutoffs, Gaussians, Rendering
+from posegaussian.stages.splatting.definition import reference
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians, Rendering
 from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 
 NO_CUTS = Cutoffs(alpha_min=1e-12, alpha_max=1.0, transmittance_stop=0.0)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.gaussians.params import GaussiansParams
-from stages.geometry.paths import make_path
-from stages.io import Block
-from stages.metrics.psnr import psnr
-from stages.registry import stage
-from stages.rendering.params import RenderingParams
-from stages.rendering.run import check, masked_note, quantise, run
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.registry import stage
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.run import check, masked_note, quantise, run
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.memory import MemoryInputs, run_stage
 
 COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from stages.rendering import simd
-from stages.rendering.simd import load, splat, store, store_rows, sums
+from posegaussian.stages.splatting.cpu import simd
+from posegaussian.stages.splatting.cpu.simd import load, splat, store, store_rows, sums
 
 A = np.array([0.3, -1.5, 2.25, 7.0, -0.0, 120.0, 1e-3, 3.5], np.float32)
 B = np.array([1.0, -2.5, 2.25, 0.5, 4.0, 1e-6, -3.0, 3.0], np.float32)

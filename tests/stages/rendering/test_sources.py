@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.rendering.sources import angles_at, choose
+from posegaussian.stages.rendering.sources import angles_at, choose
 
 RING = np.array([[np.cos(a), np.sin(a), 0.3] for a in np.arange(8) * np.pi / 4])
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rendering.quaternions import rotations
-from stages.rendering.scene import Camera, Cutoffs
-from stages.rendering.splat_scene import MOST_OPAQUE, quaternions, scene_of, sh_color, splats_of
-from storage.splat_files import read_splats
-from storage.splats import SH0, Splats
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
+from posegaussian.stages.splatting.quaternions import rotations
+from posegaussian.stages.splatting.splat_scene import MOST_OPAQUE, quaternions, scene_of, sh_color, splats_of
+from posegaussian.storage.formats.splat_ply import read_splats
+from posegaussian.storage.model.splats import SH0, Splats
 from tests.stages.rendering.reference_render import FOLDER, GSPLAT, harmonics, read_safetensors, reference_case
 from tests.stages.rendering.scenes import camera, cloud, draw
 from tests.storage.test_splat_files import made, real

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.gaussians.params import GaussiansParams
-from stages.geometry.paths import make_path
-from stages.metrics.psnr import psnr
-from stages.registry import stage
-from stages.rendering.effects import VIEW_DEPENDENT_COLOR
-from stages.rendering.lift import Lifted, Maps, lift
-from stages.rendering.params import RenderingParams
-from stages.rendering.scene import Camera
-from stages.rendering.view_color import Photo, color_towards
-from stages.survey.exposure import NONE
-from stages.survey.params import COLORS, NOISE, SURFACE
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.imaging.exposure import NONE
+from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.registry import stage
+from posegaussian.stages.rendering.effects import VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.lift import Lifted, Maps, lift
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.view_color import Photo, color_towards
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
 from tests.memory import run_stage
 
 SIZE, COLOR = 96, "rendering/{path}/color"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.io import Block, Views
-from stages.pose.heatmaps import draw
-from stages.smoothing.filters import blend, stillness, taps
-from stages.smoothing.params import SmoothingParams
-from stages.smoothing.run import check
-from stages.smoothing.stage import STAGE
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.pose.heatmaps import draw
+from posegaussian.stages.smoothing.filters import blend, stillness, taps
+from posegaussian.stages.smoothing.params import SmoothingParams
+from posegaussian.stages.smoothing.run import check
+from posegaussian.stages.smoothing.stage import STAGE
+from posegaussian.storage.model.cameras import Rig
 from tests.memory import run_stage
 
 METHODS = ("pairwise", "recurrent", "adaptive")

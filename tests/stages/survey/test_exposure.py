@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.frames.display import gain_table, to_display, to_linear
-from stages.survey.exposure import FEWEST_POINTS, FLOOR, NONE, match
+from posegaussian.stages.imaging.color import gain_table, to_display, to_linear
+from posegaussian.stages.imaging.exposure import FEWEST_POINTS, FLOOR, NONE, match
 
 
 def points(pairs: dict[tuple[int, int], np.ndarray], cameras: int) -> np.ndarray:

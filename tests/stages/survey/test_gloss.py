@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.motion import pose
-from stages.capture.person import render, ring
-from stages.frames.display import to_linear, to_srgb
-from stages.frames.effects import EXPOSURE_MATCHING
-from stages.frames.stage import STAGE
-from stages.io import Views
-from stages.survey.exposure import Matching, match
-from stages.survey.params import COLORS, SURFACE
-from stages.survey.surface import surface_stops
-from storage.rig import Rig
-from storage.spec import array_digest
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
+from posegaussian.stages.frames.stage import STAGE
+from posegaussian.stages.imaging.color import to_linear, to_srgb
+from posegaussian.stages.imaging.exposure import Matching, match
+from posegaussian.stages.simulator.subjects.capsule_person import render, ring
+from posegaussian.stages.simulator.subjects.motion import pose
+from posegaussian.stages.survey.params import COLORS, SURFACE
+from posegaussian.stages.survey.surface import surface_stops
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.spec import array_digest
 
 SIZE, CAMERAS, APART = 360, 4, 15
 LAMPS = ([1.0, 0.6, 0.8], [-0.3, 1.0, 0.5], [1.0, 0.0, 0.0])
@@ -50,7 +50,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 class Photographs:
-    """`stages.io.PictureReader` over one picture a view."""
+    """`posegaussian.stages.contract.io.PictureReader` over one picture a view."""
 
     def __init__(self, pictures: list[np.ndarray]) -> None:
         self._pictures = pictures

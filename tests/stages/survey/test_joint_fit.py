@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.depth.effects import LIMB_BOUNDS
-from stages.survey.joints import FITTING, fit_of_view
+from posegaussian.stages.depth.effects import LIMB_BOUNDS
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.survey.joints import FITTING, fit_of_view
 
 
 @pytest.fixture(scope="module")

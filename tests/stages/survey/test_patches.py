@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.frames.display import to_linear
-from stages.io import Views
-from stages.survey.params import COLORS, MOTION, SurveyParams
-from stages.survey.patches import DIRECTIONS, JOINTS, NAMES, PATCHES, patch_points, typical_colors
-from stages.survey.stage import STAGE
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.imaging.color import to_linear
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.survey.params import COLORS, MOTION, SurveyParams
+from posegaussian.stages.survey.patches import DIRECTIONS, JOINTS, NAMES, PATCHES, patch_points, typical_colors
+from posegaussian.stages.survey.stage import STAGE
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Joints, Pictures
 

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.capture.person import PersonCapture, capture_person
-from stages.geometry.consistency import silhouette_offset
-from stages.survey.outlines import outline_offsets
-from stages.survey.params import BACKGROUND, COLORS, LIGHT, NOISE, OUTLINES, PLATE, SPREAD, SURFACE, SurveyParams
-from stages.survey.sample import FEWEST, worked_numbers
-from stages.survey.stage import STAGE
+from posegaussian.stages.geometry.consistency import silhouette_offset
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.survey.outlines import outline_offsets
+from posegaussian.stages.survey.params import BACKGROUND, COLORS, LIGHT, NOISE, OUTLINES, PLATE, SPREAD, SURFACE, SurveyParams
+from posegaussian.stages.survey.sample import FEWEST, worked_numbers
+from posegaussian.stages.survey.stage import STAGE
 from tests.memory import MemoryInputs, run_stage
 from tests.stages.frames.fakes import Joints, Pictures
 
@@ -59,7 +59,7 @@ def test_a_picture_is_decoded_once_for_all_measures(person: PersonCapture) -> No
 def test_measures_look_at_the_frames_that_are_worked_on_and_the_plate_at_all(person: PersonCapture) -> None:
     given = sources(person)
     inputs = MemoryInputs(STAGE, SurveyParams(), {}, person.rig, person.views, range(3, 9), FRAMES, view=2, sources=given, facts=EVERY - {PLATE, SPREAD})
-    from stages.survey.run import run
+    from posegaussian.stages.survey.run import run
 
     blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
     assert [n for n in blocks["survey/sample"] if n >= 0] == list(range(3, 9))

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.frames.display import to_srgb
-from stages.io import Views
-from stages.survey.exposure import FEWEST_POINTS, NONE, match
-from stages.survey.sample import look
-from stages.survey.surface import SurfaceLook
-from storage.rig import Rig
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.imaging.color import to_srgb
+from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE, match
+from posegaussian.stages.survey.sample import look
+from posegaussian.stages.survey.surface import SurfaceLook
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, rig_of
 
 SIZE, FOCAL = (240, 200), 260.0
@@ -39,7 +39,7 @@ def photograph(rig: Rig, view: int, stops: np.ndarray) -> np.ndarray:
 
 
 class Photographs:
-    """`stages.io.PictureReader` over one picture a view."""
+    """`posegaussian.stages.contract.io.PictureReader` over one picture a view."""
 
     def __init__(self, pictures: list[np.ndarray]) -> None:
         self._pictures = pictures

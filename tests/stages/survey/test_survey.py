@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from stages.capture.person import capture_person, ring
-from stages.io import Block, Views
-from stages.survey.cover import people_cover
-from stages.survey.params import PLATE, SPREAD, SurveyParams
-from stages.survey.plate import UNKNOWN, median_and_spread
-from stages.survey.run import check
-from stages.survey.sample import sample_numbers
-from stages.survey.stage import STAGE
+from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person, ring
+from posegaussian.stages.survey.body_mask import people_cover
+from posegaussian.stages.survey.params import PLATE, SPREAD, SurveyParams
+from posegaussian.stages.survey.plate import UNKNOWN, median_and_spread
+from posegaussian.stages.survey.run import check
+from posegaussian.stages.survey.sample import sample_numbers
+from posegaussian.stages.survey.stage import STAGE
 from tests.memory import run_stage
 from tests.stages.frames.fakes import Pictures
 

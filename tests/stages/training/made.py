@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.geometry.projection import pixel_centres, rays, unproject
-from stages.training.config import TrainingConfig
-from stages.training.contract import Frame
-from storage.rig import Rig
+from posegaussian.stages.geometry.projection import pixel_centres, rays, unproject
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.contract import Frame
+from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth, sphere_mask
 
 RADIUS, STARTS_AT = 0.5, 0.44

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from stages.geometry.projection import project
-from stages.network.views import MAPS
-from stages.network.warping import warp
-from stages.training import examples
-from stages.training.contract import Frame
-from stages.training.examples import Example, crop, drawn, frames_of_step, whole
-from stages.training.frames import make_frame
-from stages.training.spoiling import shifted
+from posegaussian.stages.geometry.projection import project
+from posegaussian.stages.network.model.pairs import MAPS
+from posegaussian.stages.network.model.warping import warp
+from posegaussian.stages.training import examples
+from posegaussian.stages.training.augmentation import shifted
+from posegaussian.stages.training.contract import Frame
+from posegaussian.stages.training.examples import Example, crop, drawn, frames_of_step, whole
+from posegaussian.stages.training.frames import make_frame
 from tests.stages.training.made import ball, tiny
 
 torch.set_num_threads(1)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from stages.network.losses import PoseFusion
-from stages.network.network import PoseGaussianNetwork
-from stages.training.examples import Example, crop, whole
-from stages.training.loss import DOUBT, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
+from posegaussian.stages.network.losses import PoseFusion
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.training.examples import Example, crop, whole
+from posegaussian.stages.training.loss import DOUBT, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
 from tests.stages.network.made import network
 from tests.stages.training.made import ball, tiny
 
@@ -79,8 +79,8 @@ def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example
 
 
 def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork, example: Example, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.network.heads.trust", lambda x: torch.zeros_like(x))
-    monkeypatch.setattr("stages.network.network.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("posegaussian.stages.network.model.heads.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     with torch.no_grad():
         said = learner(example.views, 1)
         for which in (0, 1):
@@ -96,8 +96,8 @@ def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork,
 
 
 def test_true_depth_draws_the_held_out_picture_better_than_the_start(learner: PoseGaussianNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.network.heads.trust", lambda x: torch.zeros_like(x))
-    monkeypatch.setattr("stages.network.network.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("posegaussian.stages.network.model.heads.trust", lambda x: torch.zeros_like(x))
+    monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     errors = []
     for exact in (True, False):
         example = whole(ball(exact=exact), 0, 8)

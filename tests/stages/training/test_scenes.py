@@ -2,10 +2,10 @@
 
 import pytest
 
-from stages.capture.casting import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT, cast, refusal
-from stages.capture.motion_names import VALIDATION_MOTION
-from stages.capture.scene import Person
-from stages.training.scenes import training_scene
+from posegaussian.stages.simulator.scene import Person
+from posegaussian.stages.simulator.subjects.motion_names import VALIDATION_MOTION
+from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT, cast, refusal
+from posegaussian.stages.training.scenes import training_scene
 
 TRAINED = range(200)
 VALIDATED = range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + 21)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from stages.training.config import TrainingConfig
-from stages.training.contract import Frame
-from stages.training.examples import drawn, frames_of_step
-from stages.training.loss import depth_terms, together
-from stages.training.trainer import Trainer
+from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.contract import Frame
+from posegaussian.stages.training.examples import drawn, frames_of_step
+from posegaussian.stages.training.loss import depth_terms, together
+from posegaussian.stages.training.trainer import Trainer
 from tests.stages.training.made import ball, tiny
 
 torch.set_num_threads(1)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.exporters.contact_sheet import COMPARED, LABEL, NOVEL, SOURCE, Sheet, write_sheet
-from storage.media import read_picture
+from posegaussian.storage.exporters.contact_sheet import COMPARED, LABEL, NOVEL, SOURCE, Sheet, write_sheet
+from posegaussian.storage.readers.images import read_picture
 
 
 @pytest.mark.parametrize("seed", range(5))

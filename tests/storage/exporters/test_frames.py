@@ -7,8 +7,8 @@ import csv
 import numpy as np
 import pytest
 
-from storage.exporters.frames import write_frames
-from storage.media import read_picture
+from posegaussian.storage.exporters.frames import write_frames
+from posegaussian.storage.readers.images import read_picture
 
 
 def test_names_table_and_pictures(tmp_path):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from storage.exporters.images_layout import write_capture
-from storage.importers.cameras import rotation_matrix
-from storage.importers.registry import find_capture
-from storage.rig import Rig, rigid
-from storage.sources import open_source
+from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.importers.cameras import rotation_matrix
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.readers.sources import open_source
 
 F, V, H, W = 3, 2, 13, 17
 NUMBERS = [4, 5, 9]

@@ -6,9 +6,9 @@ import av
 import numpy as np
 import pytest
 
-from storage.errors import SourceError, UserError
-from storage.exporters.video import write_video
-from storage.video import VideoFile
+from posegaussian.storage.exporters.video import write_video
+from posegaussian.storage.model.errors import SourceError, UserError
+from posegaussian.storage.readers.video import VideoFile
 
 
 def smooth(count: int, height: int, width: int) -> np.ndarray:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from storage.importers.cameras import rotation_matrix
-from storage.media import write_png
-from storage.rig import Rig
+from posegaussian.storage.importers.cameras import rotation_matrix
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.readers.images import write_png
 
 SIZE = (64, 48)
 """(width, height) px."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.capture import Capture
-from storage.errors import CalibrationError, SourceError, UserError
-from storage.importers.registry import find_capture
-from storage.sources import open_source
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.clips import counted, counting_clip
 from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import table

@@ -9,11 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from storage.capture import Capture
-from storage.errors import SourceError
-from storage.importers.registry import find_capture
-from storage.media import write_exr
-from storage.sources import open_source
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.images import write_exr
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.importers import made
 from tests.storage.importers.test_images import cameras
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.capture import Capture
-from storage.errors import CalibrationError, UserError
-from storage.importers.cameras import rotation_matrix
-from storage.importers.easymocap import read_opencv_yaml
-from storage.importers.registry import find_capture
-from storage.media import write_png
-from storage.sources import open_source
+from posegaussian.storage.importers.cameras import rotation_matrix
+from posegaussian.storage.importers.easymocap import read_opencv_yaml
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import CalibrationError, UserError
+from posegaussian.storage.readers.images import write_png
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.clips import counting_clip
 from tests.storage.importers import made
 

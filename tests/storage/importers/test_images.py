@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.capture import Capture
-from storage.errors import UserError
-from storage.importers.cameras import rotation_matrix
-from storage.importers.registry import find_capture
-from storage.media import write_exr, write_png
-from storage.sources import open_source
+from posegaussian.storage.importers.cameras import rotation_matrix
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.readers.images import write_exr, write_png
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.importers import made
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from storage.errors import SourceError
-from storage.importers.joint_streams import guess_joint_set
+from posegaussian.storage.importers.joint_streams import guess_joint_set
+from posegaussian.storage.model.errors import SourceError
 
 WHERE = Path("walk/cam1.json")
 

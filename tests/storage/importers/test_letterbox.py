@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from storage.capture import Capture
-from storage.crop import Crop
-from storage.errors import CalibrationError
-from storage.importers.letterbox import Fit, explanations, measured
-from storage.importers.registry import find_capture
+from posegaussian.storage.importers.letterbox import Fit, explanations, measured
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import CalibrationError
 from tests.storage.clips import planes, write_clip
 from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import write_calibration

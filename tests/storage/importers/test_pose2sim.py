@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from storage.capture import Capture
-from storage.crop import Crop
-from storage.errors import CalibrationError, SourceError, UserError
-from storage.importers.registry import find_capture
-from storage.sources import open_source
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError
+from posegaussian.storage.readers.sources import open_source
 from tests.storage.clips import counted, counting_clip
 from tests.storage.importers import made
 
@@ -92,7 +92,7 @@ def test_tables_are_matched_by_name_and_index(base, names):
 
 
 def test_rotation_as_a_matrix_is_the_same(base):
-    from storage.importers.cameras import rotation_matrix
+    from posegaussian.storage.importers.cameras import rotation_matrix
 
     by_vector = find(base).rig
     text = "".join(table(v, n, rotation=str(rotation_matrix(made.RODRIGUES[v]).tolist())) for v, n in enumerate(made.NAMES))
@@ -103,7 +103,7 @@ def test_rotation_as_a_matrix_is_the_same(base):
 def test_rodrigues_is_opencv_s():
     import cv2
 
-    from storage.importers.cameras import rotation_matrix
+    from posegaussian.storage.importers.cameras import rotation_matrix
 
     for vector in [*made.RODRIGUES, np.zeros(3), np.array([1e-9, 0, 0]), np.array([0, np.pi, 0])]:
         np.testing.assert_allclose(rotation_matrix(vector), cv2.Rodrigues(vector)[0], atol=1e-14)
@@ -134,7 +134,7 @@ def test_a_shorter_video_keeps_the_longest(base):
 
 
 def test_trc_is_taken_when_there_is_one(base):
-    from storage.joints import JOINT_SETS
+    from posegaussian.storage.model.joint_sets import JOINT_SETS
 
     names = JOINT_SETS["trc21"].names
     world = np.arange(63).reshape(21, 3) * 0.01

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from storage.capture import Capture
-from storage.errors import CalibrationError
-from storage.importers.registry import find_capture
-from storage.rig import Rig, to_integer_centres
+from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.model.cameras import Rig, to_integer_centres
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import CalibrationError
 from tests.storage.clips import counting_clip
 from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import write_calibration

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from storage.errors import SourceError, UserError
-from storage.importers.recognise import LAYOUTS
-from storage.importers.registry import IMPORTERS, find_capture
+from posegaussian.storage.importers.recognise import LAYOUTS
+from posegaussian.storage.importers.registry import IMPORTERS, find_capture
+from posegaussian.storage.model.errors import SourceError, UserError
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_easymocap import base as easymocap
 from tests.storage.importers.test_images import base as images

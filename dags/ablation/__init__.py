@@ -1,0 +1,1 @@
+"""What each choice is worth: variants trained and run, and their tables."""

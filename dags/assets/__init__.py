@@ -1,0 +1,1 @@
+"""Models and weights of other people, and of our own."""

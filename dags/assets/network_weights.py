@@ -1,0 +1,84 @@
+"""From the setting `network.weights` to a network: which file is meant, what it holds, and the thing itself.
+
+Nothing heavy is imported before a network is made: a plan asks for the file and its digest alone.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from posegaussian.stages.network.card import Card, WeightsError, read_card
+from posegaussian.stages.network.params import NetworkParams
+from posegaussian.storage.model.capture import SourceFile
+from posegaussian.storage.model.errors import ConfigError
+
+SHIPPED = Path(__file__).resolve().parents[2] / "stages" / "network" / "shipped"
+"""Folder of the weights that come with the project, NAME.safetensors each."""
+
+
+def shipped() -> dict[str, Path]:
+    """Weights that come with the project, by name."""
+    return {f.stem: f for f in sorted(SHIPPED.glob("*.safetensors"))}
+
+
+def weights_file(params: NetworkParams) -> Path:
+    """The file that the setting means. Raises ConfigError where there is none."""
+    found = shipped().get(params.weights) or Path(params.weights)
+    if not found.is_file():
+        names = ", ".join(["none", *shipped()])
+        raise ConfigError(f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with `posegaussian train`, or use none")
+    return found
+
+
+def weights_digest(params: NetworkParams) -> str:
+    """sha256 of the file."""
+    return SourceFile.of(weights_file(params)).sha256
+
+
+def card_of(params: NetworkParams) -> Card:
+    """The card in the file. Raises ConfigError, and WeightsError for a file without one."""
+    file = weights_file(params)
+    return _card(file, file.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _card(file: Path, stamp: int) -> Card:
+    return read_card(file)
+
+
+def notes(params: NetworkParams) -> list[str]:
+    """Sentences for the plan: what is asked of the weights that they were not trained for."""
+    trained = card_of(params).iterations
+    if params.iterations <= trained:
+        return []
+    return [f"network.iterations is {params.iterations}, but {params.weights} was trained with 1 to {trained}: beyond that depth may get worse; use at most {trained}"]
+
+
+def network_of(params: NetworkParams) -> Any:
+    """The network of the file, made once in a process. Raises ConfigError, and WeightsError for a file that does not hold one."""
+    file = weights_file(params)
+    return _made(file, file.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=2)
+def _made(file: Path, stamp: int) -> Any:
+    import torch
+
+    from posegaussian.stages.network.model.network import PoseGaussianNetwork
+    from posegaussian.stages.network.model.presets import Preset
+    from posegaussian.stages.network.weights import load_weights
+
+    try:
+        preset = Preset.from_json(read_card(file).network)
+    except ValueError as e:
+        raise WeightsError(f"{file}: {e}; the card was changed, fetch the file again") from e
+    if (preset.rotation_head, preset.opacity_head) != ("normal", "facing"):
+        raise ConfigError(f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive holds normals and two opacities: use weights of the heads normal and facing")
+    network = PoseGaussianNetwork(preset)
+    load_weights(file, network)
+    for p in network.eval().requires_grad_(False).parameters():
+        if p.ndim == 4:  # what convolutions are quickest with
+            p.data = p.data.contiguous(memory_format=torch.channels_last)
+    return network

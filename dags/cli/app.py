@@ -1,0 +1,75 @@
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, train, ablate, models, demo.
+
+Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+from rich.markup import escape
+
+from posegaussian.dags.cli.ablate import ablate
+from posegaussian.dags.cli.inspect import inspect
+from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
+from posegaussian.dags.cli.models import models
+from posegaussian.dags.cli.options import Commands, errors
+from posegaussian.dags.cli.results import export, tradeoff
+from posegaussian.dags.cli.run import plan, run, status, why
+from posegaussian.dags.cli.sequences import demo, import_capture, simulate
+from posegaussian.dags.cli.train import train
+from posegaussian.storage.files.write import FULL
+from posegaussian.storage.model.errors import UserError
+
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
+)
+app.add_typer(models, name="models")
+app.command("import")(import_capture)
+app.command()(simulate)
+app.command()(plan)
+app.command()(run)
+app.command()(status)
+app.command()(why)
+app.command()(verify)
+app.command()(gc)
+app.command()(reshard)
+app.command()(accept)
+app.command()(tradeoff)
+app.command()(export)
+app.command()(inspect)
+app.command()(train)
+app.command()(ablate)
+app.command()(demo)
+
+
+def main() -> None:
+    """Entry point: errors the user can mend are printed as sentences, without a traceback."""
+    try:
+        app()
+    except UserError as e:
+        for line in str(e).splitlines():  # indented lines are settings to copy, as they stand
+            errors.print(escape(line) if line.startswith(" ") else f"[red]error:[/red] {escape(line)}", soft_wrap=True)
+        sys.exit(2)
+    except OSError as e:
+        if e.filename is None and e.errno not in FULL:
+            raise
+        errors.print(f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
+        if e.filename is None:  # what is left of the output would be tried once more at the end, and fail with a traceback
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(2)
+    except KeyboardInterrupt:
+        errors.print("interrupted; what is done is kept, the next run goes on from here")
+        sys.exit(130)
+
+
+
+if __name__ == "__main__":
+    main()

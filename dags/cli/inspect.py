@@ -1,0 +1,34 @@
+"""The command `posegaussian inspect`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, console, open_session
+from posegaussian.dags.export.output_paths import output_folder
+
+
+def inspect(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
+
+    Example: posegaussian inspect balance
+    """
+    from posegaussian.dags.inspection.inspect import run_inspection
+    from posegaussian.dags.planning.context import Context
+
+    if output is not None:
+        output_folder("inspect --output", output)
+    session = open_session(config, assignments, archive)
+    name = session.one_name(sequence)
+    # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
+    context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    raise typer.Exit(run_inspection(context, console, output))

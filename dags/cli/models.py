@@ -1,0 +1,45 @@
+"""The sub-command `posegaussian models`: list, fetch, add."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from posegaussian.dags.cli.options import say
+
+models = typer.Typer(no_args_is_help=True, help="List, fetch or add other people's models, such as the pose estimator.")
+
+
+@models.command("list")
+def list_models() -> None:
+    """Say which models are there, their sizes, what is missing and the command that brings it.
+
+    Example: posegaussian models list
+    """
+    from posegaussian.dags.assets.downloads import listing
+
+    say(listing())
+
+
+@models.command()
+def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
+    """Bring a model's files from the package index, checked by their sha256, into the cache folder.
+
+    Example: posegaussian models fetch blazepose
+    """
+    from posegaussian.dags.assets.downloads import fetch as bring
+
+    say(bring(name))
+
+
+@models.command()
+def add(files: Annotated[list[Path], typer.Argument(help="The mediapipe 0.10.21 wheel, .tflite files of BlazePose, or descriptions (.yaml) of ONNX models to check.")]) -> None:
+    """Take models from files you have; nothing is downloaded.
+
+    Example: posegaussian models add mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl
+    """
+    from posegaussian.dags.assets.downloads import add as take
+
+    say(take(files))

@@ -1,0 +1,175 @@
+"""The commands that plan, run and say how it stands: plan, run, status, why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from posegaussian.dags.cli.options import (
+    ArchiveOption,
+    ConfigOption,
+    ForceOption,
+    FromOption,
+    JsonOption,
+    OnlyOption,
+    PathOption,
+    QuietOption,
+    SchedulerOption,
+    SequenceOption,
+    SetOption,
+    VerboseOption,
+    console,
+    open_session,
+    say,
+    selected,
+    voice,
+)
+from posegaussian.dags.diagnostics import held_out, tables
+from posegaussian.dags.export.output_paths import output_file
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.storage.model.errors import ConfigError
+
+
+def plan(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    only: OnlyOption = None,
+    start: FromOption = None,
+    force: ForceOption = None,
+    path: PathOption = None,
+    scheduler: SchedulerOption = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
+    json: JsonOption = False,
+    verbose: VerboseOption = False,
+) -> None:
+    """Say what a run would do, and why, without doing it.
+
+    Example: posegaussian plan --sequence 'walk*' --set smoothing.omega=0.7
+    """
+    from posegaussian.dags.diagnostics.effects_table import effects_reasons, effects_table
+    from posegaussian.dags.planning.forecast import project
+
+    session = open_session(config, assignments, archive, scheduler, json)
+    if picture:
+        from posegaussian.dags.diagnostics.plan_graph import WRITERS
+
+        output_file("plan --picture", picture, WRITERS)
+    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
+    if picture:
+        from posegaussian.dags.diagnostics.plan_graph import write_picture
+
+        session.say([f"picture: {write_picture(plans, picture)}"])
+    if json:
+        from posegaussian.dags.diagnostics.run_log import tell_plans
+
+        tell_plans(plans, failed)
+        raise typer.Exit(2 if failed or session.refusals(plans) else 0)
+    say(held_out.told(p.context for p in plans))
+    for p in plans:
+        console.print(tables.plan_table(p))
+        console.print(effects_table(p, session.history.rows))
+        say(effects_reasons(p, every=verbose))
+        say(list(p.notes), "yellow")
+        if p.all_fresh:
+            console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
+        else:
+            console.print(tables.projection_table(project(p, session.history)))
+    say(session.thrown_away(plans), "yellow")
+    failed += session.refusals(plans)
+    say(failed, "red")
+    raise typer.Exit(2 if failed else 0)
+
+
+def run(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    only: OnlyOption = None,
+    start: FromOption = None,
+    force: ForceOption = None,
+    path: PathOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
+
+    Example: posegaussian run --sequence balance
+    """
+    session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
+    selection = selected(only, start, force)
+    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
+    session.say(failed, "red")
+    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True))
+
+
+def status(
+    sequence: SequenceOption = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    failed_only: Annotated[bool, typer.Option("--failed", help="Show what failed in the last runs instead, why, and the command that retries it.")] = False,
+) -> None:
+    """Show sequence by stage: how many partitions are done, stale or have warnings, and what the modules of a stage took.
+
+    Example: posegaussian status --failed
+    """
+    session = open_session(config, assignments, archive)
+    if failed_only:
+        from posegaussian.dags.diagnostics.run_log import report_failed
+
+        raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+    from posegaussian.dags.diagnostics.profile import Spending
+    from posegaussian.dags.diagnostics.status import every_standing
+    from posegaussian.dags.planning.context import Context
+
+    names = session.names(sequence or ())
+    standings, failed = every_standing(session, names)
+    for table in tables.status_tables(standings, console.width):
+        console.print(table)
+    say(held_out.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
+    say(Spending.of(session.archive, names).sentences())
+    say(failed, "red")
+    raise typer.Exit(2 if failed else 0)
+
+
+def why(
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    stage: Annotated[str, typer.Argument(help="Name of the stage.")],
+    partition: Annotated[int | None, typer.Argument(help="Number of a partition; default: all that are not fresh.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Show the chain of reasons why a stage would run.
+
+    Example: posegaussian why balance depth 3
+    """
+    from posegaussian.dags.diagnostics.run_log import still_failed
+    from posegaussian.dags.planning.explain import why as chain
+    from posegaussian.dags.planning.plan import State
+
+    session = open_session(config, assignments, archive)
+    selected([stage], None, None)
+    p = session.plan(session.one_name(sequence), Selection())
+    if stage in p.unneeded:
+        console.print(f"{stage} is not needed: {p.unneeded[stage]}", markup=False)
+        return
+    chosen: list[Task] = [t for t in p.verdicts if t.stage == stage and partition in (None, t.partition)]
+    if not chosen:
+        raise ConfigError(f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted from 0")
+    for failure in still_failed(session.archive, [p.context.sequence.name]):
+        if failure.task in chosen:
+            say([f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC: {failure.error}"], "red")
+    stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
+    for t in stale or chosen[:1]:
+        say(chain(p, t))
+    if not stale:
+        console.print(f"{stage}: all {len(chosen)} fresh", markup=False)

@@ -1,0 +1,1 @@
+"""What is shown of plans and runs: progress, tables, status, logs."""

@@ -1,0 +1,105 @@
+"""The effects of a sequence as a table: what was measured, what follows from it and why, and what that saves or costs."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from posegaussian.dags.planning.effects import Verdict
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.task_cost import load
+from posegaussian.dags.planning.tasks import tasks_of
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.model.spec import digest
+
+
+def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
+    """One row an effect, then one a choice (where masks come from), each with its reason below; `rows` of the ledger, for the seconds."""
+    history = [r for r in rows if r.get("work") and r.get("seconds") is not None]
+    table = Table(title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column, justify in (("effect", "left"), ("measured", "right"), ("bound", "right"), ("state", "left"), ("time", "right")):
+        table.add_column(column, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    for v in plan.context.effects.values():
+        table.add_row(v.effect.name, _measured(v), v.effect.quantity(f"{v.effect.threshold:g}"), _state(v), _time(v, seconds(plan, v, history)))
+    for name, answer, setting, _ in _choices(plan):
+        table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
+    return table
+
+
+def effects_reasons(plan: Plan, every: bool = True) -> list[str]:
+    """`NAME state: why`, one sentence for every row of the table; else of what changes the pictures: what is on, forced or chosen."""
+    effects = [v for v in plan.context.effects.values() if every or v.state == "on" or v.setting != "auto"]
+    told = [f"{v.effect.name} {v.state}: {_why(v)}" for v in effects]
+    return told + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
+
+
+def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
+    """(name, answer, setting, why) of every choice."""
+    for stage in STAGES:
+        for choice in stage.choices:
+            params = plan.context.params(stage)
+            answer, why = choice.resolve(params, plan.context.facts)
+            yield f"{stage.name}.{choice.setting}", str(answer), str(getattr(params, choice.setting)), why
+
+
+def _measured(v: Verdict) -> str:
+    if v.decision is None:
+        return "after survey"
+    return "" if v.decision.measured is None else v.effect.quantity(f"{v.decision.measured:.3g}")
+
+
+def _state(v: Verdict) -> str:
+    return "undecided (auto)" if v.decision is None else f"{v.state} ({'auto' if v.setting == 'auto' else 'forced'})"
+
+
+def _why(v: Verdict) -> str:
+    return f"{v.effect.measure}: known once the survey ran" if v.decision is None else v.decision.reason
+
+
+def _time(v: Verdict, spent: float | None) -> str:
+    if v.decision is None or spent is None:
+        return "unknown"
+    amount = f"{abs(spent):.2g} s"
+    return f"spends {amount}" if v.decision.on == (spent >= 0) else f"saves {amount}"
+
+
+def seconds(plan: Plan, verdict: Verdict, rows: Iterable[Mapping[str, Any]]) -> float | None:
+    """Seconds that an effect costs while it is on, over all tasks of its stages, one after the other; None where unknown.
+
+    From the archive's finished tasks with the same settings, with and without the effect: median seconds per unit of work.
+    A stage that is not needed without the effect costs nothing then. Tasks that differ in another effect are not told apart.
+    """
+    rows, total = list(rows), 0.0
+    for name in verdict.stages:
+        stage = stage_named(name)
+        if name in plan.unneeded and not _depends(plan, stage, verdict.effect.name):
+            continue
+        found = _rates(plan, stage, verdict.effect.name, rows)
+        if found is None:
+            return None
+        work = sum(load(plan.context, t).work for t in tasks_of(plan.context, stage))
+        total += work * (found[0] - found[1])
+    return total
+
+
+def _rates(plan: Plan, stage: Stage, effect: str, rows: list[Mapping[str, Any]]) -> tuple[float, float] | None:
+    """Seconds per unit of work of a stage's tasks with and without an effect."""
+    now = digest(plan.context.params(stage).hashed())
+    of_stage = [r for r in rows if r["stage"] == stage.name and r["params"] == now]
+    with_it = [r["seconds"] / r["work"] for r in of_stage if effect in (r.get("effects") or "").split()]
+    without = [r["seconds"] / r["work"] for r in of_stage if effect not in (r.get("effects") or "").split()]
+    if _depends(plan, stage, effect):
+        without = [0.0]
+    return (statistics.median(with_it), statistics.median(without)) if with_it and without else None
+
+
+def _depends(plan: Plan, stage: Stage, effect: str) -> bool:
+    """Whether the whole stage is needed for the effect alone."""
+    params, facts = plan.context.params(stage), plan.context.facts
+    return stage.unneeded(params, facts | {effect}) is None and stage.unneeded(params, facts - {effect}) is not None

@@ -1,0 +1,43 @@
+"""What is said when a run has ended well: where the results lie, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from posegaussian.dags.humanize.text import number
+from posegaussian.dags.planning.plan import Plan
+
+MOST = 3
+"""Sequences whose results are named one by one; of more, one stands for all."""
+
+
+def results_and_next(plans: Sequence[Plan], options: Sequence[str]) -> list[str]:
+    """Sentences on finished plans; `options` are those of the command that lead to the same archive and settings."""
+    done = [p for p in plans if not p.unneeded.keys() >= {"rendering"}]
+    said = [line for p in done[:MOST] for line in _results(p)]
+    if len(done) > MOST:
+        said.append(f"... and of {number(len(done) - MOST, 'more sequence')} alike")
+    if done and done[0].context.paths:
+        said.append(f"next: {_export_command(done[0], options)}")
+    return said
+
+
+def _results(plan: Plan) -> Iterator[str]:
+    """Where the pictures of every camera path lie."""
+    context = plan.context
+    for name, path in context.paths.items():
+        count = int(np.count_nonzero(path.served))
+        yield f"{context.sequence.name}: {number(count, 'picture')} of {context.path_text(name)!r} in {context.sequence.root / 'rendering' / name}"
+
+
+def _export_command(plan: Plan, options: Sequence[str]) -> str:
+    """The command that makes a video and a contact sheet of what was rendered."""
+    context = plan.context
+    name = context.sequence.name
+    words = ["posegaussian", "export", name, *options]
+    if context.asked_for:
+        words += ["--path", context.path_texts[0]]
+    return shlex.join([*words, "--video", f"{name}.mp4", "--sheet", f"{name}.png"])

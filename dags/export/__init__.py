@@ -1,0 +1,1 @@
+"""From finished pictures and Gaussians to files that people open."""

@@ -1,0 +1,171 @@
+"""From finished pictures of one camera path to files people open: video, frames, contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posegaussian.dags.export.background import BLACK, Backdrop, over
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.tasks import Product
+from posegaussian.stages.network.params import depth_array
+from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.errors import UserError
+
+if TYPE_CHECKING:
+    from posegaussian.storage.exporters.contact_sheet import Sheet
+
+
+def pictures(results: Results, path: CameraPath, backdrop: Backdrop = BLACK) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """(frame index, camera, [h, w, 3] uint8 over the backdrop, [h, w] uint8 alpha) of all served pictures, frame by frame.
+
+    The padding of mixed sizes is cut off.
+    """
+    name = path.name
+    alphas = results.iterate(f"rendering/{name}/alpha")
+    for (frame, color), (_, alpha) in zip(results.iterate(f"rendering/{name}/color"), alphas, strict=True):
+        for camera, (width, height) in enumerate(path.size):
+            if path.served[frame, camera]:
+                shown, coverage = color[camera, :height, :width], alpha[camera, :height, :width]
+                behind = backdrop.behind(results, path, frame, camera)
+                yield frame, camera, shown if behind is None else over(shown, coverage, behind), coverage
+
+
+def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backdrop = BLACK) -> list[Path]:
+    """Write H.264 video: of the path's one camera over time, of its steps for a single frame, else one file a camera.
+
+    Returns the files written. Raises UserError when the path serves no frame.
+    """
+    from posegaussian.storage.exporters.video import write_video
+
+    if not path.served.any():
+        raise UserError(f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to {file}")
+    rate = results.context.capture.frame_rate / _stride(results)
+    if len(path.served) == 1 or len(path.names) == 1:
+        write_video(file, (picture for _, _, picture, _ in pictures(results, path, backdrop)), rate if len(path.served) > 1 else 24.0)
+        return [file]
+    written = []
+    for camera, name in enumerate(path.names):
+        if path.served[:, camera].any():
+            own = file.with_name(f"{file.stem}_{name}{file.suffix}")
+            write_video(own, (picture for _, c, picture, _ in pictures(results, path, backdrop) if c == camera), rate)
+            written.append(own)
+    return written
+
+
+def _stride(results: Results) -> float:
+    """Source frames from one frame of the sequence to the next."""
+    numbers = results.context.source_frames
+    return float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
+
+
+def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool, backdrop: Backdrop = BLACK) -> int:
+    """Write `<camera>/<frame:06d>.png` and frames.csv; returns the number of pictures."""
+    from posegaussian.storage.exporters.frames import write_frames
+
+    context = results.context
+    numbers, times = context.source_frames, context.time
+    items = ((path.names[c], int(numbers[f]), picture, a if alpha else None) for f, c, picture, a in pictures(results, path, backdrop))
+    return write_frames(folder, path.names, numbers, times, items)
+
+
+SHEET_FRAMES, SHEET_VIEWS, SHEET_MOMENTS = 3, 4, 6
+"""Frames of a contact sheet, source views and novel views of each, and frames of a path that has one camera only."""
+
+
+def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
+    """At most `most` of some items, evenly spread, first and last among them."""
+    return [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))] if len(items) else []
+
+
+def _novel_frames(context: Context, path: CameraPath) -> list[int]:
+    """Frames whose novel views a contact sheet shows."""
+    return _spread(range(len(context.source_frames)), SHEET_FRAMES if len(path.names) > 1 else SHEET_MOMENTS)
+
+
+def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
+    """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep` says."""
+    found: set[Product] = set()
+    if pictures:
+        arrays = [f"rendering/{name}/{kind}" for name in context.paths for kind in ("color", "alpha")]
+        found |= {Product(a, p, None) for a in arrays for p in context.grid.partitions}
+    return frozenset(found | _needed_by_sheet(context)) if sheet else frozenset(found)
+
+
+def _needed_by_sheet(context: Context) -> set[Product]:
+    length, found = context.grid.length, set()
+    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
+        views = _spread(context.views.sources, SHEET_VIEWS)
+        shown = ("pose/joints2d", "frames/color", "frames/mask", depth_array(context.facts))
+        found |= {Product(a, frame // length, v) for a in shown for v in views}
+    for name, path in context.paths.items():
+        for frame in _novel_frames(context, path):
+            found.add(Product(f"rendering/{name}/color", frame // length, None))
+            if path.kind == "held_out":
+                cameras = _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)
+                views = [context.rig.index(path.names[c]) for c in cameras]
+                found |= {Product(a, frame // length, v) for a in ("frames/color", "frames/mask") for v in views}
+    return found
+
+
+def export_sheet(results: Results, path: CameraPath, file: Path) -> None:
+    """Write a contact sheet: novel views large, below them a strip of sources a frame: picture, mask, joints, depth."""
+    from posegaussian.storage.exporters.contact_sheet import Sheet, write_sheet
+
+    context = results.context
+    sheet = Sheet(context.joint_set)
+    sheet.begin()
+    for frame in _novel_frames(context, path):
+        color = results.read(f"rendering/{path.name}/color", range(frame, frame + 1))[0]
+        for c in _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS):
+            w, h = path.size[c]
+            truth = _truth(results, path, c, range(frame, frame + 1))
+            sheet.add_novel(f"{path.names[c]} frame {context.source_frames[frame]}", color[c, :h, :w], truth)
+    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
+        sheet.begin()
+        for view in _spread(context.views.sources, SHEET_VIEWS):
+            _add_source(sheet, results, frame, view)
+    write_sheet(file, sheet)
+
+
+def _add_source(sheet: Sheet, results: Results, frame: int, view: int) -> None:
+    context, one = results.context, range(frame, frame + 1)
+    width, height = context.rig.size[view]
+    crop = (slice(height), slice(width))
+    sheet.add_source(
+        f"{context.views.names[view]} frame {context.source_frames[frame]}",
+        results.read("frames/color", one, view)[0][crop],
+        results.read("frames/mask", one, view)[0][crop],
+        results.read("pose/joints2d", one, view)[0] if results.has("pose/joints2d") else None,
+        results.read(depth_array(context.facts), one, view)[0][crop],
+    )
+
+
+def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.ndarray | None:
+    """[h, w, 3] the held-out picture over black that a rendered one is compared with, or None."""
+    if path.kind != "held_out":
+        return None
+    view = results.context.rig.index(path.names[camera])
+    w, h = path.size[camera]
+    color, mask = (results.read(a, frame, view)[0][:h, :w] for a in ("frames/color", "frames/mask"))
+    return (color * (mask[..., None] / 255.0)).round().astype(np.uint8)
+
+
+def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False, backdrop: Backdrop = BLACK) -> list[str]:
+    """Write what was asked for of every path of a finished plan; returns sentences about the files."""
+    results = Results(p.context)
+    said = []
+    for chosen in p.context.paths.values():
+        if video:
+            said += [f"video: {file}" for file in export_video(results, chosen, video, backdrop)]
+        if frames:
+            said.append(f"frames: {export_frames(results, chosen, frames, alpha, backdrop)} pictures in {frames}")
+        if sheet:
+            export_sheet(results, chosen, sheet)
+            said.append(f"contact sheet: {sheet}")
+    return said

@@ -1,0 +1,83 @@
+"""What one `posegaussian export` is asked to write: checked before anything runs, told to the plan, written when it is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from posegaussian.dags.export import background as backdrop
+from posegaussian.dags.export import pictures
+from posegaussian.dags.export import splats as exporting_splats
+from posegaussian.dags.export.background import Backdrop
+from posegaussian.dags.export.output_paths import output_file, output_folder
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.tasks import Product
+from posegaussian.storage.model.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ExportOrder:
+    """Files to write; None where not asked for."""
+
+    video: Path | None
+    """H.264 video."""
+    frames: Path | None
+    """Folder of PNG pictures."""
+    sheet: Path | None
+    """Contact sheet."""
+    splats: Path | None
+    """Folder of 3DGS PLY files."""
+    views: tuple[str, ...]
+    """Source views whose Gaussians become splats; empty for all."""
+    alpha: bool
+    """Whether pictures keep their coverage."""
+    backdrop: Backdrop
+    """What videos and pictures stand on."""
+
+    @classmethod
+    def of(cls, video: Path | None, frames: Path | None, sheet: Path | None, splats: Path | None, views: tuple[str, ...], alpha: bool, background: str) -> ExportOrder:
+        """From the command's options.
+
+        Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where it is named.
+        """
+        if not (video or frames or sheet or splats):
+            raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
+        behind = backdrop.parse(background)
+        if behind.kind != "none" and not (video or frames):
+            raise ConfigError(f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames FOLDER")
+        if behind.kind != "none" and alpha:
+            raise ConfigError(f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out")
+        for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png")):
+            if file is not None:
+                output_file(f"export {option}", file, (ending,))
+        for option, folder in (("--frames", frames), ("--splats", splats)):
+            if folder is not None:
+                output_folder(f"export {option}", folder)
+        return cls(video, frames, sheet, splats, views, alpha, behind)
+
+    @property
+    def renders(self) -> bool:
+        """Whether pictures of camera paths are needed: splats alone need none."""
+        return bool(self.video or self.frames or self.sheet)
+
+    def needed(self, context: Context) -> frozenset[Product]:
+        """What must be there when the run is over, whatever `keep` says."""
+        found = pictures.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(context, self.backdrop)
+        return found | (exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views)) if self.splats else frozenset())
+
+    def check(self, context: Context) -> None:
+        """Raise UserError, before anything runs, where the files of this sequence would mix with those of something else."""
+        if self.frames:
+            from posegaussian.storage.exporters.frames import refuse_strangers
+
+            for path in context.paths.values():
+                refuse_strangers(self.frames, path.names, context.source_frames)
+        if self.splats:
+            exporting_splats.refuse_strangers(context, self.splats)
+
+    def write(self, plan: Plan) -> list[str]:
+        """Write everything from a finished plan; returns sentences about the files."""
+        said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
+        return said + (exporting_splats.export_splats(Results(plan.context), self.views, self.splats) if self.splats else [])

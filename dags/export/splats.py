@@ -1,0 +1,80 @@
+"""From the finished Gaussians of a sequence to splat files that other viewers open: one standard 3DGS PLY a frame.
+
+World axes are the capture's, in metres; colour is sRGB as harmonics of degree 0. A Gaussian's opacity is the one it shows
+face-on, and it is seen from both sides: a splat file knows neither grazing angles nor inner sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.tasks import Product
+from posegaussian.stages.rendering.sources import map_arrays
+from posegaussian.storage.model.errors import ConfigError, UserError
+from posegaussian.storage.model.splats import Splats
+
+
+def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
+    """Indices of the source views of these names; all source views without names. Raises ConfigError for other names."""
+    sources = {context.views.names[v]: v for v in context.views.sources}
+    for name in names:
+        if name not in sources:
+            raise ConfigError(f"export --view {name}: no source view of sequence {context.sequence.name}; these have Gaussians: {', '.join(sources)}")
+    return tuple(sorted({sources[n] for n in names})) if names else context.views.sources
+
+
+def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
+    """What an export reads: it must be there when the run is over, whatever `keep` says."""
+    return frozenset(Product(a, p, v) for a in map_arrays(context.facts) for p in context.grid.partitions for v in views)
+
+
+def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[str]:
+    """Write `<frame:06d>.ply`, by source frame number, of the Gaussians of some source views; returns a sentence.
+
+    Raises UserError for a folder with splat files of something else.
+    """
+    from posegaussian.storage.formats.splat_ply import write_splats
+
+    context = results.context
+    views = chosen_views(context, names)
+    files = _files(context, folder)
+    refuse_strangers(context, folder)
+    counts = []
+    for frame, file in enumerate(files):
+        splats = frame_splats(results, frame, views)
+        write_splats(file, splats)
+        counts.append(len(splats))
+    return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {', '.join(context.views.names[v] for v in views)}"]
+
+
+def _files(context: Context, folder: Path) -> list[Path]:
+    return [folder / f"{number:06d}.ply" for number in context.source_frames]
+
+
+def refuse_strangers(context: Context, folder: Path) -> None:
+    """Raise UserError when the folder holds splat files that an export of this sequence would leave beside its own."""
+    strangers = sorted(set(folder.glob("*.ply")) - set(_files(context, folder)))
+    if strangers:
+        raise UserError(
+            f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; "
+            "empty it or name another folder"
+        )
+
+
+def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
+    """The Gaussians that rendering lifts from one frame of some views, view by view, as splats in the world."""
+    import torch
+
+    from posegaussian.stages.rendering.lift import Maps, lift
+    from posegaussian.stages.splatting.definition.scene import Gaussians
+    from posegaussian.stages.splatting.splat_scene import splats_of
+
+    parts = []
+    for view in views:
+        maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts)))
+        lifted = lift(maps, results.context.rig.intrinsics[view], results.context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
+        parts.append(lifted.from_all_sides())
+    return splats_of(Gaussians.concatenate(parts))

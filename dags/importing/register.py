@@ -1,0 +1,117 @@
+"""Registering a capture: importer -> capture -> a sequence of the archive, with its partition length fixed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.config.yaml_source import parse_value
+from posegaussian.dags.importing.replace import make_room, same
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.store import SOURCES, Archive, Sequence
+from posegaussian.storage.files.names import check_camera_names, refuse_links
+from posegaussian.storage.files.write import whole_file
+from posegaussian.storage.importers import registry
+from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
+from posegaussian.storage.model.errors import ConfigError, NotWritten, SourceError
+from posegaussian.storage.model.joint_sets import JOINT_SETS
+from posegaussian.storage.model.spec import ArraySpec
+
+
+def find_capture(layout: str, source: Path, assignments: list[str], settings: Any) -> Capture:
+    """Let an importer look through a folder.
+
+    `assignments` are the layout's options as key=value; crops come from `frames.crop` of the settings.
+
+    Raises:
+        ConfigError: an assignment that is not key=value.
+        SourceError, CalibrationError: an unknown layout or option, and what the importer found wrong.
+    """
+    options: dict[str, Any] = {"crop": {n: c.model_dump() for n, c in settings.frames.crop.items()}}
+    for text in assignments:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise ConfigError(f"--option {text}: write it as key=value, for example frame_rate=30")
+        options[key.strip()] = parse_value(value)
+    return registry.find_capture(layout, source, options)
+
+
+def partition_length(capture: Capture, settings: Any) -> int:
+    """Frames of a partition: as given, else what the byte budget of the largest shard allows, within bounds."""
+    wanted = settings.partition
+    if wanted.frames is not None:
+        return int(wanted.frames)
+    rig = frames_rig(capture.rig, settings.frames.size)
+    sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
+    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
+    specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
+    largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
+    return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
+
+
+def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False) -> tuple[Sequence, list[str]]:
+    """Write a capture into the archive; returns the sequence and sentences about what was decided.
+
+    A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where it
+    holds another capture, unless that is to be replaced.
+    """
+    archive.check_sequence_name(name)
+    check_camera_names(capture.rig.names)
+    capture.rig.check()
+    length = partition_length(capture, settings)
+    old, said = make_room(archive, name, same(capture), "this", replace)
+    if copy:
+        capture = _copied_whole(capture, archive.place(name))
+    if old is not None:
+        said.append(_updated(old, capture, length))
+        length = old.partition_frames
+    return archive.create_sequence(name, capture, length), said
+
+
+def _updated(old: Sequence, capture: Capture, length: int) -> str:
+    """What importing the capture of a sequence again does to it."""
+    if json.dumps(capture.to_json()) == json.dumps(old.record["capture"]):
+        return f"sequence {old.name} is unchanged"
+    kept = f", and its partitions of {old.partition_frames} frames" if old.partition_frames != length else ""
+    return f"sequence {old.name} was registered before; its results are kept where they still hold{kept}"
+
+
+def _copied_whole(capture: Capture, root: Path) -> Capture:
+    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
+    new = not root.exists()
+    refuse_links(root / SOURCES)
+    try:
+        return _copied(capture, root / SOURCES)
+    except NotWritten:
+        if new:
+            shutil.rmtree(root, ignore_errors=True)
+        raise
+
+
+def _copied(capture: Capture, folder: Path) -> Capture:
+    """The capture with every file copied below a folder."""
+
+    def stream(s: Stream | None, kind: str, owner: str) -> Stream | None:
+        return None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
+
+    names = capture.rig.names
+    kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in PER_VIEW}
+    return dataclasses.replace(capture, joints3d=stream(capture.joints3d, "joints3d", "all"), **kinds)  # type: ignore[arg-type]
+
+
+def _copy(file: SourceFile, folder: Path) -> SourceFile:
+    target = folder / Path(file.path).name
+    try:
+        with whole_file(target, file.size) as partial:
+            shutil.copy2(file.path, partial)
+    except NotWritten:
+        raise
+    except OSError as e:
+        raise SourceError(f"cannot copy {file.path} to {target}: {e.strerror}") from e
+    return SourceFile.of(target)

@@ -1,0 +1,1 @@
+"""Whether a capture is usable, as a page with pictures."""

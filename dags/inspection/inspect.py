@@ -1,0 +1,158 @@
+"""`posegaussian inspect`: what is wrong with a capture, in numbers, pictures and one page; nothing is written to the archive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from posegaussian.dags.assets.estimator import blazepose_is_here, estimator_of
+from posegaussian.dags.planning.context import Context
+from posegaussian.stages.depth.params import resolve_method
+from posegaussian.stages.detection.params import DetectionParams, estimator_choice
+from posegaussian.stages.frames.params import matte_choice
+from posegaussian.stages.imaging.camera_mapping import frames_size
+from posegaussian.stages.inspection.cameras import of_sizes, size_unexplained
+from posegaussian.stages.inspection.finding import Finding, Verdict, worst_first
+from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.people import Finder
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.inspection.report import Report, inspect
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.readers.sources import open_source
+
+LONGEST = 1280
+"""Longer side in px of the pictures in which features are looked for: larger ones have no more features that two views share."""
+STYLE = {Verdict.GOOD: "green", Verdict.DOUBTFUL: "yellow", Verdict.BAD: "red", Verdict.UNKNOWN: "dim", Verdict.NOTE: "cyan"}
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """A reader of some of the cameras, counted anew."""
+
+    reader: Any
+    views: tuple[int, ...]
+
+    @property
+    def joint_set(self) -> str:
+        """Joint set of a reader of joints."""
+        return str(self.reader.joint_set)
+
+    def numbers(self, view: int) -> np.ndarray:
+        """Frame numbers of a reader of pictures."""
+        return np.asarray(self.reader.numbers(self.views[view]))
+
+    def size(self, view: int) -> tuple[int, int]:
+        """Captured size of a reader of pictures."""
+        width, height = self.reader.size(self.views[view])
+        return width, height
+
+    def identity(self, view: int, number: int) -> str:
+        """A text that no other picture has, of a reader of pictures."""
+        return str(self.reader.identity(self.views[view], number))
+
+    def read(self, view: int, number: Any) -> Any:
+        """What the reader gives."""
+        return self.reader.read(self.views[view], number)
+
+
+def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Finding]]:
+    """What an inspection looks at, and the findings on picture sizes.
+
+    `joints`: a reader of 2D joints of all cameras of the capture, in captured pixels, in place of those that came with it.
+    """
+    capture, views = context.capture, context.active_views
+    source_rig = capture.rig.subset(views)
+    streams = [capture.pictures[v] for v in views]
+    crops, sizes = context.captured_to_calibrated[list(views)].copy(), []
+    for v, stream in enumerate(streams):
+        calibrated = (int(source_rig.size[v, 0]), int(source_rig.size[v, 1]))
+        if tuple(stream.size) != calibrated and (crops[v] == [1.0, 0.0, 0.0]).all():
+            scale = calibrated[0] / stream.size[0]
+            crops[v] = scale, 0.0, (calibrated[1] - scale * stream.size[1]) / 2
+            suggestion = f"{{crop: {{{source_rig.names[v]}: {{scale: {scale:.6g}, offset: [0, {crops[v, 2]:.4g}]}}}}}}"
+            sizes.append(size_unexplained(source_rig.names[v], stream.size, calibrated, suggestion))
+        else:
+            sizes.append(of_sizes(source_rig, v, stream.size, crops[v]))
+    size = np.array([frames_size((int(w), int(h)), LONGEST) for w, h in source_rig.size])
+    intrinsics = source_rig.intrinsics.copy()
+    intrinsics[:, :2] *= (size / source_rig.size)[:, :, None]
+    rig = Rig(source_rig.names, intrinsics, np.zeros_like(source_rig.distortion), source_rig.world_to_camera, size)
+    pictures = open_source(capture, "pictures")
+    readers = {"pictures": _Chosen(pictures, views)}
+    if blazepose_is_here():
+        readers["found"] = _Chosen(Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2))), views)
+    if all(capture.masks and capture.masks[v] is not None for v in views):
+        readers["masks"] = _Chosen(open_source(capture, "masks"), views)
+    as_calibrated = joints is None and context.settings.pose.joints_frame == "calibrated"
+    if joints is None and any(capture.joints and capture.joints[v] is not None for v in views):
+        joints = open_source(capture, "joints")
+    if joints is not None:
+        readers["joints"] = _Chosen(joints, views)
+    if capture.joints3d is not None:
+        readers["joints3d"] = open_source(capture, "joints3d")
+    facts = {"masks": "masks", "joints": "joints2d", "joints3d": "joints3d"}
+    joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
+    numbers = [np.asarray(s.numbers, dtype=np.int64) for s in streams]
+    captured = np.array([s.size for s in streams])
+    return Footage(rig, source_rig, crops, joint_crops, captured, numbers, capture.frame_rate, readers, frozenset(facts[k] for k in readers if k in facts)), sizes
+
+
+def planned_of(context: Context) -> Planned:
+    """What a run under these settings will make of the capture: by the same functions that decide it there."""
+    settings, facts = context.settings, context.capture_facts
+    depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts)})
+    matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
+    return Planned(context.rig, context.active_views, context.views.sources, depth, matte, estimator, facts)
+
+
+def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:
+    """Measure, print, and write pictures and page into `output` (default: inspect-SEQUENCE); returns the exit status, 1 for a bad capture."""
+    from posegaussian.dags.inspection.figures import write_pictures
+    from posegaussian.dags.inspection.html_page import write_page
+
+    name = context.sequence.name
+    footage, sizes = footage_of(context, joints)
+    report = inspect(footage, sizes, planned_of(context))
+    folder = output or Path(f"inspect-{name}")
+    pictures = write_pictures(footage, report, folder)
+    page = write_page(name, footage, report, pictures, folder / "index.html")
+    console.print(table(name, report))
+    for line in (*report.outlook, *spoken(report)):
+        console.print(line, markup=False, soft_wrap=True)
+    console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
+    console.print(f"page: {page}", markup=False, soft_wrap=True)
+    return 1 if report.verdict is Verdict.BAD else 0
+
+
+def table(name: str, report: Report) -> Table:
+    """One row a finding, without its sentence; those that are good or only noted stand together, see `rows`."""
+    out = Table(title=f"{name}: is the capture usable?", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in ("measure", "of", "number", "verdict", "bounds"):
+        out.add_column(column, overflow="fold", no_wrap=column == "verdict")
+    for f, more in rows(report.findings):
+        out.add_row(f.measure, escape(f.about) + (f" and {more} more" if more else ""), f.number, f"[{STYLE[f.verdict]}]{f.verdict}[/]", f.bounds)
+    return out
+
+
+def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
+    """Findings worst first; of a measure that is good, noted or unknown the one nearest to its bound, and how many more there are."""
+    kept: dict[tuple[str, Verdict], list[Finding]] = {}
+    for f in worst_first(findings):
+        alone = f.verdict in (Verdict.BAD, Verdict.DOUBTFUL)
+        kept.setdefault((f"{f.measure} {f.about}" if alone else f.measure, f.verdict), []).append(f)
+    for same in kept.values():
+        yield same[0], len(same) - 1
+
+
+def spoken(report: Report) -> list[str]:
+    """What to do, the most useful first, and what could not be measured."""
+    wanted = [f"{i}. {verdict}: {found}. To do: {advice}" for i, (verdict, found, advice) in enumerate(report.to_do, 1)]
+    return wanted + [f"not measured: {u}" for u in report.unmeasured]

@@ -1,0 +1,333 @@
+"""One sequence as a plan sees it: capture, settings, roles, time, shape and camera paths. No data is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.assets.estimator import blazepose_is_here, named_joint_set
+from posegaussian.dags.planning.effects import Verdict, judged, refusals
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.camera_paths.stretch import best_stretch
+from posegaussian.stages.contract.declaration import Evidence, Facts, Stage
+from posegaussian.stages.contract.facts import BLAZEPOSE, ESTIMATED, GIVEN_DEPTH, GIVEN_JOINTS, SEGMENTED, SINGLE_SOURCE
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.detection.params import DetectionParams, estimator_choice
+from posegaussian.stages.frames.params import wants_segmentation
+from posegaussian.stages.imaging.camera_mapping import captured_to_calibrated, frames_rig
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.files.names import check_camera_names
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.joint_sets import JOINT_SETS
+from posegaussian.storage.model.timegrid import TimeGrid, select
+
+
+@dataclass(frozen=True)
+class Context:
+    """A sequence under its settings."""
+
+    sequence: Sequence
+    """Where it is kept."""
+    settings: Any
+    """Validated settings of this sequence."""
+    path_texts: tuple[str, ...]
+    """Camera paths as written: in the settings, or asked for by an export."""
+    noted: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    asked_for: bool = False
+    """Whether the paths were asked for by a command, instead of the settings' ones."""
+    exported: frozenset[str] = frozenset()
+    """Outputs of sequence-wide stages that an export reads."""
+    memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages, evidence."""
+
+    @cached_property
+    def capture(self) -> Capture:
+        """The registered capture, its cameras brought into step by `frames.time_offset`."""
+        return self.sequence.capture.in_step(self.late)
+
+    @cached_property
+    def late(self) -> tuple[int, ...]:
+        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras that the capture does not have."""
+        names, offsets = self.sequence.capture.rig.names, self.settings.frames.time_offset
+        for name in offsets:
+            if name not in names:
+                raise ConfigError(f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+        return tuple(round(offsets.get(n, 0.0)) for n in names)
+
+    def params(self, stage: Stage) -> Any:
+        """Settings of one stage."""
+        return getattr(self.settings, stage.name)
+
+    @cached_property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that are set to be sources."""
+        roles = self.settings.views
+        if roles.held_out is not None:
+            return tuple(roles.held_out)
+        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in (roles.sources or ()))
+
+    @cached_property
+    def views(self) -> Views:
+        """Roles of the cameras. Raises ConfigError for names that the capture does not have or that play both roles."""
+        names = self.capture.rig.names
+        roles, held_out = self.settings.views, self.held_out
+        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out)):
+            for name in chosen:
+                if name not in names:
+                    raise ConfigError(f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+        sources = roles.sources if roles.sources is not None else [n for n in names if n not in held_out]
+        both = sorted(set(sources) & set(held_out))
+        if both:
+            raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
+        if not sources:
+            raise ConfigError(f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out")
+        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in held_out))
+
+    @cached_property
+    def active_views(self) -> tuple[int, ...]:
+        """Views whose pictures are worked on: sources and held-out ones."""
+        return tuple(sorted({*self.views.sources, *self.views.held_out}))
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Cameras of `frames/*`."""
+        return frames_rig(self.capture.rig, self.settings.frames.size)
+
+    def rig_of(self, stage: Stage) -> Rig:
+        """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
+        if stage.longest is None:
+            return self.rig
+        return frames_rig(self.capture.rig, stage.longest)
+
+    @cached_property
+    def captured_to_calibrated(self) -> np.ndarray:
+        """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""
+        return captured_to_calibrated(self.capture.rig, {**self.capture.crops, **self.settings.frames.crop})
+
+    @cached_property
+    def source_frames(self) -> np.ndarray:
+        """[F] source frame numbers. Raises ConfigError when the range selects none."""
+        numbers = self.capture.numbers
+        chosen = select(numbers, self.settings.frames.range)
+        if not len(chosen):
+            raise ConfigError(f"frames.range {self.settings.frames.range!r} selects no frame of sequence {self.sequence.name}; its source frames are {numbers[0]}..{numbers[-1]}")
+        return chosen
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """[F] seconds."""
+        return self.source_frames / self.capture.frame_rate
+
+    @cached_property
+    def valid(self) -> np.ndarray:
+        """[F, V] whether a view has a picture of a frame."""
+        return np.stack([np.isin(self.source_frames, s.numbers) for s in self.capture.pictures], axis=1)
+
+    @cached_property
+    def grid(self) -> TimeGrid:
+        """Partitions along time."""
+        return TimeGrid(len(self.source_frames), self.sequence.partition_frames)
+
+    def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
+        """The same sequence after the survey; all that does not follow from its notes is taken over, not made again."""
+        other = replace(self, noted=noted)
+        kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}}
+        other.__dict__.update(kept)
+        return other
+
+    @cached_property
+    def capture_facts(self) -> Facts:
+        """What the capture has, as far as it decides which stages and inputs count."""
+        capture, sources = self.capture, self.views.sources
+
+        def every(kind: str) -> bool:
+            streams = capture.streams(kind)
+            return bool(streams) and all(streams[v] is not None for v in self.active_views)
+
+        streams, here = capture.joints, capture.joints3d is not None
+        given = any(streams[v] is not None for v in sources) if streams else False
+        known = frozenset(k for k, present in {GIVEN_JOINTS: given or here, BLAZEPOSE: blazepose_is_here()}.items() if present)
+        estimator = estimator_choice(self.settings.detection, known)[0]
+        facts = {
+            **dict.fromkeys(known, True),
+            ESTIMATED: estimator in ("blazepose", "onnx"),
+            "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
+            "joints3d": here and estimator != "none",
+            "masks": every("masks"),
+            "truth_depth": every("depth"),
+            GIVEN_DEPTH: bool(capture.depth_maps) and all(capture.depth_maps[v] is not None for v in sources),
+            SINGLE_SOURCE: len(sources) == 1,
+            "held_out": bool(self.views.held_out),
+            "several_frames": len(capture.numbers) > 1,
+            "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
+        }
+        found = frozenset(k for k, present in facts.items() if present)
+        return found | {SEGMENTED} if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found)) else found
+
+    @property
+    def estimator(self) -> DetectionParams:
+        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints were given."""
+        params, facts = self.settings.detection, self.capture_facts
+        answer = "blazepose" if SEGMENTED in facts and ESTIMATED not in facts else estimator_choice(params, facts)[0]
+        return params.model_copy(update={"estimator": answer})
+
+    def evidence(self, stage: str) -> Evidence:
+        """What the effects of a stage are decided by."""
+        key = ("evidence", stage)
+        if key not in self.memo:
+            self.memo[key] = self._evidence(stage)
+        return self.memo[key]
+
+    def _evidence(self, stage: str) -> Evidence:
+        capture, sources = self.capture, self.views.sources
+        worked, numbers = self.source_frames, capture.numbers
+        stride = int(np.diff(worked).min()) // int(np.diff(numbers).min()) if len(worked) > 1 else 1
+        return Evidence(
+            self.params(stage_named(stage)),
+            self.capture_facts,
+            self.rig,
+            capture.rig,
+            np.array([s.size for s in capture.pictures]),
+            self.captured_to_calibrated,
+            sources,
+            sources if ESTIMATED in self.capture_facts else tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
+            max(1, stride),
+            tuple(self.paths.values()),
+            self.noted,
+        )
+
+    @cached_property
+    def effects(self) -> dict[str, Verdict]:
+        """What is known of every effect."""
+        return judged(self.evidence, self.settings.effects)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided ones count
+        as on), the optional stages that are needed, and those outputs of sequence-wide stages that are asked for."""
+        known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
+        known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
+        asked = self.exported | {a for v in self.effects.values() for a in v.asks}
+        asked |= {r.array for s in STAGES if s.unneeded(self.params(s), known) is None for r in s.reads_for(self.params(s), known)}
+        return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
+
+    @cached_property
+    def waits(self) -> dict[str, tuple[str, ...]]:
+        """{stage: outputs of the survey} that undecided effects of the stage wait for."""
+        open_ones = [v for v in self.effects.values() if v.decision is None]
+        return {s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks)) for v in open_ones for s in v.stages}
+
+    def effect_states(self, stage: Stage) -> dict[str, str]:
+        """{effect: on | undecided} of a stage's effects; what is off is as good as absent and leaves no trace."""
+        states = {e.name: self.effects[e.name].state for e in stage.effects}
+        return {name: state for name, state in states.items() if state != "off"}
+
+    @cached_property
+    def paths(self) -> dict[str, CameraPath]:
+        """{`<kind>-<8 hex>`: cameras} of every path asked for."""
+        return {path.name: path for path in self._made_paths.values()}
+
+    @cached_property
+    def _made_paths(self) -> dict[str, CameraPath]:
+        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
+        depth, frames = self.settings.depth, self.source_frames
+        limits = (depth.subject_distance, depth.max_angle)
+        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        for path in made.values():
+            check_camera_names(path.names)
+        return made
+
+    def path_text(self, name: str) -> str:
+        """The text that asked for a path, by the path's name."""
+        return next(text for text, path in self._made_paths.items() if path.name == name)
+
+    @cached_property
+    def joint_set(self) -> str | None:
+        """Joint set of `pose/*`: the estimator's, else of the source views' 2D joints, else of the 3D joints; None without any."""
+        if ESTIMATED in self.capture_facts:
+            return named_joint_set(self.estimator)
+        if not {"joints2d", "joints3d"} & self.capture_facts:
+            return None
+        kind = "joints2d" if "joints2d" in self.capture_facts else "joints3d"
+        streams = [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
+        return next((s.options["joint_set"] for s in streams if s is not None), None)
+
+    def shape(self, path: str | None = None) -> dict[str, int]:
+        """Length of every dimension; of the cameras of one path where it is given."""
+        captured = np.array([s.size for s in self.capture.pictures])
+        shape = {
+            "frame": len(self.source_frames),
+            "view": len(self.rig),
+            "other_view": len(self.rig),
+            "y": int(self.rig.size[:, 1].max()),
+            "x": int(self.rig.size[:, 0].max()),
+            "source_y": int(captured[:, 1].max()),
+            "source_x": int(captured[:, 0].max()),
+            "sample": self.settings.survey.sample,
+            "person": self.settings.detection.people,
+        }
+        if self.joint_set is not None:
+            shape["joint"] = len(JOINT_SETS[self.joint_set].names)
+        if self.capture_facts & {ESTIMATED, SEGMENTED}:
+            shape["found_joint"] = len(JOINT_SETS[named_joint_set(self.estimator)].names)
+        if path is not None:
+            size = self.paths[path].size
+            shape |= {"camera": len(size), "camera_y": int(size[:, 1].max()), "camera_x": int(size[:, 0].max())}
+        return shape
+
+    def unneeded(self) -> dict[str, str]:
+        """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
+        if "unneeded" not in self.memo:
+            self.memo["unneeded"] = self._unneeded()
+        return self.memo["unneeded"]
+
+    def _unneeded(self) -> dict[str, str]:
+        reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
+        unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
+        return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}
+
+    def _unexplained_sizes(self) -> list[str]:
+        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they relate: archives made before imports found that out."""
+        known, rig = {*self.capture.crops, *self.settings.frames.crop}, self.capture.rig
+        sizes = {n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)}
+        return [
+            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which finds out how they relate, or say it with frames.crop"
+            for n, ((w, h), (cw, ch)) in sizes.items()
+            if (w, h) != (cw, ch) and n not in known
+        ]
+
+    def refusals(self) -> list[str]:
+        """Sentences about settings this capture cannot serve."""
+        gone = self.unneeded()
+        own = [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
+        return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
+
+
+def default_path(context: Context) -> str:
+    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that depth can match, else near one."""
+    if context.views.held_out:
+        return "held_out"
+    return "sway" if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None else "between"
+
+
+def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
+    """The context of a sequence; `paths` are rendered instead of the settings' ones.
+
+    Raises ConfigError when a stage refuses its settings for this capture.
+    """
+    context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
+    if not paths and settings.rendering.paths is None:
+        context = replace(context, path_texts=(default_path(context),))
+    refusals = context.refusals()
+    if refusals:
+        raise ConfigError("\n".join(refusals))
+    return context

@@ -1,0 +1,208 @@
+"""What a run is expected to take, before it starts: bytes on disk, memory of a task, seconds; and refusal where that cannot be.
+
+Bytes come from the declarations and the shape of the sequence, times the compression that the archive's own history
+shows; memory from what each stage declares that a task needs; seconds from the history, in proportion to frames x views x
+pixels. Without history bytes are uncompressed, an upper bound, and seconds are unknown.
+"""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from posegaussian.dags.humanize.text import gigabytes
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import READY, Plan
+from posegaussian.dags.planning.resources import cpu_workers
+from posegaussian.dags.planning.retention import droppable
+from posegaussian.dags.planning.set_aside import replaced
+from posegaussian.dags.planning.task_cost import Load, load, raw_bytes
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.planning.variants import variants
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive import ledger, set_aside
+from posegaussian.storage.archive.deletion import bytes_of
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.spec import digest
+
+COLUMNS = (*ledger.KEY, "state", "started", "seconds", "bytes", "raw_bytes", "work", "params", "effects")
+"""What of the ledger the rates are taken from."""
+
+RECENT = 500
+"""Newest tasks of a stage that its history is taken from."""
+
+AHEAD = 2
+"""Partitions whose droppable arrays lie on disk besides those that the workers have in hand: tasks are done depth first."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """What the history says of one stage."""
+
+    ratio: float | None
+    """Bytes on disk over bytes before compression."""
+    seconds: float | None
+    """Seconds of a task per unit of work (frames x views x pixels), median."""
+    same: bool
+    """Whether the seconds were measured under the same settings of the stage."""
+
+
+class History:
+    """The archive's finished tasks, for rates."""
+
+    def __init__(self, rows: Iterable[Mapping[str, Any]] = ()) -> None:
+        """`rows` of the ledger."""
+        self._rows: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+        for row in rows:
+            if row.get("state") == "done" and row.get("work") and row.get("seconds") is not None:
+                self._rows[row["stage"]].append(row)
+        for found in self._rows.values():
+            found.sort(key=lambda r: r["started"] or "")
+            del found[:-RECENT]
+
+    @classmethod
+    def read(cls, archive: Archive) -> History:
+        """From the ledgers of an archive and of its variants; what a variant took over counts once."""
+        rows = [row for a in (archive, *variants(archive)) for row in ledger.read(a, COLUMNS)]
+        return cls({(*(row[k] for k in ledger.KEY), row["state"], row["started"]): row for row in rows}.values())
+
+    @property
+    def rows(self) -> list[Mapping[str, Any]]:
+        """The tasks the rates are taken from, of all stages."""
+        return [row for found in self._rows.values() for row in found]
+
+    def rate(self, stage: Stage, params: Any) -> Rate:
+        """Rates of a stage; seconds of tasks with the same settings where there are any, else of all."""
+        rows = self._rows.get(stage.name, [])
+        raw = sum(r["raw_bytes"] or 0 for r in rows)
+        now = digest(params.hashed())
+        same = [r for r in rows if r["params"] == now]
+        timed = [r["seconds"] / r["work"] for r in same or rows]
+        return Rate(sum(r["bytes"] for r in rows) / raw if raw else None, statistics.median(timed) if timed else None, bool(same))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """What the tasks of one stage that are not fresh are expected to take; undecided ones count as if they ran."""
+
+    stage: str
+    tasks: int
+    disk: int
+    """Bytes written."""
+    replaced: int
+    """Bytes now on disk that they take the place of."""
+    peak: int
+    """Bytes on disk at most at one time, of what `keep` lets go in between."""
+    compressed: bool
+    """Whether `disk` follows from measured compression; False: before compression."""
+    ram: int
+    """Peak of a task's process, bytes."""
+    vram: int
+    """Peak of a task's device memory, bytes."""
+    seconds: float | None
+    """Of all tasks together, one after the other; None: unknown."""
+    same: bool
+    """Whether the seconds were measured under these settings."""
+
+
+def project(plan: Plan, history: History) -> list[Projection]:
+    """One projection for each stage that has something to do."""
+    found = []
+    for stage in STAGES:
+        todo = [v.task for v in plan.verdicts.values() if v.task.stage == stage.name and v.state not in READY and stage.name not in plan.unneeded]
+        if todo:
+            found.append(_of_stage(plan, stage, todo, history.rate(stage, plan.context.params(stage))))
+    return found
+
+
+def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Projection:
+    context, loads = plan.context, Loads(plan.context)
+    of_each = [loads(t) for t in todo]
+    ratio = rate.ratio if rate.ratio is not None else 1.0
+    disk = sum(load.raw_bytes for load in of_each) * ratio
+    receipts = [plan.book.receipts[t] for t in todo if t in plan.book.receipts]
+    replaced = sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped)
+    return Projection(
+        stage.name,
+        len(todo),
+        round(disk),
+        replaced,
+        round(disk - _let_go(context, todo) * ratio),
+        rate.ratio is not None,
+        max(load.ram for load in of_each),
+        max(load.vram for load in of_each),
+        None if rate.seconds is None else rate.seconds * sum(load.work for load in of_each),
+        rate.same,
+    )
+
+
+class Loads:
+    """Loads of a sequence's tasks, worked out once for every stage, path and length of a partition."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.known: dict[tuple[str, str | None, int], Load] = {}
+
+    def __call__(self, task: Task) -> Load:
+        """What one task is expected to take."""
+        key = (task.stage, task.path, len(self.context.grid.bounds(task.partition)) if task.partition is not None else 0)
+        if key not in self.known:
+            self.known[key] = load(self.context, task)
+        return self.known[key]
+
+
+def _let_go(context: Context, todo: list[Task]) -> int:
+    """Bytes before compression that are dropped again before the last tasks write theirs."""
+    run = context.settings.run
+    alive = cpu_workers(run) * run.window + AHEAD
+    keeps = droppable(context.settings)
+    of_each = raw_bytes(context, todo[0], context.grid.length)
+    one = sum(n for name, n in of_each.items() if name in keeps)
+    partitions = {t.partition for t in todo}
+    return one * max(0, len(partitions) - alive) * len(todo) // len(partitions)
+
+
+def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[str]:
+    """Why a run should not start for want of disk, with what to change. Memory is refused by `posegaussian.dags.planning.resources`, worker by worker."""
+    need = sum(p.peak - p.replaced for plan in plans for p in project(plan, history))
+    free = shutil.disk_usage(archive.root).free + sum(e.own for e in set_aside.entries(archive))  # results of other settings make room
+    if need <= free:
+        return []
+    advice = "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room (`posegaussian gc` says what could go)"
+    return [f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free; {advice}"]
+
+
+@dataclass(frozen=True)
+class Room:
+    """What may lie aside once some plans have run."""
+
+    bytes: int
+    """So many bytes: the setting's, or what the disk leaves."""
+    over: int
+    """So many bytes that lie there or would come there do not fit: they are deleted."""
+    by_disk: bool
+    """Whether the disk is what limits it."""
+
+    def sentences(self, setting: str) -> list[str]:
+        """What is deleted; `setting`: run.keep_variants as written."""
+        if self.over <= 0:
+            return []
+        bound = "the disk holds no more" if self.by_disk else f"run.keep_variants is {setting}"
+        return [f"up to {gigabytes(self.over)} of results of other settings will be deleted, those unused for the longest time first: {bound}"]
+
+
+def room(plans: Sequence[Plan], archive: Archive, history: History) -> Room:
+    """How much may lie aside: `run.keep_variants`, less where the run itself needs the disk."""
+    wanted = plans[0].context.settings.run.kept_bytes if plans else 0
+    coming = sum(bytes_of(o.files) for p in plans for r in replaced(p) for o in r.outputs)
+    coming_back = {set_aside.place_of(p.context.sequence, r) for p in plans for r in p.book.kept.values()}
+    lying = sum(e.own for e in set_aside.entries(archive) if e.folder not in coming_back)
+    need = sum(p.peak for plan in plans for p in project(plan, history))
+    disk = lying + coming + shutil.disk_usage(archive.root).free - need
+    bound = max(0, min(wanted, disk))
+    return Room(bound, lying + coming - bound, disk < wanted)

@@ -1,0 +1,289 @@
+"""What a run would do and why: every task fresh, stale with reasons, or undecided because something before it is stale.
+
+A plan reads receipts and file sizes, never data, and imports no numerical library.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.assets import network_weights
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.effects import Verdict as EffectVerdict
+from posegaussian.dags.planning.effects import noted
+from posegaussian.dags.planning.fingerprint import all_parts, own_parts, reasons, still_good
+from posegaussian.dags.planning.receipt_index import Book
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, deciding, dependencies, tasks
+from posegaussian.stages.camera_paths.stretch import stretch_notes
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.depth.params import resolve_method
+from posegaussian.stages.frames.params import better_matte
+from posegaussian.stages.geometry.cone import cone_notes
+from posegaussian.stages.geometry.pairs import pair_notes
+from posegaussian.stages.geometry.subject import subject_distance
+from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive import set_aside
+from posegaussian.storage.archive.receipts import Receipt, ReceiptKey
+from posegaussian.storage.model.capture import PER_VIEW
+from posegaussian.storage.model.spec import digest
+
+TAKEN_OVER = "taken over from an earlier run with these settings"
+"""Why a task is not computed though its own output is other."""
+
+
+class State(Enum):
+    """What is known of a task before a run."""
+
+    FRESH = "fresh"
+    """Its output exists and is what a run would make."""
+    STALE = "stale"
+    """It must run."""
+    UNDECIDED = "undecided"
+    """Something it reads is stale; if that turns out equal, it need not run."""
+    KEPT = "kept"
+    """An earlier run made what this one would make, and it was put aside: it is taken over."""
+
+
+READY = (State.FRESH, State.KEPT)
+"""States of tasks that are not computed."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """State of one task and why."""
+
+    task: Task
+    state: State
+    reasons: tuple[str, ...]
+    """Sentences; for undecided tasks the stage that is waited for."""
+
+
+@dataclass
+class Plan:
+    """The verdicts of one sequence."""
+
+    context: Context
+    book: Book
+    verdicts: dict[Task, Verdict]
+    """In the order of flow."""
+    unneeded: dict[str, str]
+    """{stage: why this capture does not need it}."""
+    selection: Selection = Selection()
+    """Which stages a run may touch."""
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know besides; looked at only where somebody reads it."""
+        return _notes(self.context, self.book)
+
+    def dropped(self, stage: str) -> int:
+        """How many fresh tasks of a stage have outputs that were dropped."""
+        return sum(1 for t, v in self.verdicts.items() if t.stage == stage and v.state is State.FRESH and any(o.dropped for o in self.book.receipts[t].outputs))
+
+    def counts(self, stage: Stage | str) -> Counter[State]:
+        """How many tasks of a stage are in which state."""
+        name = stage if isinstance(stage, str) else stage.name
+        return Counter(v.state for v in self.verdicts.values() if v.task.stage == name)
+
+    @property
+    def all_fresh(self) -> bool:
+        """Whether a run would do nothing."""
+        return all(v.state is State.FRESH for v in self.verdicts.values())
+
+
+def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product, str]) -> tuple[State, tuple[str, ...], dict[str, Any]]:
+    """State, reasons and fingerprint parts of a task whose inputs are all known; whether its own output is needed again is not asked."""
+    parts = all_parts(book.context, task, own_parts(book.context, task), digests)
+    receipt = book.receipts.get(task)
+    forced = selection.forced(task.stage)
+    if receipt is None:
+        return State.STALE, ("never made",), parts
+    as_kept = still_good(parts, receipt.parts)
+    same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
+    why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    why += [book.problems[task]] if task in book.problems else []
+    why += [forced] if forced else []
+    return (State.STALE, tuple(why), parts) if why else (State.FRESH, (), as_kept)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the cyclic collector: a plan makes many small objects and no cycles, and looking through them took a quarter of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_uncollected()
+def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
+    """Judge every task of a sequence. Reads receipts and file sizes only.
+
+    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for thereby.
+    """
+    constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
+    context = replace(context, exported=constants) if constants else context
+    book = Book.open(context, held)
+    context = decided(book, selection)
+    verdicts: dict[Task, Verdict] = {}
+    for task in tasks(context):
+        waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state not in READY]
+        if waiting:
+            verdicts[task] = _before_inputs(book, task, selection, waiting)
+            continue
+        digests = book.digests(task)
+        assert digests is not None, f"{task.label()}: all inputs are fresh, but an output is missing from a receipt"
+        state, why, parts = judge(book, task, selection, digests)
+        if state is State.STALE and _keeps(book, task, selection, parts):
+            state, why = State.KEPT, (TAKEN_OVER,)
+        verdicts[task] = Verdict(task, state, why)
+    _call_back(book, verdicts)
+    return Plan(context, book, verdicts, context.unneeded(), selection)
+
+
+def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
+    """What an earlier run made with these fingerprint parts, where it was put aside and may be taken over.
+
+    Fingerprints of sequence-wide constants leave the sources out; of these only what was taken of the same pictures counts.
+    """
+    if not context.settings.run.kept_bytes or selection.forced(task.stage) or not selection.allows(task.stage):
+        return None
+    receipt = set_aside.find(context.sequence, ReceiptKey(*task[1:]), digest(parts))
+    if receipt is not None and stage_named(task.stage).sequence_wide and receipt.facts.get("sources") != survey_sources(context, task):
+        return None
+    return receipt
+
+
+def survey_sources(context: Context, task: Task) -> str | None:
+    """Digest of the pictures that a sequence-wide task of a view is made from."""
+    return None if task.view is None else context.capture.pictures[task.view].digest(context.capture.numbers)
+
+
+def _keeps(book: Book, task: Task, selection: Selection, parts: Mapping[str, Any]) -> bool:
+    """Whether a stale task will be taken over; the book counts on it from then on."""
+    receipt = kept_result(book.context, task, selection, parts)
+    if receipt is not None:
+        book.kept[task] = receipt
+    return receipt is not None
+
+
+def decided(book: Book, selection: Selection = Selection()) -> Context:
+    """The book's context with the decisions that the survey leads to, where it is fresh; the book goes on with it."""
+    context = book.context
+    surveys = [t for stage in context.waits for t in deciding(context, stage)]
+    for t in dict.fromkeys(surveys):
+        state, _, parts = judge(book, t, selection, {})
+        if state is not State.FRESH and not _keeps(book, t, selection, parts):
+            return context
+    if not surveys:
+        return context
+    book.context = context.with_noted(survey_notes(book))
+    return book.context
+
+
+def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
+    """Go on with the decisions that the survey, which just ran, leads to; returns what was decided now.
+
+    Raises ValueError when a survey's receipt does not hold what an effect asked for.
+    """
+    waited = [v.effect.name for v in plan.context.effects.values() if v.decision is None]
+    plan.context = plan.book.context = plan.context.with_noted(survey_notes(plan.book))
+    plan.unneeded = plan.context.unneeded()
+    if plan.context.waits:
+        raise ValueError(f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run --from survey` takes it anew")
+    return tuple(plan.context.effects[name] for name in waited)
+
+
+def survey_notes(book: Book) -> dict[str, Any]:
+    """What the survey's receipts note for the effects that wait; {} where they do not hold it all."""
+    context = book.context
+    arrays = tuple(dict.fromkeys(a for asks in context.waits.values() for a in asks))
+    receipts = {t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None}
+    return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
+
+
+def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
+    """Fresh tasks whose dropped outputs an export or what is not fresh reads: stale, or undecided like their readers.
+
+    Readers come before what they read, so that a task called back calls back its own dropped inputs. What else read the
+    output stays fresh: the same content is expected, and a run looks again if it comes out different.
+    """
+    for task in reversed(list(verdicts)):
+        if task in book.needed and verdicts[task].state is not State.STALE:
+            verdicts[task] = Verdict(task, State.STALE, (book.needed[task],))
+        state = verdicts[task].state
+        if state in READY:
+            continue
+        for maker in book.dropped_inputs(task):
+            if verdicts[maker].state is State.FRESH or (state is State.STALE and verdicts[maker].state is State.UNDECIDED):
+                why = f"its output was dropped and is needed by {task.stage}" if state is State.STALE else f"its output was dropped; it is made again if {task.stage} turns out to need it"
+                verdicts[maker] = Verdict(maker, state, (why,))
+
+
+def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterable[Task]) -> Verdict:
+    """A task whose inputs are not all fresh: stale if its own parts already say so, else undecided."""
+    receipt = book.receipts.get(task)
+    stages = " and ".join(dict.fromkeys(d.stage for d in waiting))
+    if receipt is None:
+        return Verdict(task, State.STALE, ("never made",))
+    why = reasons(receipt.parts, own_parts(book.context, task))
+    why += [book.problems[task]] if task in book.problems else []
+    forced = selection.forced(task.stage)
+    why += [forced] if forced else []
+    if why:
+        return Verdict(task, State.STALE, tuple(why))
+    return Verdict(task, State.UNDECIDED, (f"waits for {stages}; if its content comes out equal, nothing is done here",))
+
+
+def _notes(context: Context, book: Book) -> tuple[str, ...]:
+    """Sequence-wide constants that were taken from other files than the capture has now, and views that are not matched."""
+    found = []
+    for s in STAGES:
+        if not s.sequence_wide:
+            continue
+        now = {v: context.capture.pictures[v].digest(context.capture.numbers) for v in context.active_views}
+        old = {t.view: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
+        changed = [context.views.names[v] for v, d in now.items() if v in old and old[v] is not None and old[v] != d]
+        if changed:
+            found.append(f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from {s.name}` takes it anew")
+    found += _changed_sources(context)
+    for path in context.paths.values():
+        idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
+        if idle:
+            found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
+    found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
+    if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
+        found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
+    if "depth" not in context.unneeded() and len(context.views.sources) == 1:
+        (view,), depth = context.views.sources, context.settings.depth
+        found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
+    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
+    if NETWORK not in context.unneeded():
+        found += network_weights.notes(context.settings.network)
+    return tuple(found)
+
+
+def _changed_sources(context: Context) -> list[str]:
+    """A sentence about files that are not what was imported; what was made from them stays as it is until they are imported again."""
+    capture = context.capture
+    streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
+    changed = list(dict.fromkeys(f.path for s in streams if s is not None for f in s.files if f.touched))
+    if not changed:
+        return []
+    more = f" and {len(changed) - 1} more source files" if len(changed) > 1 else ""
+    return [f"{changed[0]}{more} changed or went away since the import (size or time differ); what was made from the old content stays until `posegaussian import` takes the new one"]

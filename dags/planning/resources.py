@@ -1,0 +1,124 @@
+"""Pools of workers as numbers: what each can serve, and what nobody can, said before a run starts.
+
+Imports no scheduler, so that `plan` can ask.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import READY, Plan
+from posegaussian.dags.planning.task_cost import needs_of
+from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.registry import STAGES
+
+CPU, GPU = "CPU", "GPU"
+"""Names of the pools, and of the worker resources their tasks ask for."""
+
+CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+"""Where a container's memory limit is told."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Workers that serve one kind of task."""
+
+    workers: int
+    """Tasks it runs at once."""
+    devices: int = 0
+    """GPUs of its best equipped worker."""
+    ram: int | None = None
+    """Memory its largest worker may use, bytes; None: unlimited."""
+
+
+def visible_gpus() -> list[str]:
+    """Indices of the NVIDIA devices of this machine, without importing torch or making a context."""
+    if "CUDA_VISIBLE_DEVICES" in os.environ:
+        return [d for d in os.environ["CUDA_VISIBLE_DEVICES"].split(",") if d.strip()]
+    if not shutil.which("nvidia-smi"):
+        return []
+    listed = subprocess.run(["nvidia-smi", "--query-gpu=index", "--format=csv,noheader"], capture_output=True, text=True, check=False)
+    return listed.stdout.split() if listed.returncode == 0 else []
+
+
+def gpu_workers(gpus: int | str) -> dict[str, str]:
+    """{worker: the device it sees} of `run.gpus`; a worker beyond the devices there are stands in for one and sees none."""
+    devices = visible_gpus()
+    count = len(devices) if gpus == "auto" else int(gpus)
+    return {f"gpu-{i}": devices[i] if i < len(devices) else "" for i in range(count)}
+
+
+def cpu_workers(run: Any) -> int:
+    """Worker processes of the local scheduler."""
+    return run.workers or max(1, (os.cpu_count() or 1) // run.threads)
+
+
+def machine_memory() -> int:
+    """Bytes this machine, or this container, may use."""
+    limits = [psutil.virtual_memory().total]
+    for file in CGROUP_LIMITS:
+        try:
+            limits.append(int(Path(file).read_text()))
+        except (OSError, ValueError):
+            continue  # no such file, or "max"
+    return min(limits)
+
+
+def local_pools(run: Any) -> dict[str, Pool]:
+    """{CPU, GPU: pool} of this machine under `run` settings."""
+    if run.scheduler == "serial":
+        return {CPU: Pool(1, 0, int(run.memory * 2**20) if run.memory else machine_memory())}
+    workers, gpus = cpu_workers(run), gpu_workers(run.gpus)
+    ram = int(run.memory * 2**20) if run.memory else machine_memory() // (workers + len(gpus))
+    return {CPU: Pool(workers, 0, ram)} | ({GPU: Pool(len(gpus), 1, ram)} if gpus else {})
+
+
+def pool_for(gpu: int, pools: Mapping[str, Pool]) -> str:
+    """The pool that serves a task asking for so many GPUs: without any GPU worker, the CPU pool."""
+    return GPU if gpu and GPU in pools else CPU
+
+
+def refusals(plans: Iterable[Plan], pools: Mapping[str, Pool]) -> list[str]:
+    """Sentences about work that no worker can do, with what to change."""
+    found: dict[str, None] = {}
+    for plan in plans:
+        for stage in STAGES:
+            if any(v.task.stage == stage.name and v.state not in READY for v in plan.verdicts.values()):
+                for path in plan.context.paths if "path" in stage.over else [None]:
+                    found |= dict.fromkeys(_refusals(stage, plan.context, path, pools))
+    return list(found)
+
+
+def _refusals(stage: Stage, context: Context, path: str | None, pools: Mapping[str, Pool]) -> list[str]:
+    sequence = context.sequence.name
+    needs = needs_of(context, stage, path)
+    name = pool_for(needs.gpu, pools)
+    pool = pools.get(name)
+    who = f"{stage.name} of sequence {sequence}"
+    if pool is None:
+        return [f"{who} needs a worker without a GPU, and there is none; start one with `dask worker SCHEDULER`"]
+    said = []
+    if name == GPU and needs.gpu > pool.devices:
+        said.append(f"{who} asks for {needs.gpu} GPUs a task, the best equipped worker has {pool.devices}; use --scheduler tcp://HOST:PORT with workers started with --resources GPU={needs.gpu}, or run.gpus=0 to run it on the CPU workers")
+    if pool.ram is not None and needs.ram > pool.ram:
+        said.append(f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)}; use fewer run.workers (now {pool.workers}), raise run.memory, {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size")
+    return said
+
+
+def _shorter(stage: Stage, context: Context, path: str | None, ram: int) -> str:
+    """The partition length at which a task would fit, where there is one."""
+    fits = [n for n in range(1, context.grid.length) if needs_of(context, stage, path, n).ram <= ram] if "time" in stage.over else []
+    return f"cut the sequence into partitions of {fits[-1]} frames (`posegaussian reshard {context.sequence.name} --frames {fits[-1]}`), " if fits else ""
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 2**20:.0f} MB"

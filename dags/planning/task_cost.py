@@ -1,0 +1,68 @@
+"""What one task is expected to take: work, bytes and memory, from its declarations and the shape of its partition."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.stages.contract.declaration import Resources, Stage
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.model.spec import ArraySpec
+
+
+@dataclass(frozen=True)
+class Load:
+    """The size of one task, known before it runs."""
+
+    work: int = 0
+    """Frames x views or cameras x pixels: what seconds are in proportion to."""
+    raw_bytes: int = 0
+    """Bytes of its outputs before compression."""
+    ram: int = 0
+    """Projected peak of its process, bytes: its own and the libraries'."""
+    vram: int = 0
+    """Projected peak of device memory, bytes."""
+
+
+def partition_shape(context: Context, path: str | None = None) -> dict[str, int]:
+    """Dimensions of one partition: as the sequence's, but `frame` is the partition's length."""
+    return {**context.shape(path), "frame": min(context.grid.length, context.grid.frames)}
+
+
+RESERVED = 576 * 2**20
+"""Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
+
+
+def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:
+    """{declared array: bytes before compression} of a task over so many frames."""
+    shape = {**context.shape(task.path), "frame": frames} | ({"view": 1} if task.view is not None else {})
+    specs = [w for w in stage_named(task.stage).writes_for(context.facts) if isinstance(w, ArraySpec)]
+    return {w.name: math.prod(w.lengths(shape)) * np.dtype(w.dtype).itemsize for w in specs}
+
+
+def load(context: Context, task: Task, frames: int | None = None) -> Load:
+    """What one task is expected to take, from its declarations and the shape of its partition, or of one of `frames` frames."""
+    stage = stage_named(task.stage)
+    if frames is None:
+        frames = len(context.grid.bounds(task.partition)) if task.partition is not None else 0
+    shape = context.shape(task.path)
+    if task.path is not None:
+        work = frames * shape["camera"] * shape["camera_y"] * shape["camera_x"]
+    elif stage.sequence_wide:
+        work = shape["sample"] * shape["source_y"] * shape["source_x"]
+    else:
+        work = frames * (1 if task.view is not None else len(context.views.sources)) * shape["y"] * shape["x"]
+    needs = needs_of(context, stage, task.path, frames)
+    return Load(work, sum(raw_bytes(context, task, frames).values()), needs.ram, needs.vram)
+
+
+def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:
+    """What one task of a stage needs over a whole partition, or over one of `frames` frames; the memory is its whole process's."""
+    shape = partition_shape(context, path) | ({} if frames is None else {"frame": frames})
+    needs = stage.needs(shape, context.params(stage))
+    return dataclasses.replace(needs, ram=needs.ram + RESERVED)

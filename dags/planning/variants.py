@@ -1,0 +1,106 @@
+"""Variants: the same sequence under other settings, beside the user's results and never in them.
+
+A variant is an archive of its own, `<archive>/_variants/<hash of what differs>`, with a folder of the same sequence.
+What a variant would make with an equal fingerprint is not made again: its receipt is copied and its shards are hard
+links (copies where the file system has none). A shard is replaced by unlinking it and writing a new file, never in
+place, so neither side can change the other's bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.plan import Plan, State, judge, make_plan
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.storage.archive.array_metadata import copy_description
+from posegaussian.storage.archive.chunk_keys import named_as_in
+from posegaussian.storage.archive.receipts import Receipt, missing_files, scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.files.names import folders_in
+from posegaussian.storage.files.write import link_or_copy, link_tree, write_atomically
+from posegaussian.storage.model.spec import digest
+
+FOLDER = "_variants"
+"""Folder of all variants below the archive's."""
+
+
+def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+    """The context of a sequence's variant, made or found again.
+
+    Args:
+        origin: the user's sequence; its record is taken over, nothing of it is changed.
+        settings: all settings of the variant.
+        different: {stage.key: value} of what sets it apart; it names the folder.
+        paths: camera paths to render.
+    """
+    beside = Archive(origin.root.parent)
+    archive = Archive.open(str(beside.place(f"{FOLDER}/{digest(different)[:12]}")), create=True)
+    root = archive.place(origin.name)
+    file, record = archive.place(f"{origin.name}/zarr.json"), origin.place("zarr.json").read_bytes()
+    if not file.is_file() or file.read_bytes() != record:
+        write_atomically(file, record)
+        link_tree(origin.place("source"), archive.place(f"{origin.name}/source"))
+    return make_context(Sequence(root), settings, paths)
+
+
+def variants(archive: Archive) -> list[Archive]:
+    """The archives of all variants of an archive's sequences."""
+    return [Archive(folder) for folder in folders_in(archive.place(FOLDER))]
+
+
+def others(origin: Sequence) -> list[Sequence]:
+    """The sequence itself and all its variants: where equal outputs may be found."""
+    beside = variants(Archive(origin.root.parent))
+    return [origin, *(Sequence(v.place(origin.name)) for v in beside if v.place(f"{origin.name}/zarr.json").is_file())]
+
+
+def share(context: Context, sources: Iterable[Sequence]) -> int:
+    """Take over every output that some source made with the fingerprint it would have here; returns how many tasks.
+
+    Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Outputs
+    whose files are not all there, or were dropped, are not taken.
+    """
+    here = context.sequence
+    found: dict[tuple[Task, str], tuple[Sequence, Receipt]] = {}
+    for source in sources:
+        if source.root == here.root:
+            continue
+        for r in scan_receipts(source):
+            found.setdefault((Task(here.name, r.stage, r.partition, r.view, r.path), r.fingerprint), (source, r))
+    total = 0
+    while taken := _take_equal(make_plan(context), found):  # what a survey says may decide what the next ones are compared with
+        total += taken
+    return total
+
+
+def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Receipt]]) -> int:
+    """Take over what a plan would make and somebody has made; returns how many tasks."""
+    taken = 0
+    for task, verdict in plan.verdicts.items():
+        digests = plan.book.digests(task)
+        if verdict.state is State.FRESH or digests is None:
+            continue
+        state, _, parts = judge(plan.book, task, Selection(), digests)
+        match = found.get((task, digest(parts))) if state is not State.FRESH else None
+        if match is None or any(o.dropped for o in match[1].outputs) or missing_files(*match):
+            continue
+        plan.book.add(task, _take(plan.context.sequence, *match))
+        taken += 1
+    return taken
+
+
+def _take(here: Sequence, source: Sequence, receipt: Receipt) -> Receipt:
+    """Copy what describes a task's arrays, link its shards, and last write the receipt, which is returned."""
+    for array in dict.fromkeys(o.array for o in receipt.outputs):
+        with contextlib.suppress(FileNotFoundError):  # a table has no description
+            copy_description(source.place(array), here.place(array))
+    own = named_as_in(here, receipt)
+    for there, output in zip(receipt.outputs, own.outputs, strict=True):
+        for old, new in zip(there.files, output.files, strict=True):
+            link_or_copy(source.place(old.key), here.place(new.key))
+    write_receipt(here, own)
+    return own

@@ -1,0 +1,1 @@
+"""Which code computed what: digests of kernels and of whole processes."""

@@ -1,0 +1,162 @@
+"""The code digest of a kernel: what its module and every helper it imports do, not how they are written down.
+
+The digest covers the syntax trees, without docstrings and comments, of the transitive imports of the kernel's module
+within `stages` and of the data types of `storage` they use. The declaration language and the scheduler are not part of it.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+from posegaussian.storage.model.errors import OtherCode
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder that holds dags, stages and storage: the repository, or the installed package."""
+
+PACKAGE = "posegaussian"
+"""What they are imported from."""
+
+FOLDERS = ("stages", "storage")
+"""Folders whose modules count."""
+
+APART = {"posegaussian.stages.contract.declaration", "posegaussian.stages.contract.timing"}
+"""Modules that declare and do not compute: changing the contract's wording, or how times are taken, changes no result."""
+
+
+Stamp = tuple[int, int]
+"""Modification time in ns and size of a file."""
+
+
+def stamp_of(file: Path) -> Stamp:
+    """The stamp of a file as it is now."""
+    stat = file.stat()
+    return stat.st_mtime_ns, stat.st_size
+
+
+KINDS = (".py", ".safetensors", ".npz")
+"""Endings of the files that can touch a result: weights that ship are as good as code."""
+
+
+def own_files(package: str) -> dict[Path, Stamp]:
+    """{file: stamp} of the code and data of a package of ours, by name."""
+    return {f: stamp_of(f) for f in sorted((ROOT / package).rglob("*")) if f.suffix in KINDS}
+
+
+STARTED = own_files("dags") | own_files("stages") | own_files("storage")
+"""Our files as they were when this process began: what it imported, whatever is edited afterwards."""
+
+
+def module_file(module: str, root: Path = ROOT) -> Path | None:
+    """Source file of a module inside `root`, or None when there is none."""
+    package, *parts = module.split(".")
+    if package != PACKAGE or not parts:
+        return None
+    base = root.joinpath(*parts)
+    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
+
+
+def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:
+    """Every list of statements of a module, outermost first; expressions hold none and are not looked into."""
+    todo = [tree]
+    while todo:
+        node = todo.pop()
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            inner = getattr(node, field, None)
+            if isinstance(inner, list):
+                if field not in ("handlers", "cases"):
+                    yield inner
+                todo += inner
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    """Whether a statement is a string that stands for itself: a docstring."""
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str)
+
+
+@lru_cache(maxsize=4096)
+def _parsed(file: str, stamp: Stamp) -> tuple[str, tuple[str, ...]]:
+    """(digest of the syntax tree without docstrings and without where our modules lie, dotted names the module imports)."""
+    tree = ast.parse(read_started(Path(file)), file)
+    imports: list[str] = []
+    for block in _blocks(tree):
+        block[:] = [s for s in block if not _is_text(s)]
+        for node in block:
+            if isinstance(node, ast.Import):
+                imports += [a.name for a in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                imports += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+                node.module = "" if node.module.partition(".")[0] == PACKAGE else node.module
+    return hashlib.blake2b(ast.dump(tree).encode(), digest_size=16).hexdigest(), tuple(dict.fromkeys(imports))
+
+
+def read_started(file: Path) -> bytes:
+    """Content of a file, which is that of this process's start where it is one of ours. Raises OtherCode."""
+    check_started(file)
+    content = file.read_bytes()
+    check_started(file)
+    return content
+
+
+def check_started(file: Path) -> None:
+    """Raise OtherCode for a file of ours that was edited or removed since this process began, so that nobody knows what it imported."""
+    was = STARTED.get(file)
+    try:
+        now = stamp_of(file)
+    except FileNotFoundError:
+        now = None
+    if was is not None and now != was:
+        how = "removed" if now is None else "edited"
+        raise OtherCode(f"{file.relative_to(ROOT)} was {how} since {here_is()} began; start it again")
+
+
+def here_is() -> str:
+    """`process P on H`."""
+    return f"process {os.getpid()} on {socket.gethostname()}"
+
+
+def parsed(file: Path) -> tuple[str, tuple[str, ...]]:
+    """(digest of a file's syntax tree, dotted names it imports).
+
+    Of this process's own files as they were when it began, even if they are edited later: it goes on with what it imported.
+    Raises OtherCode for one that was edited before it was ever read. Others are read again when they changed.
+    """
+    return _parsed(str(file), STARTED.get(file) or stamp_of(file))
+
+
+def closure(module: str, root: Path = ROOT, folders: tuple[str, ...] = FOLDERS) -> Iterator[tuple[str, str]]:
+    """(module, digest) of a module and of everything it imports within some of our folders, each once.
+
+    A module is known by what it and the modules it imports hold, not by their names: one that only moved has the same digest.
+    """
+    seen: set[str] = set()
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        file = _counted(name, root, folders)
+        if name in seen or file is None:
+            continue
+        seen.add(name)
+        own, imports = parsed(file)
+        edges = [parsed(f)[0] for i in imports if (f := _counted(i, root, folders)) is not None]
+        yield name, hashlib.blake2b("\n".join([own, *edges]).encode(), digest_size=16).hexdigest()
+        todo += imports
+
+
+def _counted(module: str, root: Path, folders: tuple[str, ...]) -> Path | None:
+    """Source file of a module that counts, or None."""
+    inside = any(module.startswith(f"{PACKAGE}.{folder}.") for folder in folders)
+    return module_file(module, root) if inside and module not in APART else None
+
+
+def code_digest(run: str, root: Path = ROOT) -> str:
+    """Digest of a kernel `module:function`; the Python version counts because syntax trees differ between versions."""
+    parts = sorted(d for _, d in closure(run.partition(":")[0], root))
+    text = "\n".join([f"{sys.version_info.major}.{sys.version_info.minor}", *parts])
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()

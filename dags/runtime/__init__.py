@@ -1,0 +1,1 @@
+"""Runs: tasks in flight, workers, failures, leases, events."""

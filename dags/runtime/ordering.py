@@ -1,0 +1,129 @@
+"""From a judged task to the order a worker gets, and the arrays that must exist before any worker starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.fingerprint import models
+from posegaussian.dags.planning.plan import Plan, State, survey_sources
+from posegaussian.dags.planning.receipt_index import Book
+from posegaussian.dags.planning.task_cost import load, needs_of
+from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans
+from posegaussian.dags.runtime.work_order import Order, Promise, Reading
+from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
+from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
+from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.spec import ArraySpec
+
+
+def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> Order:
+    """The order of one task whose inputs are all there."""
+    stage = stage_named(task.stage)
+    frames = context.grid.bounds(task.partition) if task.partition is not None else range(0)
+    own = slice(frames.start, frames.stop)
+    readings, promises = {}, []
+    for i in inputs(context, task):
+        files: dict[int | None, tuple[ShardFile, ...]] = dict.fromkeys(i.views, ())
+        for product in i.products:
+            output = book.output(product, task)
+            assert output is not None, f"{task.label()} was ordered before {product} exists"
+            assert not output.dropped, f"{task.label()} was ordered before {product} was made again"
+            files[product.view] = (*files[product.view], *output.files)
+            maker = producer(product, task)
+            promises.append(Promise(ReceiptKey(maker.stage, maker.partition, maker.view, maker.path), product.array, product.view, output.digest))
+        readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
+    spans = source_spans(context, task)
+    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
+    first, last = min(s.start for s in every), max(s.stop for s in every)
+    return Order(
+        root=context.sequence.root,
+        stage=stage.name,
+        params=context.params(stage),
+        partition=task.partition,
+        view=task.view,
+        path_name=task.path,
+        frames=frames,
+        source_frames=context.source_frames[own],
+        time=context.time[own],
+        valid=context.valid[own],
+        views=context.views,
+        rig=context.rig_of(stage),
+        captured_to_calibrated=context.captured_to_calibrated,
+        late=context.late,
+        path=_path(context, task),
+        path_text=context.path_text(task.path) if task.path is not None else None,
+        facts=context.facts,
+        joint_set=context.joint_set,
+        readings=readings,
+        parts=parts,
+        source_spans=spans,
+        footage=(first, context.source_frames[first:last], context.valid[first:last]),
+        estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
+        models=models(context, stage),
+        survey_sources=survey_sources(context, task) if stage.sequence_wide else None,
+        threads=threads,
+        gpu=needs_of(context, stage, task.path).gpu,
+        load=load(context, task),
+        promises=tuple(promises),
+        seen=old.facts.get("token") if (old := book.receipts.get(task)) else None,
+    )
+
+
+def _path(context: Context, task: Task) -> CameraPath | None:
+    """The camera path over the frames the task sees."""
+    if task.path is None:
+        return None
+    span = path_frames(context, task)
+    return context.paths[task.path].slice(slice(span.start, span.stop))
+
+
+def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:
+    """(spec, shape, camera path or "") of every array of every stage that has something to do and waits for no effect's decision."""
+    context = plan.context
+    for stage in STAGES:
+        if stage.name in plan.unneeded or stage.name in context.waits:
+            continue
+        verdicts = [v for v in plan.verdicts.values() if v.task.stage == stage.name]
+        if all(v.state is State.FRESH for v in verdicts):
+            continue
+        for spec in stage.writes_for(context.facts):
+            if isinstance(spec, ArraySpec):
+                for path in context.paths if "path" in stage.over else [None]:
+                    yield spec, context.shape(path), path or ""
+
+
+def prepare(plan: Plan) -> None:
+    """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the pictures."""
+    sequence = plan.context.sequence
+    for spec, shape, path in needed_arrays(plan):
+        sequence.ensure_array(spec, shape, path)
+    sequence.put_rig("frames", plan.context.rig)
+    for name, values in _beside(plan.context).items():
+        sequence.put(name, *values)
+
+
+def lacks_cameras(plan: Plan) -> bool:
+    """Whether cameras or times that `prepare` writes beside the pictures are not there: `verify --repair` takes damaged ones away."""
+    names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(plan.context))
+    return not all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
+
+
+def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:
+    """{array: (values, dimensions, unit, meaning)} of times and camera paths, for other readers of Zarr."""
+    found: dict[str, tuple[np.ndarray, tuple[str, ...], str, str]] = {
+        "frames/time": (context.time, ("frame",), "s", "Source frame number over frame rate."),
+        "frames/valid": (context.valid, ("frame", "view"), "1", "Whether the view has a picture of the frame."),
+        "frames/number": (context.source_frames, ("frame",), "1", "Source frame number."),
+    }
+    for name, cameras in context.paths.items():
+        prefix = f"rendering/{name}"
+        found[f"{prefix}/intrinsics"] = (cameras.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
+        found[f"{prefix}/world_to_camera"] = (cameras.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        found[f"{prefix}/served"] = (cameras.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")
+    return found

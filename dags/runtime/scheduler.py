@@ -1,0 +1,318 @@
+"""The run loop: judge tasks as their inputs become known, hand the stale ones to a back end, let failures fail alone."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from posegaussian.dags.planning.plan import Plan, State, judge, kept_result, take_decisions
+from posegaussian.dags.planning.receipt_index import Book
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task, dependencies
+from posegaussian.dags.provenance import builds
+from posegaussian.dags.provenance.code_digest import code_digest
+from posegaussian.dags.runtime.entering import enter, make_arrays
+from posegaussian.dags.runtime.events import (
+    EffectsDecided,
+    Event,
+    Listener,
+    RunEnded,
+    RunStarted,
+    TaskBlocked,
+    TaskDone,
+    TaskFailed,
+    TaskFresh,
+    TaskLeftOut,
+    TaskNeeded,
+)
+from posegaussian.dags.runtime.failures import Failure, Kind, failure
+from posegaussian.dags.runtime.in_flight import Backend, Flight, Rules
+from posegaussian.dags.runtime.ordering import make_order
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive import set_aside
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, damaged_files
+from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, OtherCode, SchedulerLost
+from posegaussian.storage.model.spec import digest
+
+DEPTH = {s.name: i for i, s in enumerate(STAGES)}
+"""Position of a stage in the flow; deeper work goes first, so that finished pictures appear early."""
+
+
+class Run:
+    """One run over some sequences."""
+
+    def __init__(self, plans: Sequence[Plan], selection: Selection, backend: Backend, listeners: Iterable[Listener], threads: int = 1, rules: Rules | None = None) -> None:
+        """Nothing is touched before `go`."""
+        self.plans = {p.context.sequence.name: p for p in plans}
+        self.selection, self.backend, self.listeners, self.threads = selection, backend, tuple(listeners), threads
+        self.rules = rules or Rules()
+        self.flight = Flight(backend, self.rules, self.tell)
+        self.presences: list[Lease] = []
+        self.order = {task: i for i, task in enumerate(t for p in plans for t in p.verdicts)}
+        self.waiting: dict[Task, set[Task]] = {}
+        self.dependents: dict[Task, list[Task]] = defaultdict(list)
+        self.out: set[Task] = set()
+        """Queued or in a worker's hand."""
+        self.behind: dict[Task, list[Task]] = defaultdict(list)
+        """By task in `out`: tasks that will write what it reads, and wait until it is through."""
+        self.before: dict[Task, Receipt] = {}
+        """Receipts of tasks that were opened again."""
+        self.mended: set[Task] = set()
+        """Tasks whose damaged inputs were made again once."""
+        self.ready: list[tuple[int, int, Task]] = []
+        self.reasons: dict[Task, tuple[str, ...]] = {}
+        self.taken = 0
+        """Tasks whose results of an earlier run were taken over."""
+        self.ended: dict[Task, str] = {}
+        """How each settled task ended: done, fresh, failed, blocked, left_out, or unneeded by an effect's decision."""
+
+    def tell(self, event: Event) -> None:
+        """Give an event to every listener."""
+        for listener in self.listeners:
+            listener(event)
+
+    def go(self) -> RunEnded:
+        """Run to the end; a keyboard interrupt stops handing out tasks and ends the run.
+
+        Raises OtherCode before anything is touched when files of this process were edited since it began.
+        """
+        start, interrupted = time.perf_counter(), False
+        self._fix_code()
+        self.tell(RunStarted(tuple(self.order), self.backend.sentences))
+        try:
+            self._link()
+            for plan in self.plans.values():
+                self._enter(plan)
+            self._loop()
+        except KeyboardInterrupt:
+            interrupted = True
+        except (SchedulerLost, OtherCode) as e:
+            self._abandon(failure(e))
+        finally:
+            self.backend.close(hard=interrupted)
+            for presence in self.presences:
+                presence.drop()
+        counts = Counter(self.ended.values())
+        ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted, taken=self.taken)
+        self.tell(ended)
+        return ended
+
+    def _fix_code(self) -> None:
+        """Read all code now: of a file that is edited later nobody could say what a worker imported. Raises OtherCode."""
+        try:
+            builds.here()
+            for stage in STAGES:
+                code_digest(stage.run)
+        except OtherCode:
+            self.backend.close(hard=True)
+            raise
+
+    def _enter(self, plan: Plan) -> None:
+        """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other sequences go on."""
+        first = next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)
+        if first is not None:
+            try:
+                self.presences.append(enter(plan, self.rules.terms))
+                plan.book = Book.open(plan.context, plan.book.held)
+            except Exception as e:
+                self._fail(first, failure(e))
+                for task in plan.verdicts:
+                    self._block(task, first)
+                return
+        for task in plan.verdicts:
+            if not self.waiting[task]:
+                self._push(task)
+
+    def _link(self) -> None:
+        """Note what every task waits for."""
+        for plan in self.plans.values():
+            for task in plan.verdicts:
+                before = [d for d in dependencies(plan.context, task) if d in self.order]
+                self.waiting[task] = set(before)
+                for d in before:
+                    self.dependents[d].append(task)
+
+    def _push(self, task: Task) -> None:
+        heapq.heappush(self.ready, (-DEPTH[task.stage], self.order[task], task))
+
+    def _loop(self) -> None:
+        while True:
+            while self.ready:
+                task = heapq.heappop(self.ready)[2]
+                try:
+                    self._judge(task)
+                except Exception as e:  # a fault in one task's plan must not end the night's run
+                    self._fail(task, failure(e))
+            settled = self.flight.next()
+            if settled is None:
+                return
+            self._settle(*settled)
+
+    def _judge(self, task: Task) -> None:
+        """A task whose inputs are settled: fresh, or queued for a worker."""
+        if self.waiting[task] or task in self.out or task in self.ended:
+            return  # something it reads was opened again since it became ready
+        plan = self.plans[task.sequence]
+        if task.stage in plan.context.waits:
+            self._decide(plan)
+        if task.stage in plan.unneeded:
+            self.tell(TaskFresh(task))
+            self._release(task, "unneeded")
+            return
+        digests = plan.book.digests(task)
+        assert digests is not None, f"{task.label()} became ready before its inputs"
+        state, why, parts = judge(plan.book, task, self.selection, digests)
+        if task in plan.book.needed:
+            state, why = State.STALE, (*why, plan.book.needed[task])
+        if state is State.FRESH:
+            self.tell(TaskFresh(task))
+            self._release(task, "fresh")
+        elif not self.selection.allows(task.stage):
+            self._block(task, task)
+        elif self._take_over(plan, task, parts):
+            pass
+        elif dropped := plan.book.dropped_inputs(task):
+            self._call_back(task, dropped)
+        else:
+            order = make_order(plan.context, plan.book, task, parts, self.threads)
+            self.out.add(task)
+            self.reasons[task] = why
+            self.flight.add((-DEPTH[task.stage], self.order[task]), task, order)
+
+    def _take_over(self, plan: Plan, task: Task, parts: dict[str, Any]) -> bool:
+        """Put what an earlier run made of the same in the task's place; False where there is none, or another run has the task in hand."""
+        if kept_result(plan.context, task, self.selection, parts) is None:
+            return False
+        terms = self.rules.terms
+        try:
+            receipt = set_aside.take(plan.context.sequence, ReceiptKey(*task[1:]), digest(parts), terms.run, terms.lease)
+        except (LeaseHeld, LeaseLost):
+            return False
+        if receipt is None:
+            return False
+        plan.book.add(task, receipt)
+        self.taken += 1
+        self.tell(TaskFresh(task))
+        self._release(task, "fresh")
+        self._compare(task, receipt)
+        return True
+
+    def _decide(self, plan: Plan) -> None:
+        """The survey is through: its effects are decided, and the arrays behind them can be made."""
+        decided = take_decisions(plan)
+        on, off = (tuple(v.effect.name for v in decided if v.state == state) for state in ("on", "off"))
+        self.tell(EffectsDecided(plan.context.sequence.name, tuple(v.sentence for v in decided), on, off))
+        make_arrays(plan, self.rules.terms)
+
+    def _settle(self, task: Task, result: Receipt | Failure) -> None:
+        self.out.discard(task)
+        for writer in self.behind.pop(task, ()):
+            self._wake(writer, task)
+        if isinstance(result, Failure):
+            if result.kind is not Kind.CORRUPT or not self._mend(task):
+                self._fail(task, result)
+            return
+        self.plans[task.sequence].book.add(task, result)
+        reasons = self.reasons.pop(task)
+        own = result.facts.get("run") == self.rules.terms.run
+        self.tell(TaskDone(task, result, reasons) if own else TaskFresh(task))
+        self._release(task, "done" if own else "fresh")
+        self._compare(task, result)
+
+    def _compare(self, task: Task, result: Receipt) -> None:
+        """Open again what read a task's earlier output, where it came out different."""
+        before = self.before.pop(task, None)
+        if before is not None and before.contents != result.contents:
+            for dependent in [d for d in self.dependents[task] if self.ended.get(d) in ("done", "fresh")]:
+                self._reopen(dependent, task)
+
+    def _mend(self, task: Task) -> bool:
+        """A task read a damaged shard: have what is damaged made again, then the task once more; returns whether that can be done."""
+        if task in self.mended:
+            return False
+        plan = self.plans[task.sequence]
+        damaged = {}
+        for d in dependencies(plan.context, task):
+            receipt = plan.book.receipts.get(d)
+            if receipt is not None and (files := damaged_files(plan.context.sequence, receipt)):
+                damaged[d] = f"shard {files[0]} is missing or damaged"
+        if not damaged or not all(d in self.order and self.selection.allows(d.stage) for d in damaged):
+            return False
+        self.mended.add(task)
+        for d, why in damaged.items():
+            plan.book.problems[d] = why
+            self.waiting[task].add(d)
+            if d in self.ended:
+                self._reopen(d, task)
+        return True
+
+    def _fail(self, task: Task, why: Failure) -> None:
+        """A task failed for good: it alone and what waits for it."""
+        self.ended[task] = "failed"
+        self.tell(TaskFailed(task, why.error, why.details, why.kind.value))
+        for dependent in self.dependents[task]:
+            self._block(dependent, task)
+
+    def _abandon(self, why: Failure) -> None:
+        """No worker can be reached any more: what was in flight failed, or else what comes next, and the rest is blocked by it."""
+        left = [t for t in self.order if t not in self.ended and self.selection.allows(t.stage)]
+        failed = [t for t in left if t in self.flight.flying] or left[:1]
+        for task in failed:
+            self._fail(task, why)
+        for task in self.order:
+            self._block(task, failed[0] if failed else task)
+
+    def _release(self, task: Task, how: str) -> None:
+        """Let the dependents of a settled task move on."""
+        self.ended[task] = how
+        for dependent in self.dependents[task]:
+            self._wake(dependent, task)
+
+    def _wake(self, task: Task, settled: Task) -> None:
+        """A task has one thing less to wait for."""
+        if settled in self.waiting[task]:
+            self.waiting[task].discard(settled)
+            if not self.waiting[task]:
+                self._push(task)
+
+    def _call_back(self, task: Task, producers: Sequence[Task]) -> None:
+        """A stale task reads what was dropped: have that made again first, or block the task where --only forbids it."""
+        forbidden = [p for p in producers if not self.selection.allows(p.stage)]
+        if forbidden:
+            self._block(task, forbidden[0])
+            return
+        for producer in producers:
+            self.plans[task.sequence].book.call_back(producer, task.stage)
+            self.waiting[task].add(producer)
+            if producer in self.ended:
+                self._reopen(producer, task)
+
+    def _reopen(self, task: Task, by: Task) -> None:
+        """A settled task may have to run after all: what is not settled behind it waits for it, and it waits for readers a worker has in hand."""
+        del self.ended[task]
+        self.before[task] = self.plans[task.sequence].book.receipts[task]
+        self.tell(TaskNeeded(task, by))
+        for reader in self.dependents[task]:
+            if reader in self.out:
+                self.waiting[task].add(reader)
+                self.behind[reader].append(task)
+            elif reader not in self.ended:
+                self.waiting[reader].add(task)
+        if not self.waiting[task]:
+            self._push(task)
+
+    def _block(self, task: Task, by: Task) -> None:
+        """Settle a task that cannot run and everything behind it: left out where --only says so, else blocked."""
+        todo = [task]
+        while todo:
+            t = todo.pop()
+            if t in self.ended:
+                continue
+            allowed = self.selection.allows(t.stage)
+            self.ended[t] = "blocked" if allowed else "left_out"
+            self.tell(TaskBlocked(t, by) if allowed else TaskLeftOut(t))
+            todo += self.dependents[t]

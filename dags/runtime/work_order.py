@@ -1,0 +1,107 @@
+"""What a worker is told of one task, and the rules of the run it belongs to: plain data, about ten kilobytes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.planning.task_cost import Load
+from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.detection.params import DetectionParams
+from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
+from posegaussian.storage.model.cameras import CameraPath, Rig
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How one array is read: its name, dimensions, frames, and the files that hold each view."""
+
+    name: str
+    dims: tuple[str, ...]
+    span: range
+    files: dict[int | None, tuple[ShardFile, ...]]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The rules of the run a task belongs to; nothing here can change a result."""
+
+    run: str = "alone"
+    """Name of the run."""
+    lease: float = 60.0
+    """Seconds a lease holds without renewal."""
+    timeout: float | None = None
+    """Seconds a task may take; None: any time."""
+    kept: int | None = None
+    """Bytes of results of other settings that may lie aside; None: as they are, and nothing is put aside."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a task counts on: a receipt that promises an output of a certain content."""
+
+    key: ReceiptKey
+    array: str
+    view: int | None
+    digest: str
+
+
+@dataclass(frozen=True, repr=False)
+class Order:
+    """Everything a worker needs to know about one task, about ten kilobytes."""
+
+    root: Path
+    """Folder of the sequence."""
+    stage: str
+    params: Any
+    partition: int | None
+    view: int | None
+    path_name: str | None
+    frames: range
+    source_frames: np.ndarray
+    time: np.ndarray
+    valid: np.ndarray
+    views: Views
+    rig: Rig
+    captured_to_calibrated: np.ndarray
+    late: tuple[int, ...]
+    """Frames by which each view is late."""
+    path: CameraPath | None
+    path_text: str | None
+    """What the path was asked for as."""
+    facts: Facts
+    joint_set: str | None
+    readings: dict[str, Reading]
+    """By declared name."""
+    parts: dict[str, Any]
+    """Fingerprint parts."""
+    source_spans: dict[str, range]
+    """Frame indices that the task works on, by declared source."""
+    footage: tuple[int, np.ndarray, np.ndarray]
+    """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
+    estimator: DetectionParams | None
+    """Whose pose estimator a stage that declares it gets."""
+    models: dict[str, str]
+    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with them."""
+    survey_sources: str | None
+    """Digest of the pictures a sequence-wide stage was taken from."""
+    threads: int
+    gpu: int
+    """GPUs the stage asks for."""
+    load: Load = Load()
+    """What the task is expected to take, kept beside what it took."""
+    promises: tuple[Promise, ...] = ()
+    """What the inputs must still be when the task is done."""
+    seen: str | None = None
+    """Token of the receipt that was judged and found stale; a receipt with another one was made since."""
+    terms: Terms = Terms()
+    """The rules of the run."""
+
+    @property
+    def key(self) -> ReceiptKey:
+        """Which receipt it leads to."""
+        return ReceiptKey(self.stage, self.partition, self.view, self.path_name)

@@ -1,0 +1,230 @@
+"""One task on one worker: take its lease, read the slice, run the kernel, write whole shards, write the receipt.
+
+The order is what makes a kill harmless: lease, old receipt removed, shards, receipt, lease dropped. The lease is what
+makes a second run harmless: it is read again before every write, and a writer that lost it stops.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.assets.estimator import estimator_digest, estimator_of
+from posegaussian.dags.assets.network_weights import network_of, weights_digest
+from posegaussian.dags.provenance import builds
+from posegaussian.dags.provenance.code_digest import here_is
+from posegaussian.dags.runtime import threads
+from posegaussian.dags.runtime.meters import Peak, Stopwatch
+from posegaussian.dags.runtime.timeout import time_limit, worker_name
+from posegaussian.dags.runtime.work_order import Order, Reading
+from posegaussian.stages.contract.declaration import Stage, resolve
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import Output, Receipt, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
+from posegaussian.storage.archive.shards import read_array, write_array, write_table
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import ArchiveError, OtherCode
+from posegaussian.storage.model.spec import ArraySpec, TableSpec, digest
+from posegaussian.storage.readers.sources import open_source
+
+
+@lru_cache(maxsize=8)
+def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
+    return Sequence(root).capture.in_step(late)
+
+
+class StoreInputs:
+    """`posegaussian.stages.contract.timing.TimedInputs` over an archive."""
+
+    def __init__(self, order: Order) -> None:
+        """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
+        self._order = order
+        self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
+        self.partition = order.frames
+        self.source_frames = order.source_frames
+        self.time = order.time
+        self.valid = order.valid
+        self.views = order.views
+        self.view = order.view
+        self.rig = order.rig
+        self.source_rig = self._capture.rig
+        self.captured_to_calibrated = order.captured_to_calibrated
+        self.path = order.path
+        self.facts = order.facts
+        self.joint_set = order.joint_set
+        self.timed = Stopwatch()
+
+    def _reading(self, array: str) -> Reading:
+        if array not in self._order.readings:
+            raise KeyError(f"{self._order.stage} does not declare that it reads {array} under these settings; it declares {', '.join(self._order.readings) or 'nothing'}")
+        return self._order.readings[array]
+
+    def span(self, array: str) -> range:
+        """Frame indices that `read(array)` covers."""
+        if array in self._order.source_spans:
+            return self._order.source_spans[array]
+        return self._reading(array).span
+
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`."""
+        span, first = self.span(array), self._order.footage[0]
+        own = slice(span.start - first, span.stop - first)
+        return self._order.footage[1][own], self._order.footage[2][own]
+
+    def read(self, array: str, view: int | None = None) -> np.ndarray:
+        """[len(span), ...]; only views the stage declared can be read."""
+        r = self._reading(array)
+        if view not in r.files:
+            raise KeyError(f"{self._order.stage} may not read view {view} of {array}; it declared {sorted(v for v in r.files if v is not None) or 'no views'}")
+        return read_array(Sequence(self._order.root), r.name, r.dims, r.span, view, r.files[view])
+
+    def source(self, kind: str) -> Any:
+        """The lazy reader of a declared source."""
+        stage = stage_named(self._order.stage)
+        declared = [r.array for r in stage.reads_for(self._order.params, self.facts) if r.is_source]
+        if kind not in declared:
+            raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
+        if kind == "estimator" and self._order.estimator is not None:
+            self._as_planned(kind, estimator_digest(self._order.estimator))
+            return estimator_of(self._order.estimator)
+        if kind == NETWORK:
+            self._as_planned(kind, weights_digest(self._order.params))
+            return network_of(self._order.params)
+        return open_source(self._capture, kind)
+
+    def _as_planned(self, kind: str, found: str) -> None:
+        """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
+        if found != self._order.models[kind]:
+            raise OtherCode(f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same files there, then run again")
+
+
+def execute(order: Order) -> Receipt:
+    """Run one task and return its receipt, which is on disk by then.
+
+    Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
+    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when code
+    it imported is not what it was when this process began.
+    """
+    sequence = Sequence(order.root)
+    terms = order.terms
+    with Lease.take(lease_file(sequence, order.key), terms.run, worker_name(), terms.lease) as lease, time_limit(terms.timeout, lease.give_up):
+        return _made_meanwhile(sequence, order) or _make(sequence, order, lease)
+
+
+def _made_meanwhile(sequence: Sequence, order: Order) -> Receipt | None:
+    """A whole receipt of this very task, written after the run judged it."""
+    receipt = read_receipt(sequence, order.key)
+    if receipt is None or receipt.fingerprint != digest(order.parts) or receipt.facts.get("token") == order.seen:
+        return None
+    return None if missing_files(sequence, receipt) or any(o.dropped for o in receipt.outputs) else receipt
+
+
+def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
+    """Compute and write, from the old receipt's removal to the new one."""
+    stage = stage_named(order.stage)
+    kernel = resolve(stage.run)
+    builds.check_imports()
+    threads.limit(order.threads)
+    started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
+    lease.check()
+    remove_receipt(sequence, order.stage, order.partition, order.view, order.path_name)
+    warnings: list[str] = []
+    noted: dict[str, Any] = {}
+    inputs = StoreInputs(order)
+    with Peak() as peak:
+        outputs = [_write(sequence, stage, order, block, lease) for block in _noting(stage, _checked(stage, kernel(inputs, order.params), order, warnings), noted)]
+    _complete(stage, order, outputs)
+    _inputs_unchanged(sequence, order)
+    facts = _facts(order, started, time.perf_counter() - clock, time.process_time() - cpu)
+    facts |= {"peak_rss": peak.bytes, "projected_ram": order.load.ram, "raw_bytes": order.load.raw_bytes, "work": order.load.work}
+    facts |= {"noted": noted} if noted else {}
+    facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
+    facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
+    receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    builds.check_imports()
+    lease.check()
+    write_receipt(sequence, receipt)
+    return receipt
+
+
+def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
+    """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is touched."""
+    receipts = {p.key: read_receipt(sequence, p.key) for p in order.promises}
+    for p in order.promises:
+        receipt = receipts[p.key]
+        if receipt is None or receipt.present.get((p.array, p.view)) != p.digest:
+            raise ArchiveError(f"{p.array} was replaced or dropped by another run while {order.stage} read it; two runs with different settings share this archive: let one end, then run again")
+
+
+def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
+    """The kernel's blocks, each past the stage's check; the check's warnings and the kernel's own notes are kept."""
+    check = resolve(stage.check) if stage.check else None
+    for block in blocks:
+        prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
+        found = check(block, order.params) if check is not None else []
+        warnings += [prefix + w.removeprefix(f"view {block.view}: ") for w in (*block.notes, *found)]
+        yield block
+
+
+def _noting(stage: Stage, blocks: Iterator[Block], noted: dict[str, Any]) -> Iterator[Block]:
+    """The blocks as they are; the values of those that a receipt is to keep are added to `noted`."""
+    names = {w.name for w in stage.writes if isinstance(w, ArraySpec) and w.noted}
+    for block in blocks:
+        if block.array in names:
+            noted[block.array] = np.asarray(block.data).tolist()
+        yield block
+
+
+def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: Lease) -> Output:
+    """Write one block whole, as long as the lease is ours."""
+    spec = next((w for w in stage.writes_for(order.facts) if w.name == block.array), None)
+    if spec is None:
+        raise ValueError(f"{stage.name} yields {block.array}, which it does not declare")
+    path = order.path_name or ""
+    if isinstance(spec, TableSpec):
+        return write_table(sequence, spec, path, order.partition, block.data, lease.check)
+    return write_array(sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data), lease.check)
+
+
+def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
+    """Raise when the kernel left out a declared output: an absent shard would read as zeros."""
+    got = {(o.array, o.view) for o in outputs}
+    for spec in stage.writes_for(order.facts):
+        name = spec.name.format(path=order.path_name or "")
+        if not isinstance(spec, ArraySpec) or not spec.per_view:
+            wanted: set[tuple[str, int | None]] = {(name, None)}
+        else:
+            wanted = {(name, v) for v in ([order.view] if order.view is not None else range(len(order.rig)))}
+        if wanted - got:
+            missing = sorted(f"{a} view {v}" for a, v in wanted - got)
+            raise ValueError(f"{stage.name} did not yield {', '.join(missing)}")
+
+
+def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) -> dict[str, Any]:
+    """Circumstances: never part of the fingerprint."""
+    torch = sys.modules.get("torch")
+    return ({"path_text": order.path_text} if order.path_text else {}) | {
+        "started": started.isoformat(timespec="milliseconds"),
+        "seconds": round(seconds, 4),
+        "cpu_seconds": round(cpu_seconds, 4),
+        "host": socket.gethostname(),
+        "pid": os.getpid(),
+        "device": "cuda" if order.gpu and torch and torch.cuda.is_available() else "cpu",
+        "machine": platform.machine(),
+        "threads": order.threads,
+        "libraries": builds.libraries(),
+        "sources": order.survey_sources,
+    }

@@ -1,0 +1,1 @@
+"""What every command does first, and one run from start to end."""

@@ -1,0 +1,1 @@
+"""Simulated captures: filmed, registered, run."""

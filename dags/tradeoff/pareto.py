@@ -1,0 +1,45 @@
+"""The levels of a trade-off, and which of them no other one beats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from posegaussian.dags.planning.context import Context
+
+
+@dataclass
+class Level:
+    """One combination of the knobs' levels."""
+
+    values: dict[str, Any]
+    """{knob: value}."""
+    context: Context
+    """Its variant."""
+    identities: dict[str, str] = field(default_factory=dict)
+    """{stage: digest of the fingerprints of its tasks}: equal identity, equal output."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """{stage: seconds a frame}."""
+    quality: dict[str, float] = field(default_factory=dict)
+    """{measure: mean}."""
+
+    @property
+    def total(self) -> float:
+        """Seconds a frame of all stages."""
+        return sum(self.seconds.values())
+
+    def label(self) -> str:
+        """`depth.method=hull frames.size=128`."""
+        return " ".join(f"{k}={'full' if v is None else v}" for k, v in self.values.items())
+
+
+def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Of (cost, loss) pairs, both better when lower: whether no other point is as good in both and better in one."""
+    return [not any(a <= x and b <= y and (a < x or b < y) for a, b in points) for x, y in points]
+
+
+def front(levels: Sequence[Level], measure: str) -> list[bool]:
+    """Which levels are on the Pareto front of seconds a frame against a measure."""
+    sign = 1.0 if measure == "epe" else -1.0
+    return pareto([(level.total, sign * level.quality[measure]) for level in levels])

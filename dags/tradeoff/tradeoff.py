@@ -1,0 +1,266 @@
+"""What quality costs on the user's own machine and data: seconds a frame against PSNR, SSIM and EPE.
+
+Every level of the chosen knobs is run in a variant of the sequence (`variants.py`); a stage that several levels have in
+common is made once. Stages that differ are then run again until each has `repeats` times, one task at a time in this
+process, level by level in turn, and the median counts; shared stages are timed by the one run that made them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import platform
+import statistics
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from posegaussian.dags.config.settings import Settings, merge
+from posegaussian.dags.config.yaml_source import parse_value
+from posegaussian.dags.humanize.text import number
+from posegaussian.dags.planning import effects
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import make_plan
+from posegaussian.dags.planning.receipt_index import Book
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.planning.variants import others, share, variant
+from posegaussian.dags.runtime import threads
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.tradeoff.pareto import Level, front
+from posegaussian.stages.contract.declaration import extra
+from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.archive.store import Sequence as ArchiveSequence
+from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.model.errors import ConfigError, UserError
+from posegaussian.storage.model.spec import digest
+
+PATH = ("held_out",)
+MEASURES = "metrics"
+"""The stage that measures and makes nothing: its seconds are no cost of the pictures."""
+QUALITIES = {"psnr box": "dB", "psnr full": "dB", "ssim box": "1", "ssim full": "1", "epe": "px"}
+"""Measures in the order they are shown, with their units; `epe` is better when lower, the others when higher."""
+
+
+def declared_knobs() -> dict[str, list[Any]]:
+    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels, and {`effects.NAME`: off, on}."""
+    settings = {f"{s.name}.{key}": levels for s in STAGES for key, f in s.params.model_fields.items() if (levels := extra(f).get("quality_levels"))}
+    return settings | {f"effects.{name}": ["off", "on"] for name in effects.declared()}
+
+
+def chosen_levels(context: Context, names: Sequence[str], texts: Sequence[str]) -> dict[str, list[Any]]:
+    """{knob: levels to run}: the declared ones, or those of `--levels`.
+
+    `frames.size` may be given in pixels or, up to 1, as a share of the longest calibrated side; sizes that come to the
+    same pictures count once. Raises ConfigError for unknown knobs and levels of knobs that were not asked for.
+    """
+    declared = declared_knobs()
+    listed = "; ".join(f"{k} {v}" for k, v in declared.items())
+    for name in names:
+        if name not in declared:
+            raise ConfigError(f"--knob {name}: no such setting has quality levels; these have: {listed}")
+    chosen = {name: list(declared[name]) for name in names}
+    for text in texts:
+        name, separator, values = text.partition("=")
+        if not separator or name not in chosen:
+            raise ConfigError(f"--levels {text}: write it as KNOB=LEVEL,LEVEL for a knob named by --knob ({', '.join(chosen)})")
+        chosen[name] = [parse_value(v) for v in values.split(",")]
+    if "frames.size" in chosen:
+        chosen["frames.size"] = _sizes(context, chosen["frames.size"])
+    return {name: list({repr(v): v for v in values}.values()) for name, values in chosen.items()}
+
+
+def _sizes(context: Context, levels: Sequence[Any]) -> list[int | None]:
+    """Sizes as settings: shares become px, what is not smaller than the calibrated picture becomes null."""
+    longest = int(context.capture.rig.size.max())
+    own = context.settings.frames.size
+    out: list[int | None] = []
+    for level in levels:
+        px = longest if level is None else round(level * longest) if isinstance(level, float) and 0 < level <= 1 else level
+        if not isinstance(px, int) or px < 1:
+            raise ConfigError(f"--levels frames.size={level}: a size in px, or a share of the longest side up to 1.0, is expected")
+        same = own is not None and min(own, longest) == min(px, longest)
+        out.append(own if same else None if px >= longest else px)
+    return out
+
+
+def _settings(context: Context, values: Mapping[str, Any]) -> Any:
+    """The sequence's settings with the levels of some knobs; nothing is dropped in a variant."""
+    partial: dict[str, Any] = {"run": {"keep": "everything"}}
+    for knob, value in values.items():
+        stage, _, key = knob.partition(".")
+        partial.setdefault(stage, {})[key] = value
+    try:
+        return Settings.model_validate({**merge(context.settings.model_dump(), partial), "keep": {}})
+    except ValidationError as e:
+        raise ConfigError("; ".join(f"--levels {'.'.join(map(str, f['loc']))}: {f['msg']}, got {f['input']!r}" for f in e.errors())) from e
+
+
+def _settled(origin: ArchiveSequence, settings: Any, values: dict[str, Any]) -> Context:
+    """A variant that has taken over all it can; what a survey says may settle more, so the context is made until nothing comes."""
+    while True:
+        context = variant(origin, settings, values, PATH)
+        if not share(context, others(origin)):
+            return context
+
+
+class Clock:
+    """Seconds of stages, by what they made."""
+
+    def __init__(self, session: Session) -> None:
+        """No times yet."""
+        self.session = session
+        self.times: dict[tuple[str, str], list[float]] = defaultdict(list)
+
+    def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
+        """Run what is not fresh and what is forced; note the seconds of every stage that ran whole. Raises UserError when a task fails."""
+        from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
+
+        selection = Selection(frozenset(s.name for s in STAGES if s.name != MEASURES), None, force)
+        seconds: dict[str, dict[Task, float]] = defaultdict(dict)
+        plan = make_plan(level.context, selection)
+        try:
+            for task, receipt in run_here(plan, selection, self.session.configuration.default.run.threads).items():
+                seconds[task.stage][task] = receipt.facts["seconds"]
+        except RunFailed as e:
+            raise UserError(f"tradeoff: {level.label()}: {e}") from e
+        level.identities = identities(level.context)
+        for stage, of_tasks in seconds.items():
+            if all(t in of_tasks for t in plan.verdicts if t.stage == stage):
+                self.times[stage, level.identities[stage]].append(sum(of_tasks.values()))
+
+    def measure(self, levels: Sequence[Level], repeats: int) -> None:
+        """Run every level once, then what differs between them until it has `repeats` times; fills in seconds a frame."""
+        for i, level in enumerate(levels):
+            self.session.say([f"level {i + 1} of {len(levels)}: {level.label()}"])
+            share(level.context, others(_origin(level.context)))
+            self.run(level)
+        differing = {s for level in levels for s in level.identities if len({other.identities.get(s) for other in levels}) > 1}
+        for i in range(repeats):
+            self.session.say([f"timing {', '.join(sorted(differing))}: {i + 1} of {repeats}"])
+            for level in levels:
+                force = frozenset(s for s in differing & level.identities.keys() if len(self.times[s, level.identities[s]]) <= i)
+                if force:
+                    self.run(level, force)
+        for level in levels:
+            level.seconds = self._seconds(level)
+
+    def _seconds(self, level: Level) -> dict[str, float]:
+        """{stage: seconds a frame}: the median of the measured times, or the sum over the receipts of a stage taken over."""
+        once: dict[str, float] = defaultdict(float)
+        for task, receipt in Book.open(level.context).receipts.items():
+            once[task.stage] += receipt.facts.get("seconds", 0.0)
+        frames = level.context.grid.frames
+        return {s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s]) / frames for s, i in level.identities.items()}
+
+
+def _origin(context: Context) -> ArchiveSequence:
+    """The user's sequence of a variant."""
+    root = context.sequence.root
+    return ArchiveSequence(root.parents[2] / root.name)
+
+
+def identities(context: Context) -> dict[str, str]:
+    """{stage: digest of what its tasks depend on} of the stages that make pictures; every task has a receipt."""
+    plan = make_plan(context)
+    found: dict[str, list[Any]] = defaultdict(list)
+    for task in plan.verdicts:
+        if task.stage != MEASURES:
+            found[task.stage].append([*task[1:4], plan.book.receipts[task].fingerprint])
+    return {stage: digest(parts) for stage, parts in found.items()}
+
+
+def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[str], repeats: int) -> tuple[list[Level], int]:
+    """Run and measure every combination of levels; (levels, longest side in px at which quality was measured).
+
+    Raises UserError without held-out cameras, ConfigError for knobs, levels and settings that cannot be.
+    """
+    from posegaussian.dags.tradeoff.quality import quality
+
+    own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    if not own.held_out:
+        raise UserError(f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for example --set 'views.held_out=[{own.capture.rig.names[-1]}]'")
+    origin = session.context(name, PATH)
+    chosen = chosen_levels(origin, knobs, texts)
+    combinations = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]
+    if len(combinations) < 2:
+        raise ConfigError(f"tradeoff: {', '.join(f'{k}={v[0]}' for k, v in chosen.items())} is a single level on this capture; give more with --levels KNOB=LEVEL,LEVEL")
+    threads.limit(session.configuration.default.run.threads)
+    levels = [Level(v, _settled(origin.sequence, _settings(origin, v), v)) for v in combinations]
+    Clock(session).measure(levels, repeats)
+    reference = max(levels, key=lambda level: int(level.context.rig.size.max())).context
+    for level in levels:
+        level.quality = quality(level.context, reference)
+        ledger.rebuild(Archive(level.context.sequence.root.parent))  # plans of this archive learn from these times, too
+    return sorted(levels, key=lambda level: level.total), int(reference.rig.size.max())
+
+
+def machine(threads_each: int) -> str:
+    """The machine the times were taken on, as one line: processor, cores, threads, host."""
+    import os
+
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        named = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        model = named[0] if named else model
+    return f"{model}, {os.cpu_count()} cores, {number(threads_each, 'thread')} a task, host {platform.node()}"
+
+
+def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:
+    """One row a level: knobs, seconds a frame by stage and in all, quality, and whether it is on the front of `psnr box`."""
+    stages = [s.name for s in STAGES if any(s.name in level.seconds for level in levels)]
+    names = [q for q in QUALITIES if all(q in level.quality for level in levels)]
+    out = []
+    for level, on_front in zip(levels, front(levels, "psnr box"), strict=True):
+        seconds = {f"{stage} s/frame": level.seconds.get(stage, 0.0) for stage in stages}
+        knobs: dict[str, Any] = {k: "full" if v is None else str(v) for k, v in level.values.items()}
+        values = {q if QUALITIES[q] == "1" else f"{q} {QUALITIES[q]}": level.quality[q] for q in names}
+        out.append({**knobs, **seconds, "total s/frame": level.total, **values, "front": on_front})
+    return out
+
+
+def as_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The rows as aligned text, cheapest first, numbered as in the picture; those on the front have a star."""
+    columns = [c for c in found[0] if c != "front"]
+    heads = [["", *(c.removesuffix(" s/frame") for c in columns)], ["", *("s/frame" if c.endswith(" s/frame") else "" for c in columns)]]
+    cells = [[f"{i + 1}{'*' if row['front'] else ' '}", *(v if isinstance(v := row[c], str) else f"{v:.3f}" for c in columns)] for i, row in enumerate(found)]
+    widths = [max(len(line[i]) for line in [*heads, *cells]) for i in range(len(columns) + 1)]
+    lines = ["  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)).rstrip() for line in [*heads, *cells]]
+    return [*lines, "* on the Pareto front of total seconds and box PSNR"]
+
+
+def write_parquet(file: Path, found: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> None:
+    """The rows as Parquet; `about` goes into the file's metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.Table.from_pylist([dict(r) for r in found])
+    sink = pa.BufferOutputStream()
+    pq.write_table(table.replace_schema_metadata(dict(about)), sink)
+    write_atomically(file, sink.getvalue().to_pybytes())
+
+
+def run_tradeoff(session: Session, sequence: str | None, knobs: Sequence[str], texts: Sequence[str], repeats: int, output: Path | None) -> list[Level]:
+    """The command: measure, print the table, write tradeoff.parquet and tradeoff.png; returns the levels, cheapest first."""
+    from posegaussian.dags.tradeoff.figure import draw
+
+    names = session.names([sequence] if sequence else ())
+    if len(names) != 1:
+        raise ConfigError(f"tradeoff works on one sequence; say which with --sequence, the archive has {', '.join(names)}")
+    levels, size = measured(session, names[0], knobs, texts, repeats)
+    context = levels[0].context
+    where = machine(session.configuration.default.run.threads)
+    what = f"{names[0]}: {context.grid.frames} frames, {len(context.views.sources)} source views, {len(context.views.held_out)} held-out pictures a frame, quality measured at {size} px"
+    folder, found = output or Path(f"tradeoff-{names[0]}"), rows(levels)
+    session.say([what, *as_lines(found)])
+    session.say([f"times are medians of {repeats} on {where}"])
+    about = {"sequence": names[0], "machine": where, "repeats": str(repeats), "measured_at_px": str(size), "frames": str(context.grid.frames)}
+    write_parquet(folder / "tradeoff.parquet", found, about)
+    draw(folder / "tradeoff.png", levels, what, f"medians of {repeats} on {where}")
+    session.say([f"table: {folder / 'tradeoff.parquet'}", f"picture: {folder / 'tradeoff.png'}"])
+    return levels

@@ -1,0 +1,1 @@
+"""PoseGaussian: multi-view video of people becomes novel views."""

@@ -1,0 +1,148 @@
+"""Where cameras stand side by side: the stretch around the subject in which every picture lies between two that depth can match."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, pair_report
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.storage.model.cameras import CameraPath, Rig
+
+STEEPEST = 80.0
+"""Degrees above or below the subject from which on a camera stands nowhere around it."""
+LEAST = np.radians(1.0)
+"""Azimuth between neighbours; nearer ones stand one above the other."""
+TURN = 2 * np.pi
+Angles = Mapping[tuple[int, int], float]
+"""Degrees at the subject of the pairs that can be matched, in both orders."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Source cameras in the order in which they stand around the subject; each makes a usable pair with the next."""
+
+    views: tuple[int, ...]
+    """Indices of the cameras, right-handed about the rig's up; the first of a closed one is the lowest."""
+    closed: bool
+    """Whether the last makes a usable pair with the first, all the way around."""
+    widest: float
+    """Degrees at the subject between the neighbours that are farthest apart."""
+    span: float
+    """Degrees around the subject that it covers, of 360."""
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """The way from one camera: how far it gets (radians), how evenly, and past whom."""
+
+    azimuth: float
+    cost: float
+    views: tuple[int, ...]
+
+
+def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> Stretch | None:
+    """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two can be matched.
+
+    Groups are what usable pairs (`posegaussian.stages.geometry.pairs`) hold together. Within one the stretch goes all the way around where
+    it can, else as far as it can, and by the sum of squared angles: past every camera between, but not up and down
+    between two rows of them.
+    """
+    angles: dict[tuple[int, int], float] = {}
+    for report in pair_report(rig, sources, max_angle):
+        if report.usable:
+            angles[report.views] = angles[report.views[::-1]] = round(report.angle, 1)
+    azimuth = _azimuths(rig)
+    found = [_of_group(group, angles, azimuth) for group in _groups(sources, angles)]
+    known = [(size, stretch) for size, stretch in found if stretch is not None]
+    return min(known, key=lambda f: (-f[0], f[1].widest, f[1].views[0]))[1] if known else None
+
+
+def stretch_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping[str, CameraPath]) -> list[str]:
+    """Sentences for the plan on what a path `between` the source cameras leaves out."""
+    stretch = best_stretch(rig, sources, max_angle)
+    passed = [p.name for p in paths.values() if p.kind == "between"]
+    beside = [rig.names[v] for v in sources if stretch is not None and v not in stretch.views]
+    if stretch is None or not beside:
+        return []
+    order = " - ".join(rig.names[v] for v in stretch.views)
+    return [f"camera path {p} stays where pictures lie between two cameras that depth can match, {order}; it does not pass {', '.join(beside)} (for these: --path orbit, or 'arc CAM_A CAM_B')" for p in passed]
+
+
+def around(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Subject [3], up [3], and each camera's height above it and distance from its axis [V], metres."""
+    subject, up = look_at_point(rig), up_direction(rig)
+    offset = rig.centres - subject
+    height = offset @ up
+    return subject, up, height, np.linalg.norm(offset - height[:, None] * up, axis=1)
+
+
+def directions(rig: Rig, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two axes [3] across the rig's up: towards camera `first`, and a quarter turn on, right-handed."""
+    subject, up, height, _ = around(rig)
+    flat = rig.centres[first] - subject - height[first] * up
+    side = flat / np.linalg.norm(flat)
+    return side, np.cross(up, side)
+
+
+def _azimuths(rig: Rig) -> np.ndarray:
+    """[V] radians about the rig's up; not a number for cameras that stand straight above or below the subject."""
+    subject, _, height, flat = around(rig)
+    stands = np.abs(height) <= np.tan(np.radians(STEEPEST)) * flat
+    if not stands.any():
+        return np.full(len(rig), np.nan)
+    side, on = directions(rig, int(np.argmax(stands)))
+    offset = rig.centres - subject
+    return np.where(stands, np.arctan2(offset @ on, offset @ side), np.nan)
+
+
+def _groups(sources: Sequence[int], angles: Angles) -> list[list[int]]:
+    """Sources that usable pairs hold together, directly or through others."""
+    left, groups = list(sources), []
+    while left:
+        group = [left.pop(0)]
+        for view in group:  # grows while it is walked through
+            near = [v for v in left if (view, v) in angles]
+            group += near
+            left = [v for v in left if v not in near]
+        groups.append(sorted(group))
+    return groups
+
+
+def _of_group(group: list[int], angles: Angles, azimuth: np.ndarray) -> tuple[int, Stretch | None]:
+    """How many cameras the group has, and its stretch."""
+    rings, arcs = [], []
+    for start in group:
+        chains = _chains(start, group, angles, azimuth)
+        arcs.append(min(chains, key=lambda c: (-round(c.azimuth, 3), c.cost, c.views)))
+        for c in chains:
+            step = (TURN - c.azimuth) if c.azimuth > 0 else np.inf
+            if (c.views[-1], start) in angles and LEAST < step < np.pi:
+                rings.append(_Chain(TURN, c.cost + angles[c.views[-1], start] ** 2, c.views))
+    if rings:
+        views = min(rings, key=lambda c: (round(c.cost, 1), min(c.views), c.views)).views
+        first = views.index(min(views))
+        views = views[first:] + views[:first]
+        return len(group), Stretch(views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)), 360.0)
+    longest = min(arcs, key=lambda c: (-round(c.azimuth, 3), round(c.cost, 1), c.views))
+    if len(longest.views) < 2:
+        return len(group), None
+    return len(group), Stretch(longest.views, False, max(angles[a, b] for a, b in pairwise(longest.views)), float(np.degrees(longest.azimuth)))
+
+
+def _chains(start: int, group: list[int], angles: Angles, azimuth: np.ndarray) -> list[_Chain]:
+    """The most even way from `start` to every camera of the group that can be reached with growing azimuth, less than once around."""
+    ahead = {v: float((azimuth[v] - azimuth[start]) % TURN) for v in group if v != start and np.isfinite(azimuth[[v, start]]).all()}
+    best = {start: _Chain(0.0, 0.0, (start,))}
+    for v in sorted(ahead, key=lambda v: (ahead[v], v)):
+        ways = [
+            _Chain(ahead[v], c.cost + angles[u, v] ** 2, (*c.views, v))
+            for u, c in best.items()
+            if (u, v) in angles and LEAST < ahead[v] - c.azimuth < np.pi
+        ]
+        if ways:
+            best[v] = min(ways, key=lambda c: (round(c.cost, 1), c.views))
+    return list(best.values())

@@ -1,0 +1,252 @@
+"""One declaration a stage; the plan, the arrays, the keys, the docs and the checks are derived from it.
+
+Declarations import numpy and pydantic and nothing heavier: a kernel is a dotted name that the worker resolves.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic.fields import FieldInfo
+
+from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.spec import ArraySpec, Shape, TableSpec
+
+Axis = Literal["sequence", "time", "view", "path"]
+ViewSelection = Literal["own", "sources", "held_out", "all"]
+Facts = frozenset[str]
+
+
+class Params(BaseModel):
+    """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of fingerprints."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value_is_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """YAML's `yes` and `on` are truth values, and Python would take them for 1."""
+        annotation = cls.model_fields[info.field_name].annotation if info.field_name else None
+        if isinstance(value, bool) and annotation is not bool:
+            raise ValueError(f"a {getattr(annotation, '__name__', annotation)} is expected, got the truth value {value}")
+        return value
+
+    def hashed(self) -> dict[str, Any]:
+        """The fields that can change a result."""
+        volatile = {n for n, f in type(self).model_fields.items() if extra(f).get("volatile")}
+        return self.model_dump(mode="json", exclude=volatile)
+
+
+def setting(default: Any, description: str, *, unit: str = "1", volatile: bool = False, quality_levels: list[Any] | None = None, **bounds: Any) -> Any:
+    """A documented parameter: its unit, its bounds (ge, le, gt, lt), its quality levels from cheap to dear."""
+    return Field(default, description=description, json_schema_extra={"unit": unit, "volatile": volatile, "quality_levels": quality_levels}, **bounds)
+
+
+def extra(info: FieldInfo) -> dict[str, Any]:
+    """Unit, volatility and quality levels of a field declared with `setting`."""
+    return info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+
+
+def always(params: Any, facts: Facts) -> bool:
+    """The condition of a read that every task needs."""
+    return True
+
+
+@dataclass(frozen=True)
+class Read:
+    """One input of a stage."""
+
+    array: str
+    """Name of the array (`{path}` stands for the task's camera path), or of a source."""
+    views: ViewSelection = "sources"
+    """Which views are read of an array with a view axis."""
+    halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)
+    """Frames before and after the partition; may follow from the params."""
+    when: Callable[[Any, Facts], bool] = always
+    """Whether the input is read at all, given params and facts."""
+    is_source: bool = False
+    """Whether it is a source file of the capture, read through a lazy reader."""
+
+    @classmethod
+    def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always, halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)) -> Read:
+        """A source of the capture: pictures, masks, joints, joints3d, depth or depth_maps; or the pose estimator."""
+        return cls(kind, views=views, halo=halo, when=when, is_source=True)
+
+    def halo_for(self, params: Any) -> tuple[int, int]:
+        """(before, after) in frames."""
+        return self.halo(params) if callable(self.halo) else self.halo
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What one task needs."""
+
+    cpu: int = 1
+    """Threads."""
+    gpu: int = 0
+    """Devices; without a GPU worker the task falls to the CPU pool and the plan says so."""
+    ram: int = 0
+    """Projected peak of host memory, bytes."""
+    vram: int = 0
+    """Projected peak of device memory, bytes."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What an effect's measure led to."""
+
+    on: bool
+    """Whether the effect is computed."""
+    measured: float | None
+    """The measured value, in the effect's unit; None where there is nothing to measure."""
+    bound: float
+    """The bound it was compared with."""
+    reason: str
+    """One sentence for the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a decision may look at. Pictures are not among it: what must be read of them, the survey took."""
+
+    params: Any
+    """Settings of the stage that declares the effect."""
+    facts: Facts
+    """What the capture has."""
+    rig: Rig
+    """Cameras of `frames/*`."""
+    source_rig: Rig
+    """Cameras as calibrated."""
+    captured_size: np.ndarray
+    """[V, 2] (width, height) of the captured pictures, px."""
+    captured_to_calibrated: np.ndarray
+    """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
+    sources: tuple[int, ...]
+    """Indices of the views to reconstruct from."""
+    joint_views: tuple[int, ...]
+    """Those of them that came with 2D joints."""
+    stride: int
+    """Source frames from one worked frame to the next."""
+    targets: tuple[CameraPath, ...]
+    """Camera paths that are rendered."""
+    noted: Mapping[str, np.ndarray]
+    """[S, ...] of the source views, by array: the noted outputs of the survey; empty before it ran."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something computed only where a measure calls for it: while it is on, its name is among the facts of its stages.
+
+    The first stage in the flow that declares it decides. What a stage reads with an effect off, it or what it reads must
+    also read with the effect on: while a decision waits for the survey, work is ordered as if the effect were on.
+    """
+
+    name: str
+    """Key below `effects` in the configuration."""
+    summary: str
+    """One sentence: what is done while it is on."""
+    measure: str
+    """What is measured, in a few words."""
+    threshold: float
+    """Bound above which the effect is on."""
+    unit: str
+    """Unit of measure and bound."""
+    decide: Callable[[Evidence, float], Decision | None]
+    """Pure, `decide(evidence, threshold)`; None: the survey must note `asks` first."""
+    asks: tuple[str, ...] = ()
+    """Outputs of the survey that the measure is made of; empty where cameras and settings suffice."""
+    lacks: Callable[[Evidence], str | None] = lambda evidence: None
+    """What this capture lacks for the effect, which is off then whatever the settings say; or None."""
+    refusal: Callable[[Evidence], str | None] = lambda evidence: None
+    """Why this capture cannot do without the effect, with what to change where it is forced off; or None."""
+
+    def quantity(self, number: str) -> str:
+        """A number of the measure with its unit; a share, unit 1, stands alone."""
+        return number if self.unit == "1" else f"{number} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting with more than two answers that `auto` resolves by what the capture has; shown beside the effects."""
+
+    setting: str
+    """Key of the stage's setting."""
+    resolve: Callable[[Any, Facts], tuple[str, str]]
+    """(params, facts) -> the answer, and one sentence that says why."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far serial and distributed results may differ, and why."""
+
+    absolute: float
+    """In the array's unit."""
+    reason: str
+    """Why the bytes cannot be equal."""
+
+
+def needed(params: Any, facts: Facts) -> str | None:
+    """The answer of a stage that every capture needs and can serve."""
+    return None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The declaration of one stage."""
+
+    name: str
+    """Key of its settings and prefix of its tasks."""
+    summary: str
+    """One sentence for help, docs and dashboard."""
+    version: int
+    """Raised by hand when results change in a way the code digest cannot see."""
+    run: str
+    """`module:function`, `run(inputs, params) -> Iterator[Block]`."""
+    reads: tuple[Read, ...]
+    """Inputs."""
+    writes: tuple[ArraySpec | TableSpec, ...]
+    """Outputs."""
+    over: tuple[Axis, ...]
+    """Axes of work: one task each combination."""
+    params: type[Params]
+    """Its settings."""
+    needs: Callable[[Shape, Any], Resources]
+    """Resources of one task, from the shape of one partition (`frame` is the partition's length) and the params."""
+    check: str | None = None
+    """`module:function`, `check(block, params) -> list[str]`: warnings; an impossible value raises."""
+    unneeded: Callable[[Any, Facts], str | None] = needed
+    """Why this capture does not need the stage, or None."""
+    refusal: Callable[[Any, Facts], str | None] = needed
+    """Why these params cannot be served by this capture, with the setting to change, or None."""
+    effects: tuple[Effect, ...] = ()
+    """Effects its reads, outputs or kernel depend on; the same object where several stages share one."""
+    choices: tuple[Choice, ...] = ()
+    """Settings that are shown with the effects."""
+    tolerance: Tolerance | None = None
+    """None: serial and distributed results are equal byte by byte."""
+    optional: bool = False
+    """Whether its settings may leave it out: while it is needed, its name is among the facts, so that later stages read its outputs in place of others."""
+    sequence_wide: bool = False
+    """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
+    whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than half. An output made only when asked for has `when` = its name, one made with it that name, too."""
+    longest: int | None = None
+    """Longer side, px, of the cameras it sees, whatever `frames.size` says; None: those of `frames/*`."""
+
+    def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
+        """The inputs that count under these params and facts."""
+        return tuple(r for r in self.reads if r.when(params, facts))
+
+    def writes_for(self, facts: Facts) -> tuple[ArraySpec | TableSpec, ...]:
+        """The outputs this capture gets."""
+        return tuple(w for w in self.writes if w.when is None or w.when in facts)
+
+
+def resolve(dotted: str) -> Callable[..., Any]:
+    """The function behind `module:function`."""
+    module, _, name = dotted.partition(":")
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,77 @@
+"""Depth of all source views of one frame: hull, matching along it, mutual checks, and a second round along the result."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posegaussian.stages.depth.occluding_contour import turn_away
+from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.matching.bounds import Bounds, around, between, shifted
+from posegaussian.stages.matching.fuse import complete, fuse, transfer
+from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
+from posegaussian.stages.matching.sgbm import match
+
+SEARCHED = 0.6
+"""Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its hull but for phantoms."""
+RESIDUAL = 0.012
+"""Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
+IN_FRONT = 0.006
+"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about what a
+mask or a calibration that is a pixel off costs."""
+
+
+def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+    """Depth and confidence by view: matched between the hull's bounds twice, the gaps completed.
+
+    The second round follows the first one's result and searches a few px around it. Unless `checked`, a match counts
+    whatever the other view says.
+    """
+    inside, found = frame.inside, hulls(geometry, frame)
+    colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
+    limits = {v: (shifted(near, geometry.inverse_depth(v, IN_FRONT)), far) for v, (near, far) in found.items()}
+    bounds = {v: Bounds(near, limits[v][0], between(near, far, SEARCHED)) for v, (near, far) in found.items()}
+    first = _completed(_round(geometry, colors, inside, bounds, params, checked), found)
+    again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
+    last = _completed(_round(geometry, colors, inside, again, params, checked), found)
+    return {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}
+
+
+def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+    """Depth and confidence by view of pictures without silhouettes, where there is no hull.
+
+    Searched is `params.depth_range`, or 0.6 to 2 times the distance of the point the cameras look at; a pixel without
+    a match, or unless `checked` is False with one that does not hold in both directions, has depth 0.
+    """
+    inside, bounds = frame.inside, {}
+    for v in geometry.views:
+        near, far = depth_range(geometry, v, params)
+        # The windows stand upright at the middle of the range.
+        bounds[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
+    return _round(geometry, frame.colors, inside, bounds, params, checked)
+
+
+def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, np.ndarray], bounds: dict[int, Bounds], params: DepthParams, checked: bool) -> Maps:
+    """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""
+    found = {(a, b): match(pair, colors[a], colors[b], inside[a], bounds[a]) for (a, b), pair in geometry.pairs.items()}
+    out = {}
+    for v in geometry.views:
+        partners = geometry.partners(v)
+        if not partners:
+            out[v] = (np.zeros_like(bounds[v].guide), np.zeros_like(bounds[v].guide))
+            continue
+        scales = np.array([geometry.pairs[v, b].sensitivity for b in partners])
+        errors = [_errors(geometry, found, v, b, s, checked) for b, s in zip(partners, scales, strict=True)]
+        out[v] = fuse(np.stack([found[v, b] for b in partners]), np.stack(errors), scales, params.consistency)
+    return out
+
+
+def _errors(geometry: Geometry, found: dict[tuple[int, int], np.ndarray], view: int, partner: int, scale: float, checked: bool) -> np.ndarray:
+    """[h, w] px by which the partner contradicts a view's matches, infinite without one; 0 for every match unless `checked`."""
+    if checked:
+        return disagreement(found[view, partner], found[partner, view], transfer(geometry.rig, view, partner), scale)
+    return np.where(found[view, partner] > 0, 0.0, np.inf).astype(np.float32)
+
+
+def _completed(rounds: Maps, hulls: Maps) -> Maps:
+    return {v: complete(*rounds[v], *hulls[v]) for v in rounds}

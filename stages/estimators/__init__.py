@@ -1,0 +1,1 @@
+"""Estimators of 2D joints behind one interface."""

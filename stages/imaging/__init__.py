@@ -1,0 +1,1 @@
+"""Pictures as pixels: colour, the way between pixel grids, exposure, regions."""

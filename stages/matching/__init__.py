@@ -1,0 +1,1 @@
+"""Stereo matching: costs, aggregation, sweeps, semi-global matching, fusion."""

@@ -1,0 +1,132 @@
+"""Semi-global matching of one rectified pair, along a guide surface and between two bounds.
+
+Before matching, the second picture is warped by the guide's disparity, so that a point on the guide has disparity 0:
+matching windows then follow the surface instead of standing upright before it, and only the residual has to be searched.
+With the first rectified picture A and the guide's disparity D on its pixels, the warped second picture is
+B'(x) = B(x - D(x)). A residual r matches A(x) with B'(x - r) = B(x - r - D(x - r)), so the disparity is r + D(x - r).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window
+from posegaussian.stages.matching.bounds import Bounds
+from posegaussian.stages.matching.sampling import extend, sample
+from posegaussian.storage.model.cameras import points_to_integer_centres
+
+BLOCK = 5
+"""Side of the matching window, px; 3 is a little sharper on clean pictures and worse on noisy ones."""
+SMOOTH, LEAP = 2, 16
+"""Penalties, per window element, of a residual that changes by one and by more (P1 and P2 of OpenCV)."""
+GRADIENT_CAP = 15
+"""Cap of the horizontal gradient that is compared: what exceeds it is an edge, however strong."""
+MAX_SEARCH = 512
+"""Widest residual searched, px."""
+SLACK = 1.0
+"""Px by which a match may exceed the bounds before it is dropped instead of clamped."""
+SLOPE = 10.0
+"""Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different surfaces."""
+SUBPIXEL = 16
+"""OpenCV's fixed-point steps of a pixel."""
+
+
+def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.ndarray, bounds: Bounds) -> np.ndarray:
+    """Depth [h, w] float32 of the pair's first view, metres along its optical axis, 0 where nothing matches.
+
+    `first`, `second` [h, w, 3] uint8 are the source pictures, `mask` [h, w] bool says which pixels of the first are
+    wanted. Nothing is checked against the other direction; see `posegaussian.stages.matching.fuse`.
+    """
+    window = _window(pair, mask)
+    out = np.zeros(mask.shape, np.float32)
+    if window is None:
+        return out
+    source, ratio = pair.source_pixels(0, pixel_centres(window[2:]) + window[:2])
+    guide, near, far = (_disparity(pair, d, source, ratio) for d in (bounds.guide, bounds.near, bounds.far))
+    wanted = ~np.isnan(guide) & ~np.isnan(near) & ~np.isnan(far)
+    if not wanted.any():
+        return out
+    guide = extend(guide, wanted)
+    low, high = np.where(wanted, np.fmin(near, far), 0), np.where(wanted, np.fmax(near, far), 0)
+    smallest, count = _search(low - guide, high - guide, wanted)
+    disparity, found = _residual(pair, first, second, window, guide, smallest, count)
+    found &= wanted & (disparity >= low - SLACK) & (disparity <= high + SLACK)
+    depth = pair.depth(np.where(found, np.clip(disparity, low, high), np.nan))
+    inverse = np.where(found & (depth > 0), 1 / depth, 0).astype(np.float32)
+    rectified, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1]))
+    xs, ys = np.moveaxis(points_to_integer_centres(rectified) - window[:2], -1, 0)
+    back = sample(inverse, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
+    known = mask & (back > 0) & (ratio > 0)
+    out[known] = 1 / (back[known] * ratio[known])
+    return out
+
+
+def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
+    """The part of the rectified frame that holds the mask, with a margin of a matching window; None for an empty one."""
+    rows, columns = np.nonzero(mask)
+    pixels, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1])[rows, columns])
+    pixels = pixels[ratio > 0]
+    if not len(pixels):
+        return None
+    low = np.maximum(np.floor(pixels.min(axis=0)) - BLOCK, 0).astype(int)
+    high = np.minimum(np.ceil(pixels.max(axis=0)) + BLOCK, pair.size).astype(int)
+    w, h = (int(n) for n in high - low)
+    return (int(low[0]), int(low[1]), w, h) if w > 0 and h > 0 else None
+
+
+def _disparity(pair: RectifiedPair, depth: np.ndarray, source: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+    """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given; NaN = unknown."""
+    xs, ys = np.moveaxis(points_to_integer_centres(source), -1, 0)
+    sampled = sample(depth, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
+    known = (sampled > 0) & (ratio > 0)
+    return np.where(known, pair.disparity(np.where(known, sampled / np.where(known, ratio, 1), 1)), np.nan)
+
+
+def _jump(pair: RectifiedPair) -> float:
+    """Share of the depth by which neighbouring pixels of one surface may differ."""
+    return SLOPE * pair.scale / pair.focal
+
+
+def _search(low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> tuple[int, int]:
+    """Smallest residual and number of residuals (a multiple of 16, as OpenCV wants) for all but the widest percent of pixels."""
+    smallest = int(np.floor(np.percentile(low[wanted], 1))) - 2
+    largest = int(np.ceil(np.percentile(high[wanted], 99))) + 2
+    return smallest, min(-(-(largest - smallest + 1) // 16) * 16, MAX_SEARCH)
+
+
+def _residual(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, window: Window, guide: np.ndarray, smallest: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Disparity [h, w] over the window and whether it was found."""
+    x0, y0, w, h = window
+    # OpenCV leaves out columns whose search would leave the picture, so the picture is made wider by the search.
+    left, right = max(smallest + count, 0), max(-smallest, 0)
+    wide = (x0 - left, y0, w + left + right, h)
+    guide = np.pad(guide, ((0, 0), (left, right)), mode="edge")
+    reference = cv2.remap(first, *pair.maps(0, wide), cv2.INTER_CUBIC)
+    pixels = pixel_centres(wide[2:]) + wide[:2]
+    pixels[..., 0] -= guide
+    source, _ = pair.source_pixels(1, pixels)
+    xs, ys = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
+    warped = cv2.remap(second, np.ascontiguousarray(xs), np.ascontiguousarray(ys), cv2.INTER_CUBIC)
+    elements = BLOCK * BLOCK * 3
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=smallest,
+        numDisparities=count,
+        blockSize=BLOCK,
+        P1=SMOOTH * elements,
+        P2=LEAP * elements,
+        disp12MaxDiff=-1,
+        preFilterCap=GRADIENT_CAP,
+        uniquenessRatio=0,
+        mode=cv2.STEREO_SGBM_MODE_SGBM,
+    )
+    steps = matcher.compute(reference, warped)
+    residual = steps / SUBPIXEL
+    at = np.arange(wide[2]) - residual
+    column = np.clip(np.floor(at), 0, wide[2] - 2).astype(np.intp)
+    part = np.clip(at - column, 0, 1)
+    row = np.arange(h)[:, None]
+    disparity = residual + (1 - part) * guide[row, column] + part * guide[row, column + 1]
+    inner = slice(left, left + w)
+    return disparity[:, inner], steps[:, inner] >= smallest * SUBPIXEL

@@ -1,0 +1,237 @@
+"""What the network is shown: both views of rectified pairs on one grid, with the start of their disparity and what speaks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.rectification import RectifiedPair, Window
+from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.encoders import HEATMAP_CELL
+from posegaussian.storage.model.cameras import points_to_integer_centres
+
+RELIEF = 16.0
+"""Px of disparity that count 1 in what the encoders see of a relief."""
+APART = 8.0
+"""Px of disagreement between both directions that count 1; twice as many are as bad as it gets."""
+MARGIN = 8
+"""Px around the subject that the network sees, too."""
+EVIDENCE = 5
+"""Channels of `evidence`."""
+MAPS = ("color", "heatmaps", "start", "confidence", "cover")
+"""What `Views` holds a map of for every direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceView:
+    """One source view, as the stages before the network made it."""
+
+    color: np.ndarray
+    """[h, w, 3] uint8 sRGB."""
+    mask: np.ndarray
+    """[h, w] uint8."""
+    depth: np.ndarray
+    """[h, w] float32 metres along the optical axis, 0 where there is no surface."""
+    confidence: np.ndarray
+    """[h, w] 0..1 of that depth."""
+    heatmaps: np.ndarray | None
+    """[J, h / 4, w / 4], None where the capture has no joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class Third:
+    """A further view of each of P pairs, on a window of its own pixels, as `posegaussian.stages.network.third_view` cuts it."""
+
+    color: torch.Tensor
+    """[P, 3, H, W] sRGB 0..1, premultiplied; the size is its own."""
+    heatmaps: torch.Tensor
+    """[P, J, H / 4, W / 4]."""
+    projection: torch.Tensor
+    """[2 P, 3, 4] float64 from the window's pixels of every direction's first view to these, see `warping.projection`; zeros: there is no third view."""
+
+    def none(self, pairs: int) -> Third:
+        """That of so many pairs without a third view, in the same size."""
+        return Third(*(x.new_zeros(n * pairs, *x.shape[1:]) for x, n in ((self.color, 1), (self.heatmaps, 1), (self.projection, 2))))
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """A batch of directions of rectified pairs: 2 i and 2 i + 1 are the two views of pair i, each the other's other view."""
+
+    color: torch.Tensor
+    """[B, 3, H, W] sRGB 0..1, premultiplied."""
+    heatmaps: torch.Tensor
+    """[B, J, H / 4, W / 4]."""
+    start: torch.Tensor
+    """[B, 1, H, W] px, NaN where there is no surface."""
+    confidence: torch.Tensor
+    """[B, 1, H, W] 0..1 of the start."""
+    cover: torch.Tensor
+    """[B, 1, H, W] mask 0..1."""
+    coding: Coding
+    """Of every direction."""
+    third: Third | None = None
+    """Of every pair; None where no pair has one."""
+
+    @staticmethod
+    def batch(pairs: Sequence[Views]) -> Views:
+        """Several pairs of one size, third views of one size too, as one batch."""
+        color, heatmaps, start, confidence, cover = (torch.cat([getattr(p, name) for p in pairs]) for name in MAPS)
+        codings = (torch.cat([getattr(p.coding, f.name) for p in pairs]) for f in fields(Coding))
+        like = next((p.third for p in pairs if p.third is not None), None)
+        third = None
+        if like is not None:
+            thirds = [like.none(len(p.start) // 2) if p.third is None else p.third for p in pairs]
+            third = Third(*(torch.cat([getattr(t, f.name) for t in thirds]) for f in fields(Third)))
+        return Views(color, heatmaps, start, confidence, cover, Coding(*codings), third)
+
+    def to(self, device: torch.device) -> Views:
+        """The same on a device; coding and projections stay where they are, their numbers are few."""
+        color, heatmaps, start, confidence, cover = (getattr(self, name).to(device) for name in MAPS)
+        third = None if self.third is None else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
+        return Views(color, heatmaps, start, confidence, cover, self.coding, third)
+
+    @property
+    def known(self) -> torch.Tensor:
+        """[B, 1, H, W] bool, where the start is."""
+        return torch.isfinite(self.start)
+
+
+def others(values: torch.Tensor) -> torch.Tensor:
+    """Values [B, ...] of the other view of every direction."""
+    return values.reshape(-1, 2, *values.shape[1:]).flip(1).reshape(values.shape)
+
+
+def rectified_pair(pair: RectifiedPair, views: tuple[SourceView, SourceView], windows: tuple[Window, Window], depths: tuple[float, float] | None = None, joints: int = 17) -> Views:
+    """Both views of a pair on windows of equal size, multiples of 4 px wide and high and of equal rows.
+
+    depths: nearest and farthest depth, metres, that can come out; None: a tenth beyond those of both starts.
+    """
+    directions = [(pair, which, windows[which], windows[1 - which]) for which in (0, 1)]
+    maps = [_on_window(pair, which, windows[which], windows[1 - which], views[which], joints) for which in (0, 1)]
+    near, far = depths or _depths(pair, maps, windows)
+    color, heatmaps, start, confidence, cover = (torch.from_numpy(np.stack(m)) for m in zip(*maps, strict=True))
+    return Views(color, heatmaps, start, confidence, cover, Coding.of(directions, near, far))
+
+
+def _on_window(pair: RectifiedPair, which: int, window: Window, other: Window, view: SourceView, joints: int) -> tuple[np.ndarray, ...]:
+    """Color, heatmaps, start, confidence and cover of one view, channels first, float32."""
+    x, y, _ = places(pair, which, window)
+    color, cover = colors_at(view, x, y)
+    disparity = start_on(pair, which, window, other, view.depth)
+    confidence = cv2.remap(view.confidence.astype(np.float32), x, y, cv2.INTER_NEAREST)
+    source, _ = pair.source_pixels(which, pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL + np.array(window[:2]))
+    return color, heatmaps_at(view, source, joints), disparity[None], np.where(np.isnan(disparity), 0, confidence)[None], cover[None]
+
+
+def colors_at(view: SourceView, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Premultiplied colour [3, H, W] and cover [H, W] of a view at places x, y [H, W] as `cv2.remap` takes them; black beside its picture."""
+    cover = cv2.remap(view.mask, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255
+    color = cv2.remap(view.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255 * cover[..., None]
+    return np.moveaxis(color, -1, 0), cover
+
+
+def heatmaps_at(view: SourceView, pixels: np.ndarray, joints: int) -> np.ndarray:
+    """[J, H / 4, W / 4] float32 of a view at pixels [H / 4, W / 4, 2] of its own; zeros without joints."""
+    if view.heatmaps is None:
+        return np.zeros((joints, *pixels.shape[:2]), np.float32)
+    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(pixels / HEATMAP_CELL).astype(np.float32), -1, 0))
+    return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in view.heatmaps])
+
+
+@lru_cache(maxsize=8)
+def places(pair: RectifiedPair, which: int, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a window's pixels lie in their source picture: x, y [H, W] float32 for `cv2.remap`, and source depth per rectified depth [H, W]."""
+    source, ratio = pair.source_pixels(which, pixel_centres(window[2:]) + np.array(window[:2]))
+    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0))
+    return x, y, ratio
+
+
+def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, depth: np.ndarray) -> np.ndarray:
+    """Disparity [H, W] float32 between windows, px, of a source depth map [h, w] m at the nearest pixel; NaN where that is 0 or beside the picture."""
+    x, y, ratio = places(pair, which, window)
+    found = cv2.remap(depth, x, y, cv2.INTER_NEAREST)
+    known = (found > 0) & (ratio > 0)
+    # Of the second view the other one is the first: the same disparity with the other sign.
+    sign = 1 if which == 0 else -1
+    disparity = sign * pair.disparity(np.where(known, found / np.where(known, ratio, 1), 1)) - (window[0] - other[0])
+    return np.where(known, disparity, np.nan).astype(np.float32)
+
+
+def _depths(pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows: tuple[Window, Window]) -> tuple[float, float]:
+    """A tenth before the nearest and behind the farthest depth of both starts; around the subject's distance where there is none."""
+    shift = windows[0][0] - windows[1][0]
+    found = [pair.depth(s * (m[2] + s * shift)) for s, m in ((1, maps[0]), (-1, maps[1]))]
+    depths = np.concatenate([d[np.isfinite(d)] for d in found])
+    if not depths.size:
+        return 0.1, 100.0
+    return 0.9 * float(depths.min()), 1.1 * float(depths.max())
+
+
+def evidence(views: Views) -> torch.Tensor:
+    """What speaks for the start [B, 5, H, W] float32: whether it is, its confidence, the mask, how much the other picture differs at the match, and how
+    far the other view's own start disagrees there (1: `APART` px; 2 where it has none).
+    """
+    with torch.no_grad(), torch.autocast(views.start.device.type, enabled=False):
+        known = views.known
+        start = torch.where(known, views.start, 0).float()
+        back = others(views.start).float()
+        found = sampled(torch.cat([others(views.color).float(), others(views.cover).float()], dim=1), start)
+        apart = (found[:, :3] - views.color.float()).abs().mean(1, keepdim=True)
+        opposite = sampled(torch.where(torch.isfinite(back), back, torch.nan), start, nearest=True)
+        disagreement = torch.where(torch.isfinite(opposite), ((start + opposite).abs() / APART).clamp(max=2), 2)
+        return torch.cat([known.float(), views.confidence.float(), views.cover.float(), torch.where(known, apart, 0), torch.where(known, disagreement, 0)], dim=1)
+
+
+def sampled(values: torch.Tensor, disparity: torch.Tensor, nearest: bool = False) -> torch.Tensor:
+    """Values [B, C, H, W] of the other view at the match of each pixel under a disparity [B, 1, H, W], px; the rim's beyond the rim."""
+    batch, _, height, width = disparity.shape
+    rows, columns = (torch.arange(n, dtype=torch.float32, device=values.device) + 0.5 for n in (height, width))
+    x = columns - disparity[:, 0]
+    y = rows[:, None].expand(batch, height, width)
+    grid = torch.stack([2 * x / width - 1, 2 * y / height - 1], dim=-1)
+    return F.grid_sample(values, grid, mode="nearest" if nearest else "bilinear", padding_mode="border", align_corners=False)
+
+
+def relief(disparity: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
+    """Disparity [B, 1, H, W] less its mean over the known pixels, in units of `RELIEF` px; 0 elsewhere."""
+    weight = known.to(disparity.dtype)
+    mean = torch.where(known, disparity, 0).sum((2, 3), keepdim=True) / weight.sum((2, 3), keepdim=True).clamp(min=1)
+    return torch.where(known, disparity - mean, 0) / RELIEF
+
+
+def windows(pair: RectifiedPair, inside: tuple[np.ndarray, np.ndarray], multiple: int) -> tuple[Window, Window] | None:
+    """Windows of equal size and rows around what is wanted of both views, [h, w] bool each; None where one of them wants nothing.
+
+    Sides are multiples of `multiple` px; a window may reach beyond the rectified frame, where pictures are black.
+    """
+    first, second = (_box(pair, which, m) for which, m in enumerate(inside))
+    if first is None or second is None:
+        return None
+    top = min(first[1], second[1])
+    height = whole_cells(max(first[3], second[3]) - top, multiple)
+    width = whole_cells(max(first[2] - first[0], second[2] - second[0]), multiple)
+    return (first[0], top, width, height), (second[0], top, width, height)
+
+
+def _box(pair: RectifiedPair, which: int, inside: np.ndarray) -> tuple[int, int, int, int] | None:
+    """Left, top, right and bottom, px of the rectified frame."""
+    rows, columns = np.nonzero(inside)
+    pixels, ratio = pair.rectified_pixels(which, np.stack([columns, rows], axis=-1) + pixel_centres((1, 1))[0, 0])
+    pixels = pixels[ratio > 0]
+    if not len(pixels):
+        return None
+    low, high = np.floor(pixels.min(axis=0) - MARGIN).astype(int), np.ceil(pixels.max(axis=0) + MARGIN).astype(int)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def whole_cells(length: int, multiple: int) -> int:
+    """The least multiple that is at least the length."""
+    return -(-length // multiple) * multiple

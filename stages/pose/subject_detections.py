@@ -1,0 +1,73 @@
+"""What the source views saw of the subject: detections from files or of the detection stage, brought to frames/*, one person a view."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.imaging.camera_mapping import switched
+from posegaussian.stages.pose.params import PoseParams
+from posegaussian.stages.pose.subject_choice import subject
+
+DETECTIONS = "detection/joints2d"
+
+
+def joint_set_of(inputs: Inputs) -> str:
+    """Joint set of the detections, or of the 3D joints where there are none in 2D."""
+    if "detected" in inputs.facts:
+        assert inputs.joint_set is not None, "estimated joints belong to a joint set"
+        return inputs.joint_set
+    return inputs.source("joints" if "joints2d" in inputs.facts else "joints3d").joint_set
+
+
+def span_of(inputs: Inputs) -> range:
+    """Frame indices whose 2D joints may be asked for: the partition and its halo; the partition where there are no 2D joints."""
+    if "joints2d" not in inputs.facts:
+        return inputs.partition
+    return inputs.span(DETECTIONS if "detected" in inputs.facts else "joints")
+
+
+def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is; -1: none, or not told.
+
+    F: frames of `span_of(inputs)`; zeros where a view did not see her, is no source, or there are no 2D joints.
+    """
+    frames, sources = len(span_of(inputs)), list(inputs.views.sources)
+    seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)
+    if "joints2d" not in inputs.facts:
+        return seen, chosen
+    rig = inputs.rig.subset(sources)
+    read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
+    numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
+    for f in range(frames):
+        people = [in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame) if read is None else in_frames(inputs, v, read[v][f]) for v in sources]
+        seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
+        if read is not None:
+            chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
+    return seen, chosen
+
+
+def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:
+    """[P, J, 3] people in the capture's files of one source view, as given; nobody in a frame without a picture."""
+    return np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3) if valid else np.zeros((0, count, 3))
+
+
+def in_frames(inputs: Inputs, view: int, people: np.ndarray, joints_frame: str = "video") -> np.ndarray:
+    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0. joints_frame: as of `PoseParams`."""
+    people = np.asarray(people, dtype=np.float64)
+    if not len(people):
+        return people
+    sound = np.isfinite(people).all(axis=-1) & (people[..., 2] > 0)
+    people = np.where(sound[..., None], people, 0.0)
+    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
+    crop = crops[view] if joints_frame == "video" else np.array([1.0, 0.0, 0.0])
+    pixels, mapped = to_frames(people[..., :2], crop, source_rig, inputs.rig, view)
+    score = np.minimum(people[..., 2:], 1.0)
+    return np.where((sound & mapped)[..., None], np.concatenate([pixels, score], axis=-1), 0.0)
+
+
+def _which(people: np.ndarray, subject: np.ndarray) -> int:
+    """Index of the person [P, J, 3] that the subject [J, 3] is; -1 where nobody was seen."""
+    same = [i for i, p in enumerate(people) if p[:, 2].any() and np.array_equal(p, subject)]
+    return same[0] if same else -1

@@ -1,0 +1,65 @@
+"""The subject's joints over time: seen in the views, triangulated, sides put right, occlusions bridged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.pose.bridge import Bones, bridge
+from posegaussian.stages.pose.left_right_swaps import Sides, between_views, mended
+from posegaussian.stages.pose.params import PoseParams, swap_reach
+from posegaussian.stages.pose.subject_detections import span_of, subject_in_views
+from posegaussian.storage.model.joint_sets import joint_set
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """The subject in the F frames of a partition."""
+
+    joints: np.ndarray
+    """[F, V, J, 3] (u, v, score) px of frames/*: detections, left and right as all views and frames agree; zeros where there is none."""
+    points: np.ndarray
+    """[F, J, 4] (x, y, z, score) world metres; 0 score = unknown."""
+    bridged: np.ndarray
+    """[F, J] bool: known from other frames."""
+    exchanged: np.ndarray
+    """[F, V, 3] bool: parts (see `swaps`) whose sides were exchanged back."""
+    chosen: np.ndarray
+    """[F, V] which of the people found is the subject; -1: none, or not told."""
+
+
+def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
+    """The 2D joints of the subject in the source views, and what they say in space; each frame from those within the halo only.
+
+    Views of a frame are always compared: it takes little where they agree, and no sample of frames could tell that a
+    detector exchanges left and right in none. Frames are compared and bridged while `params.bridge` is not 0.
+    """
+    seen, chosen = subject_in_views(inputs, params, len(joint_set(set_id)))
+    first, count = inputs.partition.start - span_of(inputs).start, len(inputs.partition)
+    own = range(first, first + count)
+    around = range(max(0, own.start - params.bridge), min(len(seen), own.stop + params.bridge))
+    sources, sides, bones = list(inputs.views.sources), Sides.of(set_id), Bones.of(set_id)
+    rig, limits = inputs.rig.subset(sources), (params.min_score, params.max_residual)
+    sightings = [between_views(rig, s, sides, *limits) for s in seen[:, sources]]
+    done = [mended(rig, sightings, f, swap_reach(params), sides, *limits) for f in around]
+    points = np.stack([p for _, p, _ in done])
+    at = slice(own.start - around.start, own.stop - around.start)
+    joints, exchanged = np.zeros((count, *seen.shape[1:])), np.zeros((count, len(inputs.rig), 3), dtype=bool)
+    for f, (found, _, parts) in enumerate(done[at]):
+        joints[f, sources], exchanged[f, sources] = found, parts
+    out = points[at]
+    if params.bridge:
+        out = np.stack([bridge(rig, joints[f, sources], points, f + at.start, params.bridge, bones, params.min_score) for f in range(count)])
+    return Followed(joints, out, (out != points[at]).any(axis=-1) & (out[..., 3] > 0), exchanged, chosen[own.start : own.stop])
+
+
+def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:
+    """A sentence on the views and frames in which left and right were exchanged back; none where they were not."""
+    swapped = followed.exchanged.any(axis=-1)
+    if not swapped.any():
+        return ()
+    views = ", ".join(f"{inputs.views.names[v]} {int(n)}" for v, n in enumerate(swapped.sum(axis=0)) if n)
+    frames = np.flatnonzero(swapped.any(axis=1))
+    return (f"joints2d: left and right were exchanged, and put back, in {len(frames)} of {len(swapped)} frames, first in frame {inputs.source_frames[frames[0]]} (frames by camera: {views})",)

@@ -1,0 +1,1 @@
+"""Silhouettes together: the visual hull, and whether masks agree."""

@@ -1,0 +1,1 @@
+"""The simulator's renderer: triangles, rays, light, textures."""

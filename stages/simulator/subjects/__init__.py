@@ -1,0 +1,1 @@
+"""Who is filmed: bodies, clothes, motions."""

@@ -1,0 +1,1 @@
+"""The rasterizer of 3D Gaussians: one definition, three back ends."""

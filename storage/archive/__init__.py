@@ -1,0 +1,1 @@
+"""The archive: sequences, shards, receipts, leases, ledger."""

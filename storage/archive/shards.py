@@ -1,0 +1,180 @@
+"""Whole shards, one writer each; reading with a halo, against what the receipts promise."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from itertools import product, takewhile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from posegaussian.storage.archive.array_metadata import refuse_huge
+from posegaussian.storage.archive.chunk_keys import shard_key, unpromised
+from posegaussian.storage.archive.receipts import Output, ShardFile
+from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.files.names import Look
+from posegaussian.storage.files.write import refusals, sync_folder, write_atomically
+from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing
+from posegaussian.storage.model.spec import ArraySpec, TableSpec, array_digest, digest
+from posegaussian.storage.model.timegrid import TimeGrid
+
+Guard = Callable[[], object]
+"""Called before every file that is written; raises where the writer has lost its right to write."""
+
+
+def free() -> None:
+    """The guard of a writer nobody else can disturb."""
+
+
+def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
+    """Sync a shard, its folder, and where folders were made for it; and describe it."""
+    path = sequence.place(key)
+    with refusals(path), open(path, "rb") as f:
+        data = f.read()
+        os.fsync(f.fileno())
+        for folder in (path.parent, *(m.parent for m in made)):
+            sync_folder(folder)
+    return ShardFile(key, len(data), zlib.crc32(data))
+
+
+def _missing_folders(path: Path) -> list[Path]:
+    """Folders that must be made for a file, deepest first."""
+    return list(takewhile(lambda folder: not folder.is_dir(), path.parents))
+
+
+def _open(sequence: Sequence, name: str, mode: Literal["r", "r+"]) -> Any:
+    import zarr  # not above: see storage/archive/store.py
+
+    # Without this a shard of zeros would not be written, and an absent shard must never mean zeros.
+    try:
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            return sequence.open_array(name, mode)
+    except FileNotFoundError:
+        raise ShardMissing(f"array {name} of sequence {sequence.name} has no zarr.json; `posegaussian verify --sequence {sequence.name} --repair` has it made anew") from None
+
+
+def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray, guard: Guard = free) -> Output:
+    """Write the shards of one (array, partition, view) whole, one after the other.
+
+    Args:
+        sequence: where to.
+        spec: the declaration; `path` fills the `{path}` in its name.
+        path: camera path, or "".
+        frames: frame indices of the partition (ignored for arrays without a frame axis).
+        partition: number of the partition.
+        view: index of the view, for arrays with a view axis.
+        data: the block, without the view axis.
+        guard: called before every shard.
+
+    Raises:
+        ValueError: when shape or dtype are not the declared ones, or the view is not one of the array's.
+    """
+    name = spec.name.format(path=path)
+    array = _open(sequence, name, "r+")
+    views = dict(zip(spec.dims, array.shape, strict=True)).get("view")
+    fits = views is view if views is None or view is None else 0 <= view < views
+    if not fits:
+        raise ValueError(f"{name}: got a block of view {view}; " + ("the array has no views" if views is None else f"its views are 0..{views - 1}"))
+    index = tuple(slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims)
+    expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
+    if data.shape != expected or data.dtype != array.dtype:
+        raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
+    axes: list[list[int]] = []
+    for d, n, s in zip(spec.dims, array.shape, array.shards, strict=True):
+        axes.append([partition or 0] if d == "frame" else [view or 0] if d == "view" else list(range(-(-n // s))))
+    files = []
+    for where in product(*axes):
+        into, of = _region(spec.dims, array.shards, where, index)
+        guard()
+        key = shard_key(name, array, where)
+        file = sequence.place(key)
+        made = _missing_folders(file)
+        with refusals(file, data[of].nbytes):
+            file.unlink(missing_ok=True)
+            array[into] = data[of]
+        files.append(_record(sequence, key, made))
+    return Output(name, view, array_digest(data), tuple(files))
+
+
+def _region(dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ...], index: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[slice, ...]]:
+    """(index into the array, index into the block) of one shard: the block has one partition's frames and no view axis."""
+    into, of = [], []
+    for d, length, number, whole in zip(dims, shards, where, index, strict=True):
+        part = whole if d in ("frame", "view") else slice(number * length, (number + 1) * length)
+        into.append(part)
+        if d != "view":
+            of.append(slice(None) if d == "frame" else part)
+    return tuple(into), tuple(of)
+
+
+def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int | None, columns: Mapping[str, list[Any]], guard: Guard = free) -> Output:
+    """Write one partition's rows as a Parquet file. Raises ValueError when the columns are not the declared ones."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if list(columns) != [c for c, _ in spec.columns]:
+        raise ValueError(f"{spec.name}: got columns {list(columns)}, declared {[c for c, _ in spec.columns]}")
+    table = pa.table(dict(columns), schema=pa.schema([(c, pa.type_for_alias(t)) for c, t in spec.columns]))
+    name = spec.name.format(path=path)
+    key = f"{name}/{'all' if partition is None else f'p{partition:06d}'}.parquet"
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    guard()
+    write_atomically(sequence.place(key), sink.getvalue().to_pybytes())
+    return Output(name, None, table_digest(columns), (_record(sequence, key, ()),))
+
+
+def table_digest(columns: Mapping[str, list[Any]]) -> str:
+    """Content digest of a table: its columns in order."""
+    return digest([[str(v) if isinstance(v, float) else v for v in column] for column in columns.values()])
+
+
+def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
+    """Raise ShardMissing or ShardCorrupt when a file is not there or not of the promised size."""
+    look = Look(sequence.root)
+    for f in files:
+        size = look.size(f.key)
+        if size < 0:
+            raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew")
+        if size != f.size:
+            raise ShardCorrupt(f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to make it anew")
+
+
+def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]) -> np.ndarray:
+    """Read the frames of `span` of one view, after checking the shards that hold them.
+
+    Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
+
+    Raises:
+        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, or the array would be read from
+            other files than `files`: one that is not there would be read as zeros.
+    """
+    files = tuple(files)
+    verify_files(sequence, files)
+    array = _open(sequence, name, "r")
+    index = tuple(slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None) for d in dims)
+    refuse_huge(name, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
+    if (other := unpromised(name, array, index, files)) is not None:
+        raise ShardMissing(f"array {name} of sequence {sequence.name} is described so that {other} is read, which no receipt promises; `posegaussian verify --sequence {sequence.name} --repair` has the next run make it anew")
+    try:
+        return np.asarray(array[index])
+    except (ValueError, RuntimeError) as e:
+        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
+
+
+def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:
+    """Read frames of an array that a run wrote, for export and inspection: [frames, ...].
+
+    `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none.
+    """
+    files: list[ShardFile] = []
+    for partition in grid.touched(frames):
+        output = outputs.get((partition, view))
+        if output is None:
+            raise ShardMissing(f"array {name} of sequence {sequence.name} has no finished partition {partition}; run again to make it")
+        files += output.files
+    dims = tuple(_open(sequence, name, "r").metadata.dimension_names or ())
+    return read_array(sequence, name, dims, frames, view, files)

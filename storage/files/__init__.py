@@ -1,0 +1,1 @@
+"""Files and names: written whole, checked before they are followed."""

@@ -1,0 +1,1 @@
+"""Lazy readers of pictures, videos and what else a capture refers to."""

@@ -1,0 +1,196 @@
+"""Lazy readers over the files that a capture refers to: what a kernel gets from `inputs.source(kind)`.
+
+Each file is compared with what was imported when a reader first touches it; one that is gone or changed raises SourceError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from posegaussian.storage.formats.joint_files import Detections, no_people, read_caliscope, read_coco, read_easymocap, read_openpose, read_trc
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.joint_sets import joint_set
+from posegaussian.storage.readers import images
+from posegaussian.storage.readers.video import VideoFile
+
+
+class _Source:
+    """Streams of one kind, file by file verified."""
+
+    def __init__(self, capture: Capture, kind: str) -> None:
+        self._names = capture.rig.names
+        self._kind = kind.replace("_", " ")
+        self._streams = capture.streams(kind)
+        self._verified: set[str] = set()
+
+    def _path(self, file: SourceFile) -> str:
+        if file.path not in self._verified:
+            file.verify()
+            self._verified.add(file.path)
+        return file.path
+
+    def _stream(self, view: int) -> Stream:
+        stream = self._streams[view]
+        if stream is None:
+            raise SourceError(f"camera {self._names[view]} has no {self._kind}; add them to the capture and import it again")
+        return stream
+
+    def _files(self, view: int, numbers: Sequence[int]) -> Iterator[str]:
+        stream = self._stream(view)
+        files = dict(zip(stream.numbers, stream.files, strict=True))
+        for n in numbers:
+            if int(n) not in files:
+                raise SourceError(f"camera {self._names[view]} has no {self._kind} of frame {int(n)}; add the file and import the capture again")
+            yield self._path(files[int(n)])
+
+    def _sized(self, view: int, number: int, picture: np.ndarray) -> np.ndarray:
+        size = self._stream(view).size
+        if (picture.shape[1], picture.shape[0]) != tuple(size):
+            raise SourceError(
+                f"{self._kind} of camera {self._names[view]}, frame {number}: {picture.shape[1]}x{picture.shape[0]} px, the first one has {size[0]}x{size[1]} px"
+            )
+        return picture
+
+
+class Pictures(_Source):
+    """Pictures as captured (`posegaussian.stages.contract.io.PictureReader`)."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int source frame numbers of a view, ascending."""
+        return np.asarray(self._stream(view).numbers, dtype=np.int64)
+
+    def size(self, view: int) -> tuple[int, int]:
+        """(width, height) of a view's pictures, px."""
+        width, height = self._stream(view).size
+        return width, height
+
+    def identity(self, view: int, number: int) -> str:
+        """Digest of the file and the frame's number: no other picture has it."""
+        return self._stream(view).digest([number])
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """[h, w, 3] uint8 sRGB or float16 linear for each of the ascending frame numbers. Raises SourceError."""
+        stream = self._stream(view)
+        if stream.kind == "video":
+            pictures = VideoFile(self._path(stream.files[0])).read(self._indices(view, numbers))
+        else:
+            pictures = (images.read_picture(p) for p in self._files(view, numbers))
+        for n, picture in zip(numbers, pictures, strict=True):
+            yield self._sized(view, int(n), picture)
+
+    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Frames of a view's video that are the given source frames."""
+        indices = []
+        for n in numbers:
+            index = self._stream(view).index_of(int(n))
+            if index is None:
+                raise SourceError(f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave the frame out with frames.range")
+            indices.append(index)
+        return indices
+
+
+class Masks(_Source):
+    """Masks as given (`posegaussian.stages.contract.io.MaskReader`)."""
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """[h, w] uint8, 0..255 foreground, for each frame number; masks of 0 and 1 are spread to 0 and 255. Raises SourceError."""
+        factor = np.uint8(255 if self._stream(view).options.get("zero_one") else 1)
+        for n, path in zip(numbers, self._files(view, numbers), strict=True):
+            yield self._sized(view, int(n), images.read_mask(path)) * factor
+
+
+class Depth(_Source):
+    """True depth of a simulated capture (`posegaussian.stages.contract.io.DepthReader`)."""
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""
+        for n, path in zip(numbers, self._files(view, numbers), strict=True):
+            yield self._sized(view, int(n), images.read_depth(path))
+
+
+class DepthMaps(_Source):
+    """Depth as the user gives it (`posegaussian.stages.contract.io.DepthMapReader`)."""
+
+    def numbers(self, view: int) -> np.ndarray:
+        """[n] int source frame numbers that have a map, ascending; none of a view without maps."""
+        stream = self._streams[view]
+        return np.asarray(() if stream is None else stream.numbers, dtype=np.int64)
+
+    def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""
+        scale = float(self._stream(view).options["scale"])
+        for n, path in zip(numbers, self._files(view, numbers), strict=True):
+            yield self._sized(view, int(n), images.read_depth_map(path, scale))
+
+
+_ONE_PICTURE: dict[str, Callable[[str], Detections]] = {"openpose": read_openpose, "easymocap": read_easymocap}
+
+
+class Joints(_Source):
+    """2D joints as given (`posegaussian.stages.contract.io.JointReader`)."""
+
+    def __init__(self, capture: Capture, kind: str) -> None:
+        super().__init__(capture, kind)
+        self.joint_set: str = next(s.options["joint_set"] for s in self._streams if s is not None)
+        self._count = len(joint_set(self.joint_set))
+        self._tables: dict[int, dict[Any, Detections]] = {}
+
+    def read(self, view: int, number: int) -> np.ndarray:
+        """[people, J, 3] float64 (u, v, score) in captured pixels, our centres; a frame without a file has zero people."""
+        return self._detections(view, int(number)).joints
+
+    def boxes(self, view: int, number: int) -> np.ndarray:
+        """[people, 5] float64 (left, top, right, bottom, score) in captured pixels, our centres; score 0 where none is given."""
+        return self._detections(view, int(number)).boxes
+
+    def _detections(self, view: int, number: int) -> Detections:
+        stream = self._streams[view]
+        if stream is None or number not in stream.numbers:
+            return no_people(self._count)
+        if stream.kind in ("coco", "caliscope"):
+            if view not in self._tables:
+                path = self._path(stream.files[0])
+                self._tables[view] = read_coco(path, stream.options.get("view")) if stream.kind == "coco" else read_caliscope(path, stream.options["camera"], self._count)
+            path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
+        else:
+            path = next(self._files(view, [number]))
+            found = _ONE_PICTURE[stream.kind](path)
+        if len(found.joints) == 0:
+            return no_people(self._count)
+        if found.joints.shape[1] != self._count:
+            raise SourceError(f"{path} holds {found.joints.shape[1]} joints a person, {self.joint_set} has {self._count}; set joint_set at import")
+        return found
+
+
+class Joints3D(_Source):
+    """3D joints as given (`posegaussian.stages.contract.io.Joint3DReader`)."""
+
+    def __init__(self, capture: Capture, kind: str) -> None:
+        super().__init__(capture, kind)
+        self.joint_set: str = self._stream(0).options["joint_set"]
+        self._joints: Mapping[int, np.ndarray] | None = None
+
+    def read(self, number: int) -> np.ndarray:
+        """[J, 4] float64 (x, y, z, score) in world metres; a frame that the file lacks has score 0 throughout."""
+        names = joint_set(self.joint_set).names
+        if self._joints is None:
+            stream = self._stream(0)
+            self._joints = read_trc(self._path(stream.files[0])).joints(names, stream.options["axes"])
+        return self._joints.get(int(number), np.zeros((len(names), 4)))
+
+
+_READERS: dict[str, Callable[[Capture, str], Any]] = {"pictures": Pictures, "masks": Masks, "joints": Joints, "joints3d": Joints3D, "depth": Depth, "depth_maps": DepthMaps}
+
+
+def open_source(capture: Capture, kind: str) -> Any:
+    """The reader of a source kind: pictures, masks, joints, joints3d, depth or depth_maps (the protocols of `stages/contract/io.py`).
+
+    Raises SourceError when the capture has no such source.
+    """
+    if not capture.has(kind):
+        raise SourceError(f"the capture has no {kind.replace('_', ' ')}; import one that has them")
+    return _READERS[kind](capture, kind)

@@ -1,0 +1,214 @@
+"""Video in, through PyAV: exact frame counts, exact random access, explicit colour.
+
+Colour: a matrix or range that the file names is honoured. Where it names none, pictures of 720 lines or more are BT.709
+and smaller ones BT.601, limited range (yuvj formats are full range). Decoded values are display-referred and taken as
+sRGB; HDR transfer functions and wide-gamut primaries are refused, as they would need a tone mapping nobody chose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posegaussian.storage.model.documents import regular
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.plausible import check_picture
+
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
+"""File endings that count as videos, lower case."""
+
+_SEEK_GAP = 48
+"""Frames ahead above which seeking is tried instead of decoding on; usual distance of keyframes."""
+# ITU-T H.273 matrix coefficients -> the value PyAV's Colorspace has for swscale.
+_MATRICES = {1: 1, 4: 4, 5: 5, 6: 5, 7: 7, 9: 9}
+_UNSPECIFIED = 2
+
+
+@dataclass(frozen=True)
+class _Index:
+    count: int
+    size: tuple[int, int]
+    rate: float
+    quarter_turns: int
+    pts: tuple[int, ...] | None
+    """Presentation time of every frame, ascending; None where the container gives none, then frames are counted."""
+    keys: tuple[tuple[int, int], ...]
+    """(frame index, decode time) of every keyframe, ascending."""
+    spacing: tuple[float, float]
+    """Shortest and longest time between frames, seconds."""
+
+
+class VideoFile:
+    """One video: its frames by 0-based index in order of presentation.
+
+    Opening it reads the container once, without decoding more than a frame, and remembers the result while the file is
+    unchanged. Raises SourceError for files that are missing, hold no video, are cut off or have colours that are refused.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        stat = regular(self.path, "video")
+        self._index = _scan(str(self.path), stat.st_size, stat.st_mtime_ns)
+
+    @property
+    def count(self) -> int:
+        """Number of frames, counted."""
+        return self._index.count
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) px as shown, after the rotation the file asks for."""
+        return self._index.size
+
+    @property
+    def rate(self) -> float:
+        """Frames per second, on average."""
+        return self._index.rate
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Shortest and longest time between consecutive frames, seconds; (0, 0) where the file does not say."""
+        return self._index.spacing
+
+    def read(self, numbers: Sequence[int] | np.ndarray) -> Iterator[np.ndarray]:
+        """[h, w, 3] uint8 sRGB for each of the strictly ascending frame indices, decoded as they are asked for.
+
+        Raises SourceError for an index the video does not have and for a frame that cannot be decoded.
+        """
+        wanted = [int(n) for n in numbers]
+        if any(b <= a for a, b in pairwise(wanted)):
+            raise ValueError(f"frame indices must ascend, got {wanted[:6]} ...")
+        for n in wanted:
+            if not 0 <= n < self.count:
+                raise SourceError(f"video {self.path} has frames 0 to {self.count - 1}, not {n}")
+        with _opened(self.path) as (container, stream):
+            frames, at = self._from(container, stream, 0), -1
+            for n in wanted:
+                if self._key_between(at, n):
+                    frames = self._from(container, stream, n)
+                at, frame = next((f for f in frames if f[0] >= n), (-1, None))
+                if frame is None or at != n or frame.is_corrupt:
+                    raise SourceError(f"frame {n} of video {self.path} cannot be decoded; the file is damaged there")
+                yield _to_rgb(frame, self._index.quarter_turns, self.path)
+
+    def _key_between(self, at: int, wanted: int) -> bool:
+        return wanted - at > _SEEK_GAP and self._index.pts is not None and any(at < k <= wanted for k, _ in self._index.keys)
+
+    def _from(self, container: Any, stream: Any, wanted: int) -> Iterator[tuple[int, Any]]:
+        """Decoded frames with their index, from the last keyframe at or before the wanted one.
+
+        Seeking goes to that keyframe's decode time: whether a container seeks by decode or by presentation time, it lands
+        there or earlier, and frames of an open group that precede it in time are never asked for.
+        """
+        pts = self._index.pts
+        keys = [k for k in self._index.keys if k[0] <= wanted]
+        if pts is not None and keys and keys[-1][0] > 0:
+            container.seek(keys[-1][1], stream=stream, backward=True)
+        known = {t: i for i, t in enumerate(pts)} if pts is not None else None
+        for count, frame in enumerate(container.decode(stream)):
+            if known is None:
+                yield count, frame
+            elif frame.pts in known:
+                yield known[frame.pts], frame
+
+
+@contextmanager
+def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
+    """(container, first video stream) decoding on one thread; every decoder error becomes a SourceError."""
+    import av
+    import av.error
+    import av.logging
+
+    av.logging.set_level(av.logging.PANIC)
+    try:
+        with av.open(str(path), metadata_errors="replace") as container:
+            if not container.streams.video:
+                raise SourceError(f"{path} holds no video stream")
+            stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise SourceError(f"video {path} is of a codec that is not known here; write it again, for example in H.264")
+            if stream.codec_context.width:
+                check_picture(f"video {path}", stream.codec_context.width, stream.codec_context.height)
+            stream.codec_context.thread_count = 1
+            yield container, stream
+    except av.error.FFmpegError as e:
+        raise SourceError(f"cannot read video {path}: {e.strerror or e}; it is damaged, cut off or not a video") from e
+
+
+@lru_cache(maxsize=512)
+def _scan(path: str, size: int, mtime_ns: int) -> _Index:
+    """Index of one state of a file; size and modification time are the cache's key."""
+    packets, corrupt = [], 0
+    with _opened(path) as (container, stream):
+        promised = stream.frames
+        for p in container.demux(stream):
+            if p.size:
+                packets.append((p.pts, p.dts, p.is_keyframe, p.is_discard))
+                corrupt += p.is_corrupt
+        base = float(stream.time_base)
+        rate = stream.average_rate or stream.guessed_rate
+    if corrupt or len(packets) < promised:
+        raise SourceError(f"video {path} is cut off: it promises {promised} frames and holds {len(packets) - corrupt} whole ones; copy it again")
+    packets = [p for p in packets if not p[3]]
+    if not packets:
+        raise SourceError(f"video {path} holds no frames")
+    with _opened(path) as (container, stream):
+        frame = next(container.decode(stream), None)
+        if frame is None:
+            raise SourceError(f"no frame of video {path} can be decoded")
+        turns = _quarter_turns(frame, path)
+        _to_rgb(frame, turns, Path(path))
+    shown = (frame.height, frame.width) if turns % 2 else (frame.width, frame.height)
+    times = sorted(p[0] for p in packets if p[0] is not None)
+    exact = len(set(times)) == len(packets)
+    place = {t: i for i, t in enumerate(times)}
+    keys = sorted((place[pts], dts if dts is not None else pts) for pts, dts, key, _ in packets if key) if exact else []
+    gaps = np.diff(times) * base if exact and len(times) > 1 else np.zeros(1)
+    if not rate and gaps[0] > 0:
+        rate = 1 / gaps.mean()
+    return _Index(len(packets), shown, float(rate or 0), turns, tuple(times) if exact else None, tuple(keys), (float(gaps.min()), float(gaps.max())))
+
+
+def _quarter_turns(frame: Any, path: str) -> int:
+    """Quarter turns counter-clockwise that show the frame upright, from its display matrix (ISO 14496-12, 6.2.2)."""
+    data = next((bytes(s) for s in frame.side_data if s.type.name == "DISPLAYMATRIX"), None)
+    if data is None:
+        return 0
+    m = np.frombuffer(data, dtype="<i4")[:5].astype(np.float64) / 65536
+    a, b, c, d = m[0], m[1], m[3], m[4]
+    for turns, matrix in enumerate(((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))):
+        if np.allclose((a, b, c, d), matrix, atol=1e-3):
+            return turns
+    raise SourceError(f"video {path} asks to be shown with the display matrix ({a:g}, {b:g}, {c:g}, {d:g}); only quarter turns are read, so re-encode it upright")
+
+
+def _to_rgb(frame: Any, quarter_turns: int, path: Path) -> np.ndarray:
+    """[h, w, 3] uint8 of a decoded frame, by swscale with the matrix and range spelled out."""
+    from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+    if int(frame.color_trc) in (16, 18) or int(frame.color_primaries) in (9, 11, 12):
+        raise SourceError(f"video {path} is HDR or wide gamut (primaries {int(frame.color_primaries)}, transfer {int(frame.color_trc)}); convert it to BT.709 first")
+    matrix, full = int(frame.colorspace), int(frame.color_range) == 2 or frame.format.name.startswith("yuvj")
+    if frame.format.is_rgb:
+        matrix, full = 1, True
+    elif matrix == _UNSPECIFIED:
+        matrix = 1 if frame.height >= 720 else 5
+    elif matrix not in _MATRICES:
+        raise SourceError(f"video {path} uses colour matrix {matrix} (ITU-T H.273), which is not read; convert it to BT.709 first")
+    rgb = frame.reformat(
+        format="rgb24",
+        src_colorspace=Colorspace(_MATRICES[matrix]),
+        dst_colorspace=Colorspace.ITU709,
+        src_color_range=ColorRange.JPEG if full else ColorRange.MPEG,
+        dst_color_range=ColorRange.JPEG,
+        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT | Interpolation.BITEXACT,
+        threads=1,
+    ).to_ndarray()
+    return np.ascontiguousarray(np.rot90(rgb, quarter_turns))
