@@ -24,7 +24,10 @@ def squared_error_by_place(rendered: np.ndarray, alpha: np.ndarray, truth: np.nd
     reference = truth.astype(np.float64) * (mask[..., None] / 255.0)
     error = ((rendered.astype(np.float64) - reference) ** 2).sum(axis=2)
     inside = mask > 127
-    apart = np.maximum(cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5), cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5))
+    apart = np.maximum(
+        cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5),
+        cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5),
+    )
     rim = apart <= RIM
     hole = inside & ~rim & (alpha < HOLE * 255)
     return np.array([error[place].sum() for place in (~inside & ~rim, rim, hole, inside & ~rim & ~hole)])

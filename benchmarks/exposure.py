@@ -1,10 +1,11 @@
-"""What cameras that disagree cost, and what matching them brings back: simulated people filmed with the mismatch measured on `desk`.
+"""What cameras that disagree cost, and what matching them brings back: simulated people filmed with the mismatch
+measured on `desk`.
 
     python -m benchmarks.exposure [--seeds 9000-9003]
 
-Eight cameras on a ring; the light of each is multiplied by one of the four gains that surface points of the capture `desk`
-showed (its brightest camera is 1.2 stops above the middle one, white balances differ by up to 0.8). Two cameras in between
-are held out, and as bright as the middle one. Box PSNR and SSIM of their pictures.
+Eight cameras on a ring; the light of each is multiplied by one of the four gains that surface points of the capture
+`desk` showed (its brightest camera is 1.2 stops above the middle one, white balances differ by up to 0.8). Two cameras
+in between are held out, and as bright as the middle one. Box PSNR and SSIM of their pictures.
 """
 
 from __future__ import annotations
@@ -55,7 +56,14 @@ def rows_of(seed: int) -> list[dict[str, Any]]:
                 on = "on" if found is not None and found.on else "off"
                 print(f"seed {seed}, {cameras}, {state}: {found.reason if found is not None else ''}", flush=True)
                 measured = {k: v for k, v in pictures(results, cell).items() if k in MEASURES}
-                rows.append({"seed": seed, "cameras": cameras, "exposure_matching": f"{state}: {on}" if state == "auto" else state, **measured})
+                rows.append(
+                    {
+                        "seed": seed,
+                        "cameras": cameras,
+                        "exposure_matching": f"{state}: {on}" if state == "auto" else state,
+                        **measured,
+                    }
+                )
     return rows
 
 
@@ -65,7 +73,11 @@ def main() -> None:
     a = parser.parse_args()
     rows = [r for seed in a.seeds for r in rows_of(seed)]
     show(rows)
-    publish("exposure" if a.seeds == REPORTED else None, means(rows, "cameras", "exposure_matching"), {"seeds": list(a.seeds), "scenes": rows})
+    publish(
+        "exposure" if a.seeds == REPORTED else None,
+        means(rows, "cameras", "exposure_matching"),
+        {"seeds": list(a.seeds), "scenes": rows},
+    )
 
 
 if __name__ == "__main__":

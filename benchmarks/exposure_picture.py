@@ -2,8 +2,8 @@
 
     python -m benchmarks.exposure_picture [--frame 20]
 
-Reads the capture of POSEGAUSSIAN_CAPTURES; BlazePose need not be there. Upper row: as filmed. Lower row: frames/color with
-effects.exposure_matching as it decides. Pictures: caliscope's session post_optimization (BSD-2), reduced.
+Reads the capture of POSEGAUSSIAN_CAPTURES; BlazePose need not be there. Upper row: as filmed. Lower row: frames/color
+with effects.exposure_matching as it decides. Pictures: caliscope's session post_optimization (BSD-2), reduced.
 """
 
 from __future__ import annotations
@@ -32,7 +32,13 @@ WIDTH = 320
 
 def matched(desk: Path, archive: Path, frame: int) -> Results:
     """The capture's frames around one."""
-    wanted = ["frames.size=640", f'frames.range="{frame}:{frame + 1}"', "frames.matte=none", "detection.estimator=none", "run.scheduler=serial"]
+    wanted = [
+        "frames.size=640",
+        f'frames.range="{frame}:{frame + 1}"',
+        "frames.matte=none",
+        "detection.estimator=none",
+        "run.scheduler=serial",
+    ]
     session = Session(load_configuration(None, wanted, folder=archive.parent), str(archive), Console())
     settings = session.configuration.for_sequence("desk")
     register(Archive.open(str(archive), create=True), "desk", find_capture("caliscope", desk, [], settings), settings)
@@ -51,11 +57,21 @@ def main() -> None:
     desk = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "desk"
     with tempfile.TemporaryDirectory() as name:
         results = matched(desk, Path(name) / "archive", a.frame)
-        reader, rows = open_source(results.context.capture, "pictures"), ([], [])  # type: tuple[list[np.ndarray], list[np.ndarray]]
+        reader, rows = (
+            open_source(results.context.capture, "pictures"),
+            (
+                [],
+                [],
+            ),
+        )  # type: tuple[list[np.ndarray], list[np.ndarray]]
         for v in range(len(results.context.rig)):
             (filmed,) = reader.read(v, [a.frame])
             for row, picture in zip(rows, (filmed, results.read("frames/color", range(1), v)[0]), strict=True):
-                row.append(cv2.resize(picture, (WIDTH, WIDTH * picture.shape[0] // picture.shape[1]), interpolation=cv2.INTER_AREA))
+                row.append(
+                    cv2.resize(
+                        picture, (WIDTH, WIDTH * picture.shape[0] // picture.shape[1]), interpolation=cv2.INTER_AREA
+                    )
+                )
     images.write_png(a.output, np.vstack([np.hstack(row) for row in rows]))
     print(a.output)
 

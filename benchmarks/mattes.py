@@ -1,20 +1,22 @@
 """Mattes of people who came without masks, against outlines: IoU, boundary error and time of every way to make them.
 
-    python -m benchmarks.mattes balance CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]    a real capture, outlined by hand
-    python -m benchmarks.mattes given CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]      the same with the joints that came with it
-    python -m benchmarks.mattes simulated [--seeds 9000 9001] [--sheet docs/mattes.png]           simulated people in a room
+    python -m benchmarks.mattes balance CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]    a real capture,
+    outlined by hand python -m benchmarks.mattes given CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]      the
+    same with the joints that came with it python -m benchmarks.mattes simulated [--seeds 9000 9001] [--sheet
+    docs/mattes.png]           simulated people in a room
 
-Compared in pixels of frames/* (the hand's polygons are carried there exactly, lens and crop included; balance at 960 px),
-cut at half coverage:
+Compared in pixels of frames/* (the hand's polygons are carried there exactly, lens and crop included; balance at 960
+px), cut at half coverage:
   plate    frames.matte: plate
   hint     the estimator's segmentation as it is
   person   frames.matte: person
   hull     what all other views' segmentations leave of the picture
   joints   of the kind `given` alone: the person where BlazePose is not here
-IoU is intersection over union. Boundary is the mean distance of the two outlines, each pixel of either to the nearest of the
-other, px. ms are CPU milliseconds of the frames stage a picture, decoding included. Gates: person at least 0.93 on every
-outlined picture of balance, with and without its joints, at least 0.97 in the mean of simulated source views. Of the sheet's outlines the true one is
-green, the matte's red. BlazePose must be here (`posegaussian models fetch blazepose`).
+IoU is intersection over union. Boundary is the mean distance of the two outlines, each pixel of either to the nearest
+of the other, px. ms are CPU milliseconds of the frames stage a picture, decoding included. Gates: person at least 0.93
+on every outlined picture of balance, with and without its joints, at least 0.97 in the mean of simulated source views.
+Of the sheet's outlines the true one is green, the matte's red. BlazePose must be here (`posegaussian models fetch
+blazepose`).
 """
 
 from __future__ import annotations
@@ -57,7 +59,12 @@ OUTLINES = Path(__file__).with_name("outlines") / "balance.json"
 LETTERBOX = "{scale: 1.00741, offset: [0, -7.06]}"
 BALANCE = ("frames.range=0:100:5", "frames.size=960", f"frames.crop={{cam01: {LETTERBOX}, cam02: {LETTERBOX}}}")
 STAGES = frozenset({"survey", "detection", "pose", "frames"})
-ROOM = {"ambient_occlusion": {}, "cast_shadow": {}, "background_room": {"side": 10.0}, "sensor_noise": {"electrons": 6000}}
+ROOM = {
+    "ambient_occlusion": {},
+    "cast_shadow": {},
+    "background_room": {"side": 10.0},
+    "sensor_noise": {"electrons": 6000},
+}
 LEAST = {"balance": 0.93, "given": 0.93, "simulated": 0.97}
 SUBPIXEL = 8
 """Parts of a pixel's side in which polygons are filled."""
@@ -66,7 +73,9 @@ SUBPIXEL = 8
 def run(archive: str, name: str, layout: str, source: Path, settings: tuple[str, ...]) -> tuple[Results, float]:
     """The frames of a capture, made anew, and CPU milliseconds a picture of the frames stage."""
     spent: Counter[str] = Counter()
-    session = Session(load_configuration(None, ["run.scheduler=serial", *settings], folder=source), archive, Console(quiet=True))
+    session = Session(
+        load_configuration(None, ["run.scheduler=serial", *settings], folder=source), archive, Console(quiet=True)
+    )
     own = session.configuration.for_sequence(name)
     register(Archive.open(archive, create=True), name, find_capture(layout, source, [], own), own)
 
@@ -106,7 +115,13 @@ def outlines(context: Context) -> dict[tuple[int, int], np.ndarray]:
             fine = np.zeros((height * SUBPIXEL, width * SUBPIXEL), np.uint8)
             for polygons, value in ((shape["outer"], 255), (shape["holes"], 0)):
                 for polygon in polygons:
-                    at = frames_positions(np.array(polygon), context.rig.intrinsics[v], source_rig.intrinsics[v], source_rig.distortion[v], crops[v])
+                    at = frames_positions(
+                        np.array(polygon),
+                        context.rig.intrinsics[v],
+                        source_rig.intrinsics[v],
+                        source_rig.distortion[v],
+                        crops[v],
+                    )
                     cv2.fillPoly(fine, [np.rint(16 * (SUBPIXEL * at - 0.5)).astype(np.int32)], value, shift=4)
             out[numbers.index(int(number)), v] = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
     return out
@@ -133,12 +148,18 @@ def rim(mask: np.ndarray) -> np.ndarray:
     return (inside > 0) & (cv2.erode(inside, np.ones((3, 3), np.uint8)) == 0)
 
 
-def rows(what: str, results: Results, plate: np.ndarray, truth: dict[tuple[int, int], np.ndarray]) -> Iterator[dict[str, Any]]:
+def rows(
+    what: str, results: Results, plate: np.ndarray, truth: dict[tuple[int, int], np.ndarray]
+) -> Iterator[dict[str, Any]]:
     """One row a picture; plate [F, V, h, w] the plate's mattes. Of a held-out view there is no hint."""
     context, known = results.context, hints(results)
     for (f, v), t in truth.items():
         h, w = t.shape
-        person, hint, support = results.read("frames/mask", range(f, f + 1), v)[0, :h, :w], known[v].of_view(v, f), known[v].support(v, f)
+        person, hint, support = (
+            results.read("frames/mask", range(f, f + 1), v)[0, :h, :w],
+            known[v].of_view(v, f),
+            known[v].support(v, f),
+        )
         soft = None if hint is None else (255 * np.clip(hint, 0, 1)).astype(np.uint8)
         hull = np.zeros((h, w), np.uint8) if support is None else (255 * support[1]).astype(np.uint8)
         yield {
@@ -150,7 +171,10 @@ def rows(what: str, results: Results, plate: np.ndarray, truth: dict[tuple[int, 
 
 def drawn(results: Results, f: int, v: int, truth: np.ndarray, height: int = 420) -> np.ndarray:
     """[height, w, 3] BGR: one picture around the subject, the true outline in green, the matte's in red."""
-    color, mask = (results.read(f"frames/{a}", range(f, f + 1), v)[0, : truth.shape[0], : truth.shape[1]] for a in ("color", "mask"))
+    color, mask = (
+        results.read(f"frames/{a}", range(f, f + 1), v)[0, : truth.shape[0], : truth.shape[1]]
+        for a in ("color", "mask")
+    )
     big = np.ascontiguousarray(cv2.resize(color, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)[..., ::-1])
     for outline, ink in ((truth, (0, 255, 0)), (mask, (0, 0, 255))):
         big[rim(cv2.resize(outline, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR))] = ink
@@ -163,10 +187,17 @@ def sheet(pictures: list[np.ndarray], file: Path, across: int = 4) -> None:
     """Write pictures of equal height, so many a line."""
     lines = [np.concatenate(pictures[i : i + across], axis=1) for i in range(0, len(pictures), across)]
     width = max(line.shape[1] for line in lines)
-    cv2.imwrite(str(file), np.concatenate([cv2.copyMakeBorder(line, 0, 6, 0, width - line.shape[1], cv2.BORDER_CONSTANT) for line in lines]))
+    cv2.imwrite(
+        str(file),
+        np.concatenate(
+            [cv2.copyMakeBorder(line, 0, 6, 0, width - line.shape[1], cv2.BORDER_CONSTANT) for line in lines]
+        ),
+    )
 
 
-def both(archive: str, name: str, layout: str, source: Path, settings: tuple[str, ...]) -> tuple[Results, np.ndarray, dict[str, float]]:
+def both(
+    archive: str, name: str, layout: str, source: Path, settings: tuple[str, ...]
+) -> tuple[Results, np.ndarray, dict[str, float]]:
     """The person's mattes, those of the plate [F, V, h, w] and CPU ms a picture of either."""
     results, plate_ms = run(archive, name, layout, source, (*settings, "frames.matte=plate"))
     every = range(len(results.context.source_frames))
@@ -176,7 +207,8 @@ def both(archive: str, name: str, layout: str, source: Path, settings: tuple[str
 
 
 def given(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str, Any]], dict[str, float]]:
-    """Rows of the outlined pictures with the joints that came with the capture; once more as on a machine without BlazePose."""
+    """Rows of the outlined pictures with the joints that came with the capture; once more as on a machine without
+    BlazePose."""
     models, os.environ["POSEGAUSSIAN_MODELS"] = os.environ.get("POSEGAUSSIAN_MODELS"), os.devnull
     try:
         results, _ = run(archive, "given", "pose2sim", folder, BALANCE)
@@ -185,11 +217,16 @@ def given(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str,
         if models is not None:
             os.environ["POSEGAUSSIAN_MODELS"] = models
     truth = outlines(results.context)
-    alone = [overlap(results.read("frames/mask", range(f, f + 1), v)[0, : t.shape[0], : t.shape[1]], t) for (f, v), t in truth.items()]
+    alone = [
+        overlap(results.read("frames/mask", range(f, f + 1), v)[0, : t.shape[0], : t.shape[1]], t)
+        for (f, v), t in truth.items()
+    ]
     results, plate, spent = both(archive, "given", "pose2sim", folder, BALANCE)
     if file is not None:
         sheet([drawn(results, f, v, t) for (f, v), t in truth.items()], file)
-    return [{**r, "joints": a} for r, a in zip(rows("balance, given joints", results, plate, truth), alone, strict=True)], spent
+    return [
+        {**r, "joints": a} for r, a in zip(rows("balance, given joints", results, plate, truth), alone, strict=True)
+    ], spent
 
 
 def balance(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str, Any]], dict[str, float]]:
@@ -215,7 +252,11 @@ def simulated(seed: int, folder: Path) -> tuple[list[dict[str, Any]], dict[str, 
     held_out = f"views.held_out={json.dumps(list(staged.written.names[staged.sources :]))}"
     results, plate, spent = both(str(folder / "archive"), "person", "images", folder / "capture", (held_out,))
     rig = results.context.rig
-    truth = {(f, v): read_mask(folder / "masks" / rig.names[v] / f"{f:06d}.png") for v in range(len(rig)) for f in range(scene.frames)}
+    truth = {
+        (f, v): read_mask(folder / "masks" / rig.names[v] / f"{f:06d}.png")
+        for v in range(len(rig))
+        for f in range(scene.frames)
+    }
     found = list(rows(f"seed {seed} {scene.motion.name}", results, plate, truth))
     return found, spent, [drawn(results, f, v, truth[f, v]) for f, v in ((0, 0), (2, 2), (5, 4), (3, 5))]
 
@@ -224,9 +265,15 @@ def gates(kind: str, found: list[dict[str, Any]]) -> tuple[str, bool]:
     """What is asked of the person's mattes, and whether it holds."""
     sources = [r["person"] for r in found if not r["held out"]]
     if kind != "simulated":
-        return f"IoU of every outlined picture at least {LEAST[kind]}: the least is {min(sources):.3f}", min(sources) >= LEAST[kind]
+        return (
+            f"IoU of every outlined picture at least {LEAST[kind]}: the least is {min(sources):.3f}",
+            min(sources) >= LEAST[kind],
+        )
     mean = float(np.mean(sources))
-    return f"mean IoU of simulated source views at least {LEAST[kind]}: {mean:.3f}, the least {min(sources):.3f}", mean >= LEAST[kind]
+    return (
+        f"mean IoU of simulated source views at least {LEAST[kind]}: {mean:.3f}, the least {min(sources):.3f}",
+        mean >= LEAST[kind],
+    )
 
 
 def main() -> int:
@@ -234,7 +281,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("balance", "given", "simulated"))
     parser.add_argument("folder", type=Path, nargs="?", default=Path("../shared/captures/balance"))
-    parser.add_argument("--archive", help="keep the archive of balance here, and use what is fresh of it but the frames")
+    parser.add_argument(
+        "--archive", help="keep the archive of balance here, and use what is fresh of it but the frames"
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=[9000, 9001, 9002, 9003])
     parser.add_argument("--sheet", type=Path)
     arguments = parser.parse_args()
@@ -242,7 +291,9 @@ def main() -> int:
     found: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as temporary:
         if arguments.kind != "simulated":
-            found, spent = {"balance": balance, "given": given}[arguments.kind](arguments.folder, arguments.archive or f"{temporary}/archive", arguments.sheet)
+            found, spent = {"balance": balance, "given": given}[arguments.kind](
+                arguments.folder, arguments.archive or f"{temporary}/archive", arguments.sheet
+            )
         else:
             pictures: list[np.ndarray] = []
             for seed in arguments.seeds:

@@ -1,4 +1,5 @@
-"""Peak memory of a run against its limit, while the archive is many times larger; projected beside measured, stage by stage.
+"""Peak memory of a run against its limit, while the archive is many times larger; projected beside measured, stage by
+stage.
 
     python -m benchmarks.memory [--frames 260] [--size 320] [--limit 768]
 
@@ -27,7 +28,14 @@ CLI = [sys.executable, "-m", "posegaussian.dags.cli.app"]
 
 def settings(limit: float, partition: int) -> list[str]:
     """`--set` of the runs measured here."""
-    chosen = {"views.held_out": "[mid00]", "rendering.paths": "[held_out]", "run.memory": limit, "run.scheduler": "serial", "partition.frames": partition, "depth.method": "hull"}
+    chosen = {
+        "views.held_out": "[mid00]",
+        "rendering.paths": "[held_out]",
+        "run.memory": limit,
+        "run.scheduler": "serial",
+        "partition.frames": partition,
+        "depth.method": "hull",
+    }
     return [part for k, v in chosen.items() for part in ("--set", f"{k}={v}")]
 
 
@@ -52,7 +60,10 @@ def measure(folder: Path, options: argparse.Namespace) -> tuple[list[dict[str, A
     film(folder / "capture", options.size, options.frames, 1)
     archive = ["--archive", str(folder / "archive")]
     given = settings(options.limit, options.partition)
-    for command in (["import", "images", str(folder / "capture"), "--sequence", "s", *archive, *given], ["run", *archive, *given]):
+    for command in (
+        ["import", "images", str(folder / "capture"), "--sequence", "s", *archive, *given],
+        ["run", *archive, *given],
+    ):
         subprocess.run([*CLI, *command], check=True, stdout=subprocess.DEVNULL)
     tasks: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for row in sorted(ledger.read(Archive(folder / "archive")), key=lambda r: r["started"]):
@@ -74,7 +85,11 @@ def measure(folder: Path, options: argparse.Namespace) -> tuple[list[dict[str, A
             }
         )
     raw = sum(r["raw MiB"] for r in rows)
-    return rows, {"archive MiB": round(raw, 1), "peak of any task MiB": round(max(r["peak MiB"] for r in rows), 1), "archive over limit": round(raw / options.limit, 2)}
+    return rows, {
+        "archive MiB": round(raw, 1),
+        "peak of any task MiB": round(max(r["peak MiB"] for r in rows), 1),
+        "archive over limit": round(raw / options.limit, 2),
+    }
 
 
 if __name__ == "__main__":

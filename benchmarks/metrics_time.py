@@ -1,10 +1,11 @@
-"""What each measure of the metrics stage costs: milliseconds and working memory of one picture, both regions, one thread.
+"""What each measure of the metrics stage costs: milliseconds and working memory of one picture, both regions, one
+thread.
 
     python -m benchmarks.metrics_time [--sizes 512 1024] [--repeats 5]
 
-A picture is 8-bit noise on gradients inside a mask whose box covers 32 % of it, as a standing person's does. LPIPS runs with
-made weights of the official shapes: the time does not depend on their values. The working memory is the highest resident
-memory during a call above that before it; the declaration is what the stage asks for.
+A picture is 8-bit noise on gradients inside a mask whose box covers 32 % of it, as a standing person's does. LPIPS runs
+with made weights of the official shapes: the time does not depend on their values. The working memory is the highest
+resident memory during a call above that before it; the declaration is what the stage asks for.
 """
 
 from __future__ import annotations
@@ -61,7 +62,13 @@ def settings(name: str, folder: Path) -> MetricsParams:
         return MetricsParams.model_validate({"measures": [name]})
     (folder / name).mkdir()
     files = dict(zip(LPIPS[name], weights(folder / name, STACKS[name]).values(), strict=True))
-    return MetricsParams.model_validate({"measures": [name], "lpips_weights": {k: v[0] for k, v in files.items()}, "lpips_sha256": {k: v[1] for k, v in files.items()}})
+    return MetricsParams.model_validate(
+        {
+            "measures": [name],
+            "lpips_weights": {k: v[0] for k, v in files.items()},
+            "lpips_sha256": {k: v[1] for k, v in files.items()},
+        }
+    )
 
 
 def memory(field: str) -> int:
@@ -83,7 +90,15 @@ def row(name: str, size: int, params: MetricsParams, repeats: int) -> dict[str, 
         seconds.append(time.perf_counter() - start)
     peak = max(0, memory("VmHWM") - before)
     declared = BYTES[name] * size * size
-    return {"measure": name, "px": size, "min ms": min(seconds) * 1e3, "median ms": statistics.median(seconds) * 1e3, "memory MiB": peak / 2**20, "declared MiB": declared / 2**20, "bytes a pixel": peak / size**2}
+    return {
+        "measure": name,
+        "px": size,
+        "min ms": min(seconds) * 1e3,
+        "median ms": statistics.median(seconds) * 1e3,
+        "memory MiB": peak / 2**20,
+        "declared MiB": declared / 2**20,
+        "bytes a pixel": peak / size**2,
+    }
 
 
 def main() -> None:
@@ -95,7 +110,9 @@ def main() -> None:
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as folder:
         asked = {name: settings(name, Path(folder)) for name in BYTES if name != "delta_ssim"}
-        rows = [row(name, size, params, arguments.repeats) for size in arguments.sizes for name, params in asked.items()]
+        rows = [
+            row(name, size, params, arguments.repeats) for size in arguments.sizes for name, params in asked.items()
+        ]
     publish("metrics_time", rows, vars(arguments))
 
 

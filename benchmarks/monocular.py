@@ -1,14 +1,17 @@
-"""What a single camera gives: pictures of cameras beside it, from a relief, from a user's depth maps, and from a second camera.
+"""What a single camera gives: pictures of cameras beside it, from a relief, from a user's depth maps, and from a second
+camera.
 
-    python -m benchmarks.monocular                     the published figures: seeds 9000-9003, cameras 5, 10, 20 and 30 degrees away
-    python -m benchmarks.monocular --seeds 1-2         tuning; seeds from 9000 on are for publishing only
+    python -m benchmarks.monocular                     the published figures: seeds 9000-9003, cameras 5, 10, 20 and 30
+    degrees away python -m benchmarks.monocular --seeds 1-2         tuning; seeds from 9000 on are for publishing only
 
-Simulated people (benchmark scenes, 384 px, one frame, exact masks) filmed by one source camera. Box PSNR in dB of each held-out camera.
+Simulated people (benchmark scenes, 384 px, one frame, exact masks) filmed by one source camera. Box PSNR in dB of each
+held-out camera.
 
-flat: the silhouette on a plane at the median of the true depth. relief: the default with no depth maps, with the same median; guessed: where a person of 1.8 m
-fills three quarters of the picture. given: true depth as a user's depth maps; noise: with errors of 1 % of the depth, a third of it
-from pixel to pixel and the rest over 16 px; coarse: at a quarter of the resolution, in whole millimetres; scaled: 10 % too far, as
-depth from a network may be. second: no depth maps, and another source camera 40 degrees away.
+flat: the silhouette on a plane at the median of the true depth. relief: the default with no depth maps, with the same
+median; guessed: where a person of 1.8 m fills three quarters of the picture. given: true depth as a user's depth maps;
+noise: with errors of 1 % of the depth, a third of it from pixel to pixel and the rest over 16 px; coarse: at a quarter
+of the resolution, in whole millimetres; scaled: 10 % too far, as depth from a network may be. second: no depth maps,
+and another source camera 40 degrees away.
 """
 
 from __future__ import annotations
@@ -45,7 +48,8 @@ KINDS = ("flat", "relief", "guessed", "given", "noise", "coarse", "scaled", "sec
 
 
 def film(seed: int, size: int, folder: Path) -> tuple[np.ndarray, float]:
-    """Film the scene into `folder`; true depth [h, w] of the source camera, m, and the distance that gives its relief the same median."""
+    """Film the scene into `folder`; true depth [h, w] of the source camera, m, and the distance that gives its
+    relief the same median."""
     base = benchmark_scene(seed, 1, size, 1).model_dump(exclude_unset=True)
     rig = {**base["rig"], "kind": "arc", "cameras": SECOND // STEP + 1, "span": float(SECOND)}
     staged = stage(Scene.model_validate({**base, "rig": rig, "held_out": 0}))
@@ -73,7 +77,9 @@ def depth_maps(kind: str, truth: np.ndarray, distance: float, seed: int) -> np.n
     return (truth * (1.1 if kind == "scaled" else 1.0)).astype(np.float32)
 
 
-def measured(kind: str, folder: Path, truth: np.ndarray, distance: float, seed: int) -> tuple[dict[int, float], np.ndarray]:
+def measured(
+    kind: str, folder: Path, truth: np.ndarray, distance: float, seed: int
+) -> tuple[dict[int, float], np.ndarray]:
     """Box PSNR by angle, and the pictures [angles, h, w, 3]."""
     capture, maps = folder / "capture", folder / "capture" / "depth_maps" / "cam00"
     for old in maps.glob("*"):
@@ -86,7 +92,9 @@ def measured(kind: str, folder: Path, truth: np.ndarray, distance: float, seed: 
     names = [f"cam{a // STEP:02d}" for a in ANGLES]
     sources = ["cam00", f"cam{SECOND // STEP:02d}"] if kind == "second" else ["cam00"]
     known = [] if kind == "guessed" else [f"depth.subject_distance={distance}"]
-    results, _ = run_capture(folder, (f"views.sources=[{', '.join(sources)}]", f"views.held_out=[{', '.join(names)}]", *known))
+    results, _ = run_capture(
+        folder, (f"views.sources=[{', '.join(sources)}]", f"views.held_out=[{', '.join(names)}]", *known)
+    )
     assert capture.is_dir()
     return _pictures(results)
 
@@ -112,21 +120,29 @@ def table(chosen: Sequence[int], size: int, picture: Path | None, kinds: Sequenc
             for kind in kinds:
                 values, pictures = measured(kind, folder, truth, distance, seed)
                 found[kind].append(values)
-                print(f"seed {seed}, {kind}: " + ", ".join(f"{a} degrees {v:.2f} dB" for a, v in values.items()), flush=True)
+                print(
+                    f"seed {seed}, {kind}: " + ", ".join(f"{a} degrees {v:.2f} dB" for a, v in values.items()),
+                    flush=True,
+                )
                 if n == 0 and kind in ("flat", "relief", "noise", "second"):
                     shown.append(np.concatenate(list(pictures[:, :, size // 6 : -size // 6]), axis=1))
     if picture is not None:
         from posegaussian.storage.readers.images import write_png
 
         write_png(picture, np.concatenate(shown))
-    return [{"depth": k, **{f"{a} degrees": float(np.mean([r[a] for r in rows])) for a in ANGLES}} for k, rows in found.items()]
+    return [
+        {"depth": k, **{f"{a} degrees": float(np.mean([r[a] for r in rows])) for a in ANGLES}}
+        for k, rows in found.items()
+    ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=seeds, default=REPORTING)
     parser.add_argument("--size", type=int, default=384)
-    parser.add_argument("--picture", type=Path, help="PNG of the first seed: flat, relief, noise and second, by row; angles by column")
+    parser.add_argument(
+        "--picture", type=Path, help="PNG of the first seed: flat, relief, noise and second, by row; angles by column"
+    )
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     a = parser.parse_args()
     limit(1)

@@ -1,10 +1,12 @@
-"""A measured stereo pair with published disparity (Middlebury 2014, Motorcycle, a quarter of its size): the open sweep beside OpenCV's SGBM.
+"""A measured stereo pair with published disparity (Middlebury 2014, Motorcycle, a quarter of its size): the open sweep
+beside OpenCV's SGBM.
 
     python -m benchmarks.motorcycle
 
-The folder reference/motorcycle is looked for in POSEGAUSSIAN_CAPTURES, by default ../shared. Both matchers see the pair alone and
-search the same disparities. Density is the share of the pixels with published disparity that a matcher answers, its surest ones
-first where there is a choice; bad-2px is the share of those answers that are off by more than 2 px.
+The folder reference/motorcycle is looked for in POSEGAUSSIAN_CAPTURES, by default ../shared. Both matchers see the pair
+alone and search the same disparities. Density is the share of the pixels with published disparity that a matcher
+answers, its surest ones first where there is a choice; bad-2px is the share of those answers that are off by more than
+2 px.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from posegaussian.storage.model.cameras import Rig, from_integer_centres
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "motorcycle"
 FOCAL, CENTRE, SHIFT, BASELINE = 994.978, (311.193, 254.877), 31.086, 0.193001
-"""px, integer-centre px, px by which the right picture's centre lies farther right, metres: the data set's calibration at this size."""
+"""px, integer-centre px, px by which the right picture's centre lies farther right, metres: the data set's
+calibration at this size."""
 SEARCHED = 80
 """Disparities searched, px; the published ones are 7 to 60."""
 DENSITIES = (0.75, 0.8, 0.85, 0.9)
@@ -57,30 +60,51 @@ class Pair:
 def load(folder: Path = FOLDER) -> Pair:
     """The pair of the folder; FileNotFoundError where it is missing."""
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder} is missing; set POSEGAUSSIAN_CAPTURES to the folder that holds reference/motorcycle")
-    left, right = (np.ascontiguousarray(cv2.imread(str(folder / f"motorcycle_{side}.png"))[..., ::-1]) for side in ("left", "right"))
+        raise FileNotFoundError(
+            f"{folder} is missing; set POSEGAUSSIAN_CAPTURES to the folder that holds reference/motorcycle"
+        )
+    left, right = (
+        np.ascontiguousarray(cv2.imread(str(folder / f"motorcycle_{side}.png"))[..., ::-1])
+        for side in ("left", "right")
+    )
     return Pair(left, right, np.load(folder / "motorcycle_disp.npz")["arr_0"])
 
 
 def by_sweep(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Disparity [h, w] px of the left picture, NaN where there is none, and confidence [h, w], of the open sweep of the pair."""
+    """Disparity [h, w] px of the left picture, NaN where there is none, and confidence [h, w], of the open sweep of
+    the pair."""
     near, far = (FOCAL * BASELINE / (d + SHIFT) for d in (SEARCHED, 0))
     params, rig = DepthParams(method="sweep", depth_range=(near, far)), pair.rig
     everything = np.full(pair.disparity.shape, 255, np.uint8)
-    depth, confidence = sweep_open(Geometry.of(rig, (0, 1), params), Frame({0: pair.left, 1: pair.right}, {0: everything, 1: everything}), params)[0]
+    depth, confidence = sweep_open(
+        Geometry.of(rig, (0, 1), params), Frame({0: pair.left, 1: pair.right}, {0: everything, 1: everything}), params
+    )[0]
     return np.where(depth > 0, FOCAL * BASELINE / np.where(depth > 0, depth, 1) - SHIFT, np.nan), confidence
 
 
 def by_sgbm(pair: Pair, block: int = 5) -> np.ndarray:
     """Disparity [h, w] px of OpenCV's SGBM with the settings of its own sample, NaN where it says nothing."""
     elements = 3 * block * block
-    matcher = cv2.StereoSGBM.create(0, SEARCHED, block, P1=8 * elements, P2=32 * elements, disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=100, speckleRange=2)
+    matcher = cv2.StereoSGBM.create(
+        0,
+        SEARCHED,
+        block,
+        P1=8 * elements,
+        P2=32 * elements,
+        disp12MaxDiff=1,
+        uniquenessRatio=10,
+        speckleWindowSize=100,
+        speckleRange=2,
+    )
     found = matcher.compute(pair.left, pair.right) / 16
     return np.where(found > 0, found, np.nan)
 
 
-def bad(pair: Pair, disparity: np.ndarray, confidence: np.ndarray | None = None, density: float = 1.0) -> tuple[float, float]:
-    """(density, share of answers off by more than 2 px) of the surest answers up to a density, over pixels of known disparity."""
+def bad(
+    pair: Pair, disparity: np.ndarray, confidence: np.ndarray | None = None, density: float = 1.0
+) -> tuple[float, float]:
+    """(density, share of answers off by more than 2 px) of the surest answers up to a density, over pixels of known
+    disparity."""
     known = np.isfinite(pair.disparity)
     off = np.abs(disparity - pair.disparity)[known]
     given = np.isfinite(off)

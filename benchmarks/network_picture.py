@@ -1,4 +1,5 @@
-"""The network benchmark's picture: a held-out view of each scene with and without the network, and where they differ from the film."""
+"""The network benchmark's picture: a held-out view of each scene with and without the network, and where they differ
+from the film."""
 
 from __future__ import annotations
 
@@ -18,16 +19,21 @@ WHITE = 48.0
 
 
 def draw(rows: Sequence[dict[str, Any]], file: Path) -> None:
-    """Write a PNG: a line a scene: as filmed, floor, network, their differences from the film, and where the network is nearer or farther."""
+    """Write a PNG: a line a scene: as filmed, floor, network, their differences from the film, and where the network
+    is nearer or farther."""
     lines = []
     for seed in list(dict.fromkeys(r["seed"] for r in rows))[:SCENES]:
-        floor, network = (next(r for r in rows if (r["seed"], r["depth"]) == (seed, kind)) for kind in ("floor", "network"))
+        floor, network = (
+            next(r for r in rows if (r["seed"], r["depth"]) == (seed, kind)) for kind in ("floor", "network")
+        )
         filmed = floor["shown"][1]
         span = around(filmed)
         apart = [difference(r["shown"][0], filmed) for r in (floor, network)]
         tiles = [tile(filmed[:, span], f"{seed} {floor['motion']}")]
         tiles += [tile(r["shown"][0][:, span], f"{r['depth']} {r['box psnr']:.2f} dB") for r in (floor, network)]
-        tiles += [tile(glowing(a)[:, span], f"error of {name}") for name, a in zip(("floor", "network"), apart, strict=True)]
+        tiles += [
+            tile(glowing(a)[:, span], f"error of {name}") for name, a in zip(("floor", "network"), apart, strict=True)
+        ]
         tiles.append(tile(nearer(*apart)[:, span], "better / worse"))
         lines.append(np.hstack(tiles))
     save(lines, file)

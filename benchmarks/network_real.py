@@ -1,12 +1,14 @@
-"""The network on a real capture: the same novel views with and without it, how sure it is, and how far it moves the depth.
+"""The network on a real capture: the same novel views with and without it, how sure it is, and how far it moves the
+depth.
 
     python -m benchmarks.network_real [--weights fast] [--frame 10] [--archive FOLDER]
 
-`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/quality.md, one frame at 960 px; BlazePose must have been
-fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There is no
-truth. Measured is how much the network says, and that the analytic depth stands where it is not sure: confidence and change
-of depth are means over each source view's surface. And, for the analytic depth and for the network's, how far the views of every usable
-pair contradict each other (`benchmarks.real_agreement`); the second picture shows where the network makes that better or worse.
+`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/quality.md, one frame at 960 px; BlazePose must have
+been fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There
+is no truth. Measured is how much the network says, and that the analytic depth stands where it is not sure: confidence
+and change of depth are means over each source view's surface. And, for the analytic depth and for the network's, how
+far the views of every usable pair contradict each other (`benchmarks.real_agreement`); the second picture shows where
+the network makes that better or worse.
 """
 
 from __future__ import annotations
@@ -56,7 +58,11 @@ HEIGHT = 480
 
 def run(balance: Path, archive: Path, settings: list[str], views: Path) -> Results:
     """The capture's results under some settings; what they do not touch stays fresh."""
-    session = Session(load_configuration(None, ["frames.size=960", *CROPS, *settings], folder=archive.parent), str(archive), Console(quiet=True))
+    session = Session(
+        load_configuration(None, ["frames.size=960", *CROPS, *settings], folder=archive.parent),
+        str(archive),
+        Console(quiet=True),
+    )
     own = session.configuration.for_sequence(NAME)
     capture = find_capture("pose2sim", without_keypoints(balance, archive.parent / "plain"), [], own)
     register(Archive.open(str(archive), create=True), NAME, capture, own)
@@ -76,7 +82,14 @@ def between(rig: Rig) -> dict[str, Any]:
     """Cameras on the arc from cam01 to cam02, as a path file holds them."""
     arc = make_path("arc cam01 cam02", rig, Views(rig.names, tuple(range(len(rig))), ()), np.arange(5))
     cameras = [
-        {"name": name, "width": int(arc.size[0][0]), "height": int(arc.size[0][1]), "K": arc.intrinsics[s, 0].tolist(), "R": arc.world_to_camera[s, 0, :3, :3].tolist(), "t": arc.world_to_camera[s, 0, :3, 3].tolist()}
+        {
+            "name": name,
+            "width": int(arc.size[0][0]),
+            "height": int(arc.size[0][1]),
+            "K": arc.intrinsics[s, 0].tolist(),
+            "R": arc.world_to_camera[s, 0, :3, :3].tolist(),
+            "t": arc.world_to_camera[s, 0, :3, 3].tolist(),
+        }
         for name, s in STEPS.items()
     ]
     return {"pixel_center": "half", "cameras": cameras}
@@ -93,7 +106,10 @@ def said(results: Results) -> list[dict[str, Any]]:
     """One row a source view, and one for all."""
     rows, parts = [], []
     for view in results.context.views.sources:
-        depth, moved, share = (results.read(a, range(1), view)[0].astype(np.float64) for a in ("depth/depth", "network/depth", "network/confidence"))
+        depth, moved, share = (
+            results.read(a, range(1), view)[0].astype(np.float64)
+            for a in ("depth/depth", "network/depth", "network/confidence")
+        )
         on = depth > 0
         parts.append(np.stack([share[on], 1000 * np.abs(moved - depth)[on]]))
         rows.append(_row(results.context.rig.names[view], parts[-1]))
@@ -104,16 +120,27 @@ def _row(name: str, values: np.ndarray) -> dict[str, Any]:
     share, apart = values
     unsure = share < UNSURE
     where = float(apart[unsure].max()) if unsure.any() else 0.0
-    return {"view": name, "confidence": float(share.mean()), f"below {UNSURE:g}": float(unsure.mean()), "change mm": float(apart.mean()), "change mm, 95 %": float(np.quantile(apart, 0.95)), "most where unsure, mm": where}
+    return {
+        "view": name,
+        "confidence": float(share.mean()),
+        f"below {UNSURE:g}": float(unsure.mean()),
+        "change mm": float(apart.mean()),
+        "change mm, 95 %": float(np.quantile(apart, 0.95)),
+        "most where unsure, mm": where,
+    }
 
 
 def maps(results: Results) -> dict[int, tuple[np.ndarray, ...]]:
     """Of the first frame by source view: depth [h, w] m, and what else its Gaussians are lifted from."""
-    return {v: tuple(results.read(a, range(1), v)[0] for a in (depth_array(results.context.facts), *OF_GAUSSIANS)) for v in results.context.views.sources}
+    return {
+        v: tuple(results.read(a, range(1), v)[0] for a in (depth_array(results.context.facts), *OF_GAUSSIANS))
+        for v in results.context.views.sources
+    }
 
 
 def draw_pairs(shown: Shown, differences: dict[tuple[int, int], dict[str, np.ndarray]], file: Path) -> None:
-    """Write a PNG: the first view of each directed pair, dark, and over it where the network shows the other view's colour there better (green) or worse (red)."""
+    """Write a PNG: the first view of each directed pair, dark, and over it where the network shows the other view's
+    colour there better (green) or worse (red)."""
     tiles = []
     for (a, b), apart in differences.items():
         picture = np.where(shown.mask[a][..., None] > 127, shown.color[a], 0)
@@ -122,7 +149,10 @@ def draw_pairs(shown: Shown, differences: dict[tuple[int, int], dict[str, np.nda
         compared = np.isfinite(apart["floor"])
         marked = nearer(*(np.where(compared, apart[kind], 0) for kind in ("floor", "network")))
         names = f"{shown.rig.names[a]} in {shown.rig.names[b]}"
-        tiles += [tile(picture[cut], names, HEIGHT), tile(np.maximum(marked, picture // 4)[cut], "better / worse", HEIGHT)]
+        tiles += [
+            tile(picture[cut], names, HEIGHT),
+            tile(np.maximum(marked, picture // 4)[cut], "better / worse", HEIGHT),
+        ]
     cv2.imwrite(str(file), np.hstack(tiles)[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
@@ -131,7 +161,10 @@ def draw(floor: dict[str, np.ndarray], network: dict[str, np.ndarray], file: Pat
     tiles = []
     for name, picture in floor.items():
         span = around(picture)
-        tiles += [tile(picture[:, span], f"{name} of the way, analytic", HEIGHT), tile(network[name][:, span], "with the network", HEIGHT)]
+        tiles += [
+            tile(picture[:, span], f"{name} of the way, analytic", HEIGHT),
+            tile(network[name][:, span], "with the network", HEIGHT),
+        ]
         tiles.append(tile(glowing(difference(network[name], picture))[:, span], "difference", HEIGHT))
     cv2.imwrite(str(file), np.hstack(tiles)[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
@@ -143,8 +176,12 @@ def main() -> None:
     parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
     parser.add_argument("--picture", type=Path, default=Path("docs/network_balance.png"))
     parser.add_argument("--pairs", type=Path, default=Path("docs/network_pairs.png"), help="the second picture")
-    parser.add_argument("--floor-only", action="store_true", help="make what does not need weights, into the archive, and end")
-    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
+    parser.add_argument(
+        "--floor-only", action="store_true", help="make what does not need weights, into the archive, and end"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
+    )
     a = parser.parse_args()
     limit(1)
     weights = a.weights if a.weights in shipped() else str(Path(a.weights).resolve())
@@ -164,8 +201,14 @@ def main() -> None:
         shown = Shown(results.context.rig, color, mask)
         pairs = [p for r in pair_report(shown.rig, sources) if r.usable for p in (r.views, r.views[::-1])]
         kinds = {"floor": analytic, "network": learned}
-        rows, differences = table(shown, pairs, {k: {v: m[0] for v, m in found.items()} for k, found in kinds.items()}, kinds)
-        publish(None if a.set else "network_real", said(results), {"weights": card.name, "data": card.data, "frame": a.frame, "size": 960, "pairs": rows})
+        rows, differences = table(
+            shown, pairs, {k: {v: m[0] for v, m in found.items()} for k, found in kinds.items()}, kinds
+        )
+        publish(
+            None if a.set else "network_real",
+            said(results),
+            {"weights": card.name, "data": card.data, "frame": a.frame, "size": 960, "pairs": rows},
+        )
         show(rows)
         draw(floor, rendered(results), a.picture)
         draw_pairs(shown, differences, a.pairs)

@@ -1,11 +1,12 @@
-"""What the network costs: milliseconds for two views of 512 x 512 px (one rectified pair, both directions), module by module, and its gates.
+"""What the network costs: milliseconds for two views of 512 x 512 px (one rectified pair, both directions), module by
+module, and its gates.
 
     python -m benchmarks.network_time [--presets fast base] [--threads 2] [--repeats 9] [--weights FILE.safetensors]
 
 `shipped`: as the stage runs it, bf16 layers over channels_last weights. `plain`: the same network in float32 with
-contiguous weights, eager. Both in turns in the same run; medians. These are what the gates are about, and show the network
-the whole of both pictures. `person`: the shipped way on the windows that the stage shows it, around the person. `outside` is
-what the stage does for such a pair beside the network: rectification before it, pulling back behind it.
+contiguous weights, eager. Both in turns in the same run; medians. These are what the gates are about, and show the
+network the whole of both pictures. `person`: the shipped way on the windows that the stage shows it, around the person.
+`outside` is what the stage does for such a pair beside the network: rectification before it, pulling back behind it.
 Weights are those that ship, else random ones, which take as long. EPE: of a simulated person, whose start is the true
 depth with a smooth error of 1 %; both ways must say the same.
 """
@@ -74,13 +75,16 @@ def view(shot: Shot, random: np.random.Generator) -> SourceView:
     truth, (height, width) = shot.depth, shot.mask.shape
     error = cv2.GaussianBlur(random.normal(size=truth.shape), (0, 0), 12)
     assert shot.joints2d is not None
-    heatmaps = draw(shot.joints2d[None], np.full((1, len(shot.joints2d)), 6.0), (width, height), (height // 4, width // 4))[0]
+    heatmaps = draw(
+        shot.joints2d[None], np.full((1, len(shot.joints2d)), 6.0), (width, height), (height // 4, width // 4)
+    )[0]
     depth = truth * (1 + 0.01 * error / error.std())
     return SourceView(shot.color, shot.mask, depth.astype(np.float32), (truth > 0).astype(np.float32), heatmaps)
 
 
 def shown(size: int) -> tuple[RectifiedPair, tuple[SourceView, SourceView], tuple[Window, Window], torch.Tensor]:
-    """A pair of a simulated person, its views, windows of the whole size in the middle of both, and the true disparity [2, 1, H, W]."""
+    """A pair of a simulated person, its views, windows of the whole size in the middle of both, and the true
+    disparity [2, 1, H, W]."""
     staged = stage(benchmark_scene(1, 8, size, 1))
     rig = staged.written.subset(range(8))
     pair = rectify(rig, 0, 1, look_at_point(rig))
@@ -145,12 +149,25 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
         for which in (0, 1):
             learned_of(pair, which, person[which], found, said, sources[which].depth)
 
-    ways = {"shipped ms": lambda: predict(fast, views, a.iterations, "bf16", clock), "plain ms": slow, "person ms": lambda: predict(fast, seen, a.iterations, "bf16"), "outside ms": outside}
+    ways = {
+        "shipped ms": lambda: predict(fast, views, a.iterations, "bf16", clock),
+        "plain ms": slow,
+        "person ms": lambda: predict(fast, seen, a.iterations, "bf16"),
+        "outside ms": outside,
+    }
     took = in_turns(ways, a.repeats)
     ratio = took["plain ms"] / took["shipped ms"]
     modules = {name: clock.milliseconds(name) for name in MODULES if name in clock.seconds}
     epe = {"EPE": end_point_error(prediction, views, truth), "EPE plain": end_point_error(slow(), views, truth)}
-    row: dict[str, Any] = {"preset": preset, "weights": "trained" if trained else "random", **took, "ratio": ratio, **modules, "rest": took["shipped ms"] - sum(modules.values()), **epe}
+    row: dict[str, Any] = {
+        "preset": preset,
+        "weights": "trained" if trained else "random",
+        **took,
+        "ratio": ratio,
+        **modules,
+        "rest": took["shipped ms"] - sum(modules.values()),
+        **epe,
+    }
     bound = MILLISECONDS[preset]
     apart = abs(epe["EPE"] - epe["EPE plain"])
     return row, [
@@ -173,7 +190,11 @@ def main() -> None:
     limit(a.threads)
     found = [timed(preset, a) for preset in a.presets]
     rows = transposed([row for row, _ in found])
-    publish("network_time" if a.publish else None, rows, {k: getattr(a, k) for k in ("threads", "repeats", "iterations", "size")})
+    publish(
+        "network_time" if a.publish else None,
+        rows,
+        {k: getattr(a, k) for k in ("threads", "repeats", "iterations", "size")},
+    )
     for sentence, holds in (gate for _, held in found for gate in held):
         print("holds  " if holds else "FAILS  ", sentence)
 

@@ -2,8 +2,9 @@
 
     python -m benchmarks.overhead [--tasks 800] [--busy-tasks 96]
 
-Tasks are real in all but two things: the kernel computes nothing (or sleeps a second), and no shard is written. So what is
-measured is judging, ordering, Dask, lease, receipts and their checks; the first row is what Dask alone takes. `fsync apart` runs with os.fsync switched off,
+Tasks are real in all but two things: the kernel computes nothing (or sleeps a second), and no shard is written. So what
+is measured is judging, ordering, Dask, lease, receipts and their checks; the first row is what Dask alone takes. `fsync
+apart` runs with os.fsync switched off,
 `with fsync` as always; their difference is what surviving a power cut costs. `ms a task` is what a task adds to a run's
 length, once a fifth of the tasks is done and the workers have imported what they need. The busy share is the sum of the
 sleeps over two workers times the time from the first task handed out to the last one done, imports and all.
@@ -71,7 +72,9 @@ def task(order: Order, seconds: float, sync: bool) -> Receipt:
         return outputs(stage, order)
 
     stage = posegaussian.dags.runtime.worker.stage_named(order.stage)
-    posegaussian.dags.runtime.worker.resolve = lambda dotted: kernel if dotted.endswith(":run") else lambda block, params: []
+    posegaussian.dags.runtime.worker.resolve = lambda dotted: (
+        kernel if dotted.endswith(":run") else lambda block, params: []
+    )
     posegaussian.dags.runtime.worker._write = write_nothing
     if not sync:
         os.fsync = lambda handle: None
@@ -101,12 +104,21 @@ def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, A
     posegaussian.dags.runtime.executors.serial.execute = function  # type: ignore[assignment]
     posegaussian.dags.runtime.executors.dask.execute_packed = partial(packed, seconds=seconds, sync=sync)  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as folder:
-        session = synthetic.make(Path(folder), max(1, round(count / synthetic.TASKS)), receipts=False, more=(f"run.scheduler={scheduler}", f"run.workers={WORKERS}"))
+        session = synthetic.make(
+            Path(folder),
+            max(1, round(count / synthetic.TASKS)),
+            receipts=False,
+            more=(f"run.scheduler={scheduler}", f"run.workers={WORKERS}"),
+        )
         plan = session.plan(synthetic.NAME, Selection())
         Run([plan], Selection(), session.backend(), [note]).go()
     os.fsync = fsync
     warm = len(ends) // 5
-    return {"tasks": len(ends), "seconds": ends[-1] - starts[0], "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3}
+    return {
+        "tasks": len(ends),
+        "seconds": ends[-1] - starts[0],
+        "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3,
+    }
 
 
 def nothing(order: bytes) -> bytes:
@@ -114,11 +126,15 @@ def nothing(order: bytes) -> bytes:
 
 
 def bare_dask(count: int) -> dict[str, Any]:
-    """The same number of futures of eight kilobytes through the same cluster, with the window our tasks of this length have and none of our code around them."""
+    """The same number of futures of eight kilobytes through the same cluster, with the window our tasks of this
+    length have and none of our code around them."""
     settings = RunSettings(workers=WORKERS, gpus=0)
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
     ends = []
-    with posegaussian.dags.runtime.executors.dask.start_local(settings) as cluster, Client(cluster, set_as_default=False) as client:
+    with (
+        posegaussian.dags.runtime.executors.dask.start_local(settings) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
         client.wait_for_workers(WORKERS)
 
         async def fetch(key: str, future: Any) -> None:
@@ -135,7 +151,11 @@ def bare_dask(count: int) -> dict[str, Any]:
             flying[key] = client.submit(nothing, bytes(8000), key=key, pure=False, resources={CPU: 1})
             client.loop.add_callback(fetch, key, flying[key])
     warm = count // 5
-    return {"tasks": count, "seconds": ends[-1] - start, "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3}
+    return {
+        "tasks": count,
+        "seconds": ends[-1] - start,
+        "ms a task": (ends[-1] - ends[warm]) / (len(ends) - 1 - warm) * 1e3,
+    }
 
 
 def main() -> None:
@@ -154,7 +174,15 @@ def main() -> None:
     ):
         r = timed(arguments.busy_tasks if seconds else arguments.tasks, scheduler, seconds, sync)
         busy = f"{100 * r['tasks'] * seconds / (WORKERS * r['seconds']):.1f}" if seconds else ""
-        rows.append({"tasks are": name, "tasks": r["tasks"], "seconds": r["seconds"], "ms a task": "" if seconds else r["ms a task"], "busy %": busy})
+        rows.append(
+            {
+                "tasks are": name,
+                "tasks": r["tasks"],
+                "seconds": r["seconds"],
+                "ms a task": "" if seconds else r["ms a task"],
+                "busy %": busy,
+            }
+        )
     publish("overhead", rows, vars(arguments))
 
 

@@ -1,6 +1,8 @@
-"""Per-scene optimisation as a user of 3DGS runs it: points on the visual hull, isotropic, free to move; no depth, no normals, no pixels.
+"""Per-scene optimisation as a user of 3DGS runs it: points on the visual hull, isotropic, free to move; no depth, no
+normals, no pixels.
 
-Rates, opacities and the low pass are those of 3DGS (Kerbl et al. 2023, without densification); the loss is that of the refinement stage.
+Rates, opacities and the low pass are those of 3DGS (Kerbl et al. 2023, without densification); the loss is that of the
+refinement stage.
 """
 
 from __future__ import annotations
@@ -46,22 +48,54 @@ class PlainGaussians:
     def draw(self, camera: Camera) -> Rendering:
         """Its picture."""
         v = self.values
-        return rasterize(Gaussians(v["mean"], rotations(v["rotation"]), torch.exp(v["scale"]), torch.sigmoid(v["opacity"]), v["color"]), [camera], drawing=DRAWING)
+        return rasterize(
+            Gaussians(
+                v["mean"], rotations(v["rotation"]), torch.exp(v["scale"]), torch.sigmoid(v["opacity"]), v["color"]
+            ),
+            [camera],
+            drawing=DRAWING,
+        )
 
 
 def hull_points(maps: Mapping[int, Maps], cameras: Mapping[int, Camera]) -> PlainGaussians:
     """Every n-th pixel of the hull's depth maps, in the colour it has there, as wide as the points are apart."""
-    lifted = [lift(maps[v], np.asarray(cameras[v].intrinsics), np.asarray(cameras[v].world_to_camera), torch.float32, torch.device("cpu")) for v in maps]
-    means, colors, widths = (np.concatenate([a.numpy() for a in arrays]) for arrays in zip(*((g.mean, g.color, g.scale[:, 0]) for g in lifted), strict=True))
+    lifted = [
+        lift(
+            maps[v],
+            np.asarray(cameras[v].intrinsics),
+            np.asarray(cameras[v].world_to_camera),
+            torch.float32,
+            torch.device("cpu"),
+        )
+        for v in maps
+    ]
+    means, colors, widths = (
+        np.concatenate([a.numpy() for a in arrays])
+        for arrays in zip(*((g.mean, g.color, g.scale[:, 0]) for g in lifted), strict=True)
+    )
     step = max(1, len(means) // POINTS)
     chosen = np.random.default_rng(0).permutation(len(means))[::step]
-    # Half a pixel is the width of a view's own Gaussians; the views lie on top of one another and one in `step` is left.
+    # Half a pixel is the width of a view's own Gaussians; the views lie on top of one another and one in `step` is
+    # left.
     return PlainGaussians(means[chosen], colors[chosen], 2 * widths[chosen] * np.sqrt(step / len(lifted)))
 
 
-def optimised(gaussians: PlainGaussians, filmed: Sequence[Filmed], extent: float, seconds: Sequence[float], watch: Callable[[float, PlainGaussians], None]) -> Iterator[int]:
-    """Optimise on all pictures in turn; `watch` sees the Gaussians at each of the CPU `seconds`. Yields the number of steps at each."""
-    adam = torch.optim.Adam([{"params": [v], "lr": RATES[k] * (extent if k == "mean" else 1.0), "name": k} for k, v in gaussians.values.items()], eps=1e-15)
+def optimised(
+    gaussians: PlainGaussians,
+    filmed: Sequence[Filmed],
+    extent: float,
+    seconds: Sequence[float],
+    watch: Callable[[float, PlainGaussians], None],
+) -> Iterator[int]:
+    """Optimise on all pictures in turn; `watch` sees the Gaussians at each of the CPU `seconds`. Yields the number
+    of steps at each."""
+    adam = torch.optim.Adam(
+        [
+            {"params": [v], "lr": RATES[k] * (extent if k == "mean" else 1.0), "name": k}
+            for k, v in gaussians.values.items()
+        ],
+        eps=1e-15,
+    )
     order, step, spent = np.random.default_rng(0), 0, 0.0
     for stop in sorted(seconds):
         while spent < stop:

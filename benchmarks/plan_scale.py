@@ -2,10 +2,10 @@
 
     python -m benchmarks.plan_scale [--finished 1250 5000 10000] [--simulated 10000 100000 1000000]
 
-A partition is one unit of work: a stage's part of the time axis of one view or path, with a receipt of its own. Finished
-sequences have true receipts over empty shards, all fresh, so a plan reads, parses and compares all of them. A simulated one
-has none: every partition is to be made. Each size runs in a process of its own; the growth is the exponent between one
-size and the one before it (1 = linear).
+A partition is one unit of work: a stage's part of the time axis of one view or path, with a receipt of its own.
+Finished sequences have true receipts over empty shards, all fresh, so a plan reads, parses and compares all of them. A
+simulated one has none: every partition is to be made. Each size runs in a process of its own; the growth is the
+exponent between one size and the one before it (1 = linear).
 """
 
 from __future__ import annotations
@@ -38,13 +38,22 @@ def plan_once(root: Path, count: int, finished: bool, repeats: int) -> dict[str,
         processor.append(time.process_time() - cpu)
     assert plan.all_fresh is finished
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return {"kind": "finished" if finished else "simulated", "partitions": len(plan.verdicts), "plan s": statistics.median(wall), "cpu s": statistics.median(processor), "peak MB": peak / 1e6}
+    return {
+        "kind": "finished" if finished else "simulated",
+        "partitions": len(plan.verdicts),
+        "plan s": statistics.median(wall),
+        "cpu s": statistics.median(processor),
+        "peak MB": peak / 1e6,
+    }
 
 
 def in_a_process(count: int, finished: bool, repeats: int) -> dict[str, Any]:
     """`plan_once` in a fresh process, so that the peak is its own."""
     with tempfile.TemporaryDirectory() as folder:
-        code = f"import json; from pathlib import Path; from benchmarks.plan_scale import plan_once; print(json.dumps(plan_once(Path({folder!r}), {count}, {finished}, {repeats})))"
+        code = (
+            "import json; from pathlib import Path; from benchmarks.plan_scale import plan_once;"
+            f" print(json.dumps(plan_once(Path({folder!r}), {count}, {finished}, {repeats})))"
+        )
         done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -55,7 +64,10 @@ def with_growth(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         before = out[-1] if out and out[-1]["kind"] == row["kind"] else None
         steps = math.log(row["partitions"] / before["partitions"]) if before else 0.0
-        growth = {f"growth of {k}": f"{math.log(row[c] / before[c]) / steps:.2f}" if before else "" for k, c in (("time", "plan s"), ("memory", "peak MB"))}
+        growth = {
+            f"growth of {k}": f"{math.log(row[c] / before[c]) / steps:.2f}" if before else ""
+            for k, c in (("time", "plan s"), ("memory", "peak MB"))
+        }
         out.append({**row, **growth})
     return out
 

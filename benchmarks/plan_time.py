@@ -1,6 +1,6 @@
 """Seconds of `posegaussian plan` as a process after a finished run, and of the interpreter alone beside it.
 
-    python -m benchmarks.plan_time [--repeats 7]
+python -m benchmarks.plan_time [--repeats 7]
 """
 
 from __future__ import annotations
@@ -35,12 +35,19 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "demo"
-        subprocess.run([*CLI, "demo", "--output", str(output), "--size", "64", "--frames", "16"], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [*CLI, "demo", "--output", str(output), "--size", "64", "--frames", "16"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
         settings = str(Path(__file__).parent.parent / "dags" / "simulation" / "demo.yaml")
         plan = [*CLI, "plan", "--archive", str(output / "archive"), "--config", settings]
         assert "all fresh" in subprocess.run(plan, check=True, capture_output=True, text=True).stdout
         timed = {"plan": seconds(plan, repeats), "python -c pass": seconds([sys.executable, "-c", "pass"], repeats)}
-    rows = [{"command": name, "min s": min(t), "median s": statistics.median(t), "max s": max(t)} for name, t in timed.items()]
+    rows = [
+        {"command": name, "min s": min(t), "median s": statistics.median(t), "max s": max(t)}
+        for name, t in timed.items()
+    ]
     publish("plan_time", rows, {"repeats": repeats})
 
 

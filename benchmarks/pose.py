@@ -1,18 +1,19 @@
 """Joints in space on simulated people: how far off, how restless, how late, with every kind of smoothing.
 
-    python -m benchmarks.pose                        the published figures: walk, kick and crossed arms, 8 cameras, 24 frames
-    python -m benchmarks.pose --seed 1 --no-blazepose   tuning; seeds from 9000 on are for publishing only
+    python -m benchmarks.pose                        the published figures: walk, kick and crossed arms, 8 cameras, 24
+    frames python -m benchmarks.pose --seed 1 --no-blazepose   tuning; seeds from 9000 on are for publishing only
 
-Three kinds of joints: exact ones with noise and faults (see `pose_joints.SPOILS`), and BlazePose's on the rendered pictures where
-its models are here. Of each: `triangulated`, every frame by itself and nothing mended; `mended`, what the pose stage writes
-(pose/joints3d); then what the heatmaps hold that the smoothing stage writes, for every method and `none` (the pose stage's own):
-in every view the middle of what rises above half of the peak, triangulated frame by frame. The last four rows thus hold what a
-reader of the heatmaps can know; joints3d itself is not smoothed.
+Three kinds of joints: exact ones with noise and faults (see `pose_joints.SPOILS`), and BlazePose's on the rendered
+pictures where its models are here. Of each: `triangulated`, every frame by itself and nothing mended; `mended`, what
+the pose stage writes (pose/joints3d); then what the heatmaps hold that the smoothing stage writes, for every method and
+`none` (the pose stage's own): in every view the middle of what rises above half of the peak, triangulated frame by
+frame. The last four rows thus hold what a reader of the heatmaps can know; joints3d itself is not smoothed.
 
-BlazePose's joints are not where COCO-17's are. What each name means is off by a constant in the axes of its own limb, trunk or
-face, the same on both sides: the median over other people (seeds from 1 on) doing the same, taken off before the figures and
-printed, in mm. The second table has every joint's median error, all motions together; the figure that is asked for is the
-largest of them, `mended`. People are built and dressed differently: the last column takes off the person's own offset.
+BlazePose's joints are not where COCO-17's are. What each name means is off by a constant in the axes of its own limb,
+trunk or face, the same on both sides: the median over other people (seeds from 1 on) doing the same, taken off before
+the figures and printed, in mm. The second table has every joint's median error, all motions together; the figure that
+is asked for is the largest of them, `mended`. People are built and dressed differently: the last column takes off the
+person's own offset.
 """
 
 from __future__ import annotations
@@ -52,7 +53,17 @@ def scene_of(motion: str, seed: int, frames: int, rate: float) -> Scene:
     """Somebody who fills 86 % of the pictures of eight cameras in a ring."""
     rig = {"kind": "ring", "cameras": CAMERAS, "radius": 3.5, "size": [SIZE, SIZE], "fill": 0.86, "framing": "frames"}
     heading = 37.0 * seed % 360
-    return Scene.model_validate({"seed": seed, "frames": frames, "frame_rate": rate, "subject": {"heading": heading}, "motion": {"name": motion, "phase": MOTIONS[motion]}, "rig": rig, "effects": {"ambient_occlusion": {}}})
+    return Scene.model_validate(
+        {
+            "seed": seed,
+            "frames": frames,
+            "frame_rate": rate,
+            "subject": {"heading": heading},
+            "motion": {"name": motion, "phase": MOTIONS[motion]},
+            "rig": rig,
+            "effects": {"ambient_occlusion": {}},
+        }
+    )
 
 
 class Capture:
@@ -71,15 +82,26 @@ class Capture:
         for file in (self._root / CAPTURE / "joints").glob("*.json"):
             file.unlink()
         if joints is not None:
-            write_capture(self._root / CAPTURE, self._written, None, joints2d=joints, frame_rate=self._rate, numbers=np.arange(self.frames))
+            write_capture(
+                self._root / CAPTURE,
+                self._written,
+                None,
+                joints2d=joints,
+                frame_rate=self._rate,
+                numbers=np.arange(self.frames),
+            )
 
     def run(self, name: str, *settings: str) -> tuple[Results, Counter[str]]:
         """Joints of the capture as it is, through the pipeline into an archive of that name; CPU seconds by stage."""
         on = ("effects.temporal_smoothing=on", "effects.pose_heatmaps=on", "effects.crop_scale=off")
-        return run_capture(self._root, (*on, *settings), Selection(only=frozenset({"detection", "pose", "smoothing"})), name)
+        return run_capture(
+            self._root, (*on, *settings), Selection(only=frozenset({"detection", "pose", "smoothing"})), name
+        )
 
 
-def forms(capture: Capture, name: str, detections: np.ndarray | None, *settings: str) -> Iterator[tuple[str, np.ndarray]]:
+def forms(
+    capture: Capture, name: str, detections: np.ndarray | None, *settings: str
+) -> Iterator[tuple[str, np.ndarray]]:
     """(what was done, joints [F, 17, 4]) for every row of one kind of joints; `detections` None: the pipeline's own."""
     capture.give_joints(detections)
     for i, method in enumerate(METHODS):
@@ -89,7 +111,10 @@ def forms(capture: Capture, name: str, detections: np.ndarray | None, *settings:
         if i == 0:
             given = detections if detections is not None else subject_detected(results, capture.frames)
             yield "triangulated", in_space(rig, given, pose.min_score, pose.max_residual)
-            yield "mended", to_set(results.read("pose/joints3d", frames).astype(np.float64), str(context.joint_set), "coco17")
+            yield (
+                "mended",
+                to_set(results.read("pose/joints3d", frames).astype(np.float64), str(context.joint_set), "coco17"),
+            )
             yield "none", _off(results, "pose/heatmaps", rig, frames)
         yield method, _off(results, "smoothing/heatmaps", rig, frames)
 
@@ -116,7 +141,12 @@ def of_noise(capture: Capture) -> Iterator[dict[str, Any]]:
     for spoil in SPOILS:
         given = spoilt(capture.joints2d, spoil, capture.seed)
         for done, points in forms(capture, "files", given):
-            yield {"motion": capture.motion, "joints": spoil.name, "smoothing": done, **measures(points, capture.joints3d)}
+            yield {
+                "motion": capture.motion,
+                "joints": spoil.name,
+                "smoothing": done,
+                **measures(points, capture.joints3d),
+            }
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +162,12 @@ class Estimated:
 
     def row(self, constant: np.ndarray) -> dict[str, Any]:
         """Measures less constant offsets [17, 3]."""
-        return {"motion": self.motion, "joints": "BlazePose", "smoothing": self.smoothing, **measures(without_offset(self.points, self.truth, constant), self.truth)}
+        return {
+            "motion": self.motion,
+            "joints": "BlazePose",
+            "smoothing": self.smoothing,
+            **measures(without_offset(self.points, self.truth, constant), self.truth),
+        }
 
     def errors(self, constant: np.ndarray) -> np.ndarray:
         """[F, 17] mm less constant offsets [17, 3]; NaN where unknown."""
@@ -164,7 +199,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=PUBLISHED_SEED)
     parser.add_argument("--frames", type=int, default=24)
-    parser.add_argument("--tuning", type=lambda t: tuple(int(s) for s in t.split(",")), default=(1, 2, 3, 4), help="seeds of the people that the offsets are taken from")
+    parser.add_argument(
+        "--tuning",
+        type=lambda t: tuple(int(s) for s in t.split(",")),
+        default=(1, 2, 3, 4),
+        help="seeds of the people that the offsets are taken from",
+    )
     parser.add_argument("--tuning-frames", type=int, default=3)
     parser.add_argument("--motions", type=lambda t: tuple(t.split(",")), default=tuple(MOTIONS))
     parser.add_argument("--threads", type=int, default=1)
@@ -174,9 +214,14 @@ def main() -> None:
     found: list[Estimated] = []
     estimates = not a.no_blazepose and blazepose_is_here()
     if not estimates:
-        print("BlazePose is left out" if a.no_blazepose else "BlazePose is not here: posegaussian models fetch blazepose", flush=True)
+        print(
+            "BlazePose is left out" if a.no_blazepose else "BlazePose is not here: posegaussian models fetch blazepose",
+            flush=True,
+        )
     with tempfile.TemporaryDirectory() as name:
-        constant = constant_offsets(a.tuning, a.tuning_frames, Path(name), a.threads) if estimates else np.zeros((17, 3))
+        constant = (
+            constant_offsets(a.tuning, a.tuning_frames, Path(name), a.threads) if estimates else np.zeros((17, 3))
+        )
         for motion in a.motions:
             capture = Capture(motion, a.seed, a.frames, 30.0, Path(name) / motion, a.threads)
             rows += of_noise(capture)
@@ -186,7 +231,11 @@ def main() -> None:
                 found += here
             print(f"{motion}: done", flush=True)
     joints = by_joint(constant, found)
-    publish("pose" if a.seed == PUBLISHED_SEED and estimates else None, rows, {**{k: v for k, v in vars(a).items() if k != "threads"}, "cameras": CAMERAS, "size": SIZE, "by joint": joints})
+    publish(
+        "pose" if a.seed == PUBLISHED_SEED and estimates else None,
+        rows,
+        {**{k: v for k, v in vars(a).items() if k != "threads"}, "cameras": CAMERAS, "size": SIZE, "by joint": joints},
+    )
     if joints:
         show(joints)
     for sentence, holds in gates(rows, joints):
@@ -200,13 +249,25 @@ def by_joint(constant: np.ndarray, found: list[Estimated]) -> list[dict[str, Any
     """
     if not found:
         return []
-    medians = {done: np.nanmedian(np.concatenate([e.errors(constant) for e in found if e.smoothing == done]), axis=0) for done in dict.fromkeys(e.smoothing for e in found)}
+    medians = {
+        done: np.nanmedian(np.concatenate([e.errors(constant) for e in found if e.smoothing == done]), axis=0)
+        for done in dict.fromkeys(e.smoothing for e in found)
+    }
     mended = [e for e in found if e.smoothing == "mended"]
     own = {e.motion: [offsets(o.points, o.truth) for o in mended if o is not e] for e in mended}
     if len(mended) > 1:
-        medians["own offset"] = np.nanmedian(np.concatenate([e.errors(constant_of(np.concatenate(own[e.motion]))) for e in mended]), axis=0)
+        medians["own offset"] = np.nanmedian(
+            np.concatenate([e.errors(constant_of(np.concatenate(own[e.motion]))) for e in mended]), axis=0
+        )
     place = {"forward": 0, "left": 1, "up": 2}
-    return [{"joint": n, **{k: round(1000 * float(constant[j, i]), 1) for k, i in place.items()}, **{d: round(float(m[j]), 1) for d, m in medians.items()}} for j, n in enumerate(NAMES)]
+    return [
+        {
+            "joint": n,
+            **{k: round(1000 * float(constant[j, i]), 1) for k, i in place.items()},
+            **{d: round(float(m[j]), 1) for d, m in medians.items()},
+        }
+        for j, n in enumerate(NAMES)
+    ]
 
 
 def gates(rows: list[dict[str, Any]], joints: list[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
@@ -214,12 +275,21 @@ def gates(rows: list[dict[str, Any]], joints: list[dict[str, Any]]) -> Iterator[
     for row in rows:
         if (row["joints"], row["smoothing"]) == (CLEAN.name, "mended"):
             bound = MOST_MM[CLEAN.name]
-            yield f"{row['motion']}, exact joints and 1 px: MPJPE {row['MPJPE mm']:.2f} mm of at most {bound:g}", row["MPJPE mm"] <= bound
+            yield (
+                f"{row['motion']}, exact joints and 1 px: MPJPE {row['MPJPE mm']:.2f} mm of at most {bound:g}",
+                row["MPJPE mm"] <= bound,
+            )
     if joints:
         for column, whose in (("mended", "other people's"), ("own offset", "the person's own")):
             if column in joints[0]:
                 worst = max(joints, key=lambda r: float(r[column]))
-                yield f"BlazePose, less {whose} offset: largest median of a joint {worst[column]:.1f} mm ({worst['joint']}) of at most {MOST_MM['BlazePose']:g}", worst[column] <= MOST_MM["BlazePose"]
+                yield (
+                    (
+                        f"BlazePose, less {whose} offset: largest median of a joint {worst[column]:.1f} mm"
+                        f" ({worst['joint']}) of at most {MOST_MM['BlazePose']:g}"
+                    ),
+                    worst[column] <= MOST_MM["BlazePose"],
+                )
 
 
 if __name__ == "__main__":

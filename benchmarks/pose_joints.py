@@ -37,13 +37,20 @@ CLEAN = Spoil("1 px", JointNoise(pixels=1.0, dropouts=0.0, outliers=0.0), hidden
 SPOILS = (
     CLEAN,
     Spoil("4 px, 10 % missing, 2 % elsewhere", JointNoise(pixels=4.0, dropouts=0.1, outliers=0.02)),
-    Spoil("and hidden ones missing, sides exchanged", JointNoise(pixels=4.0, dropouts=0.1, outliers=0.02), hidden_missing=0.9, views_exchanged=0.1, frames_exchanged=0.05),
+    Spoil(
+        "and hidden ones missing, sides exchanged",
+        JointNoise(pixels=4.0, dropouts=0.1, outliers=0.02),
+        hidden_missing=0.9,
+        views_exchanged=0.1,
+        frames_exchanged=0.05,
+    ),
 )
 _PARTS = (tuple(range(1, 17)), tuple(range(11, 17)), tuple(range(5, 11)))
 
 
 def spoilt(exact: np.ndarray, spoil: Spoil, seed: int) -> np.ndarray:
-    """Exact joints [F, V, 17, 3] (u, v px, 1 visible or 0 hidden) -> [F, V, 17, 3] (u, v, score) as a detector gives them."""
+    """Exact joints [F, V, 17, 3] (u, v px, 1 visible or 0 hidden) -> [F, V, 17, 3] (u, v, score) as a detector gives
+    them."""
     out = np.empty(exact.shape)
     flips = np.array(COCO17.flips)
     for f in range(len(exact)):
@@ -63,10 +70,11 @@ def spoilt(exact: np.ndarray, spoil: Spoil, seed: int) -> np.ndarray:
 
 
 def body_axes(truth: np.ndarray) -> np.ndarray:
-    """[F, 17, 3, 3] axes (forward, left, up in rows) that turn with each joint's own part of the body, of true joints [F, 17, 3].
+    """[F, 17, 3, 3] axes (forward, left, up in rows) that turn with each joint's own part of the body, of true joints
+    [F, 17, 3].
 
-    Those of shoulders or hips and the spine, turned with a limb by the smallest rotation that takes "down" to the limb; of the face,
-    those of ears and nose.
+    Those of shoulders or hips and the spine, turned with a limb by the smallest rotation that takes "down" to the limb;
+    of the face, those of ears and nose.
     """
     up = _unit(truth[:, _SHOULDERS].mean(axis=1) - truth[:, _HIPS].mean(axis=1))
     chest, pelvis = (_axes(up, truth[:, a] - truth[:, b]) for a, b in (_SHOULDERS, _HIPS))
@@ -103,13 +111,15 @@ def _least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def offsets(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """[F, 17, 3] metres forward, left and up from true joints [F, 17, 3] to found ones [F, 17, 4]; NaN where unknown."""
+    """[F, 17, 3] metres forward, left and up from true joints [F, 17, 3] to found ones [F, 17, 4]; NaN where
+    unknown."""
     off = np.where(points[..., 3:] > 0, points[..., :3] - truth, np.nan)
     return np.einsum("fjab,fjb->fja", body_axes(truth), off)
 
 
 def constant_of(found: np.ndarray) -> np.ndarray:
-    """[17, 3] the median of offsets [N, 17, 3]; what a name means is the same on both sides but for the sign of left."""
+    """[17, 3] the median of offsets [N, 17, 3]; what a name means is the same on both sides but for the sign of
+    left."""
     mirrored = found[:, list(COCO17.flips)] * [1.0, -1.0, 1.0]
     return np.asarray(np.nanmedian(np.concatenate([found, mirrored]), axis=0))
 

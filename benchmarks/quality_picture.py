@@ -16,7 +16,8 @@ LABEL = 18
 
 
 def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
-    """Write a PNG: one line a scene with `cameras` cameras: the picture as filmed, then each method's, with its box PSNR."""
+    """Write a PNG: one line a scene with `cameras` cameras: the picture as filmed, then each method's, with its box
+    PSNR."""
     chosen = [r for r in rows if r["cameras"] == cameras]
     lines = []
     for seed in dict.fromkeys(r["seed"] for r in chosen):
@@ -47,7 +48,9 @@ def save(lines: Sequence[np.ndarray], file: Path) -> None:
 
 def tile(picture: np.ndarray, text: str, height: int = HEIGHT) -> np.ndarray:
     """A picture [h, w, 3] `height` px high under a line of text."""
-    scaled = cv2.resize(picture, (max(round(picture.shape[1] * height / picture.shape[0]), 110), height), interpolation=cv2.INTER_AREA)
+    scaled = cv2.resize(
+        picture, (max(round(picture.shape[1] * height / picture.shape[0]), 110), height), interpolation=cv2.INTER_AREA
+    )
     label = np.zeros((LABEL, scaled.shape[1], 3), np.uint8)
     cv2.putText(label, text, (3, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (255, 255, 255), 1, cv2.LINE_AA)
     return np.vstack([label, scaled])

@@ -1,9 +1,10 @@
-"""Where there is no truth: how far a view's depths contradict what the other views show, for several depths of the same capture.
+"""Where there is no truth: how far a view's depths contradict what the other views show, for several depths of the same
+capture.
 
-A view's pixels are carried by its depth into a second view. Measured over the *union*: every pixel that one of the depths at least
-says both views see (the second view's depth there is within `SEEN` px of disparity). The intersection would leave out just those
-pixels whose agreement one of the depths has destroyed, and so hide harm; in the union they are compared, wherever they are carried to.
-It is the same set for all depths, and none of them is asked before another.
+A view's pixels are carried by its depth into a second view. Measured over the *union*: every pixel that one of the
+depths at least says both views see (the second view's depth there is within `SEEN` px of disparity). The intersection
+would leave out just those pixels whose agreement one of the depths has destroyed, and so hide harm; in the union they
+are compared, wherever they are carried to. It is the same set for all depths, and none of them is asked before another.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class Carried:
     """What a pair shows under one depth, on the pixels of its first view."""
 
     apart: np.ndarray
-    """[h, w] px by which the two views' depths disagree, infinite where the point is beside the other's surface; NaN without a depth."""
+    """[h, w] px by which the two views' depths disagree, infinite where the point is beside the other's surface; NaN
+    without a depth."""
     other: np.ndarray
     """[h, w, 3] float64, the second view's colour at the point."""
 
@@ -67,12 +69,14 @@ def carried(shown: Shown, pair: tuple[int, int], depths: Mapping[int, np.ndarray
     return Carried(np.where(depths[a] > 0, apart, np.nan), other.astype(np.float64))
 
 
-def pair_rows(shown: Shown, pair: tuple[int, int], depths: Mapping[str, Mapping[int, np.ndarray]], silhouettes: Silhouettes) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
+def pair_rows(
+    shown: Shown, pair: tuple[int, int], depths: Mapping[str, Mapping[int, np.ndarray]], silhouettes: Silhouettes
+) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
     """A row for every kind of depth, and by kind the colours' differences [h, w], 1/255, NaN beside the union.
 
-    Median and mean of the absolute difference of colours, mean over RGB, after one gain a channel for the pair, which is taken where all depths
-    agree; mean ZNCC of patches that are not flat; shares whose depths agree within 1 and 2 px; and, of the view's whole surface, the share
-    whose points lie outside the silhouette of any other view.
+    Median and mean of the absolute difference of colours, mean over RGB, after one gain a channel for the pair, which
+    is taken where all depths agree; mean ZNCC of patches that are not flat; shares whose depths agree within 1 and 2
+    px; and, of the view's whole surface, the share whose points lie outside the silhouette of any other view.
     """
     a = pair[0]
     found = {kind: carried(shown, pair, d) for kind, d in depths.items()}
@@ -84,25 +88,39 @@ def pair_rows(shown: Shown, pair: tuple[int, int], depths: Mapping[str, Mapping[
     for kind, c in found.items():
         difference = np.abs(c.other / gain - own).mean(axis=2)
         correlation, told = zncc(own.mean(axis=2), (c.other / gain).mean(axis=2), depths[kind][a] > 0)
-        row = {"pair": f"{shown.rig.names[a]} -> {shown.rig.names[pair[1]]}", "depth": kind, "px": int(union.sum()), "colour median": _of(np.median, difference[union]), "colour mean": _of(np.mean, difference[union])}
-        row |= {"ZNCC": _of(np.mean, correlation[union & told]), "< 1 px": _of(np.mean, c.apart[union] < 1), "< 2 px": _of(np.mean, c.apart[union] < 2)}
+        row = {
+            "pair": f"{shown.rig.names[a]} -> {shown.rig.names[pair[1]]}",
+            "depth": kind,
+            "px": int(union.sum()),
+            "colour median": _of(np.median, difference[union]),
+            "colour mean": _of(np.mean, difference[union]),
+        }
+        row |= {
+            "ZNCC": _of(np.mean, correlation[union & told]),
+            "< 1 px": _of(np.mean, c.apart[union] < 1),
+            "< 2 px": _of(np.mean, c.apart[union] < 2),
+        }
         rows.append({**row, "outside": outside(shown.rig, a, depths[kind][a], silhouettes)})
         maps[kind] = np.where(union, difference, np.nan)
     return rows, maps
 
 
 def outside(rig: Rig, view: int, depth: np.ndarray, silhouettes: Silhouettes) -> float:
-    """Share of a view's surface whose points lie more than `TOLERANCE` px outside the silhouette of any other view that sees them."""
+    """Share of a view's surface whose points lie more than `TOLERANCE` px outside the silhouette of any other view
+    that sees them."""
     beyond = np.zeros(depth.shape, bool)
     for distance, other in zip(silhouettes.distance, silhouettes.views, strict=True):
         if other != view:
             x, y = _into(rig, (view, other), depth)
-            beyond |= cv2.remap(distance, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0) > TOLERANCE
+            beyond |= (
+                cv2.remap(distance, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0) > TOLERANCE
+            )
     return _of(np.mean, beyond[depth > 0])
 
 
 def zncc(first: np.ndarray, second: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Zero-mean normalised cross-correlation [h, w], -1..1, of the patches of two brightnesses [h, w], 1/255, over the pixels `inside`; and where the first is not flat.
+    """Zero-mean normalised cross-correlation [h, w], -1..1, of the patches of two brightnesses [h, w], 1/255, over the
+    pixels `inside`; and where the first is not flat.
 
     A second patch that is flat correlates with nothing: 0.
     """
@@ -117,18 +135,31 @@ def zncc(first: np.ndarray, second: np.ndarray, inside: np.ndarray) -> tuple[np.
     return np.where(told, np.clip(together / np.where(told, scale, 1), -1, 1), 0), told
 
 
-def drawn_from(shown: Shown, target: int, partners: tuple[int, ...], maps: Mapping[int, tuple[np.ndarray, ...]]) -> tuple[np.ndarray, np.ndarray]:
-    """Colour [h, w, 3] 0..1 premultiplied and alpha [h, w] of a view as the Gaussians of others draw it; `maps` by view: depth, scale, normal, opacity."""
+def drawn_from(
+    shown: Shown, target: int, partners: tuple[int, ...], maps: Mapping[int, tuple[np.ndarray, ...]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colour [h, w, 3] 0..1 premultiplied and alpha [h, w] of a view as the Gaussians of others draw it; `maps` by
+    view: depth, scale, normal, opacity."""
     rig = shown.rig
     width, height = (int(n) for n in rig.size[target])
     camera = Camera(rig.intrinsics[target], rig.world_to_camera[target], width, height)
-    parts = [lift(Maps(shown.color[v], *maps[v]), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu")).seen_from(camera) for v in partners]
+    parts = [
+        lift(
+            Maps(shown.color[v], *maps[v]),
+            rig.intrinsics[v],
+            rig.world_to_camera[v],
+            torch.float32,
+            torch.device("cpu"),
+        ).seen_from(camera)
+        for v in partners
+    ]
     picture = rasterize(type(parts[0]).concatenate(parts), [camera])
     return picture.color[0].numpy(), picture.alpha[0].numpy()
 
 
 def drawn_row(shown: Shown, target: int, drawn: tuple[np.ndarray, np.ndarray], gained: np.ndarray) -> dict[str, float]:
-    """How a drawn view meets its own picture: IoU of silhouettes, and PSNR inside the mask, where `gained` [h, w] bool is compared, after a gain a channel."""
+    """How a drawn view meets its own picture: IoU of silhouettes, and PSNR inside the mask, where `gained` [h, w]
+    bool is compared, after a gain a channel."""
     color, alpha = drawn
     height, width = alpha.shape
     mask, own = shown.mask[target][:height, :width] > 127, shown.color[target][:height, :width].astype(np.float64)
@@ -136,11 +167,21 @@ def drawn_row(shown: Shown, target: int, drawn: tuple[np.ndarray, np.ndarray], g
     straight = 255 * color / np.maximum(alpha, 1e-6)[..., None]
     gain = _gain(own, [straight], mask & covered & gained[:height, :width])
     error = (np.clip(straight / gain, 0, 255) * alpha[..., None] - own)[mask]
-    return {"IoU": float((mask & covered).sum() / max((mask | covered).sum(), 1)), "spill": float((covered & ~mask).sum() / max(mask.sum(), 1)), "mask PSNR": float(10 * np.log10(255**2 / max(float((error**2).mean()), 1e-9)))}
+    return {
+        "IoU": float((mask & covered).sum() / max((mask | covered).sum(), 1)),
+        "spill": float((covered & ~mask).sum() / max(mask.sum(), 1)),
+        "mask PSNR": float(10 * np.log10(255**2 / max(float((error**2).mean()), 1e-9))),
+    }
 
 
-def table(shown: Shown, pairs: list[tuple[int, int]], depths: Mapping[str, Mapping[int, np.ndarray]], maps: Mapping[str, Mapping[int, tuple[np.ndarray, ...]]]) -> tuple[list[dict[str, Any]], dict[tuple[int, int], dict[str, np.ndarray]]]:
-    """Rows by directed pair and kind of depth, and of all pairs together, weighted by their pixels; the differences of colours by pair.
+def table(
+    shown: Shown,
+    pairs: list[tuple[int, int]],
+    depths: Mapping[str, Mapping[int, np.ndarray]],
+    maps: Mapping[str, Mapping[int, tuple[np.ndarray, ...]]],
+) -> tuple[list[dict[str, Any]], dict[tuple[int, int], dict[str, np.ndarray]]]:
+    """Rows by directed pair and kind of depth, and of all pairs together, weighted by their pixels; the differences of
+    colours by pair.
 
     The second view of a pair is also drawn from the first alone.
     """
@@ -157,7 +198,11 @@ def table(shown: Shown, pairs: list[tuple[int, int]], depths: Mapping[str, Mappi
     for kind in depths:
         own = [r for r in rows if r["depth"] == kind]
         weights = np.array([r["px"] for r in own], float)
-        means = {k: float(np.average([r[k] for r in own], weights=weights)) if weights.any() else float("nan") for k in own[0] if k not in ("pair", "depth", "px")}
+        means = {
+            k: float(np.average([r[k] for r in own], weights=weights)) if weights.any() else float("nan")
+            for k in own[0]
+            if k not in ("pair", "depth", "px")
+        }
         rows.append({"pair": "all", "depth": kind, "px": int(weights.sum()), **means})
     return rows, differences
 
@@ -166,20 +211,29 @@ def _gain(own: np.ndarray, others: list[np.ndarray], where: np.ndarray) -> np.nd
     """[3] by which the others' medians exceed the view's own; 1 where nothing can be compared."""
     if not where.any():
         return np.ones(3)
-    return np.asarray(np.median(np.concatenate([o[where] for o in others]), axis=0) / np.maximum(np.median(own[where], axis=0), 1)).clip(0.2, 5)
+    return np.asarray(
+        np.median(np.concatenate([o[where] for o in others]), axis=0) / np.maximum(np.median(own[where], axis=0), 1)
+    ).clip(0.2, 5)
 
 
 def _into(rig: Rig, pair: tuple[int, int], depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x, y [h, w] float32 for `cv2.remap`: where the points of the first view's pixels lie in the second; far beside it without a depth."""
+    """x, y [h, w] float32 for `cv2.remap`: where the points of the first view's pixels lie in the second; far beside
+    it without a depth."""
     first, second = pair
-    pixels, z = project(unproject(depth, rig.intrinsics[first], rig.world_to_camera[first]), rig.intrinsics[second], rig.world_to_camera[second])
+    pixels, z = project(
+        unproject(depth, rig.intrinsics[first], rig.world_to_camera[first]),
+        rig.intrinsics[second],
+        rig.world_to_camera[second],
+    )
     known = (depth > 0) & (z > 0)
     x, y = np.moveaxis(np.where(known[..., None], points_to_integer_centres(pixels), -1e4).astype(np.float32), -1, 0)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)
 
 
 def _sum(values: np.ndarray) -> np.ndarray:
-    return np.asarray(cv2.boxFilter(values, cv2.CV_64F, (PATCH, PATCH), normalize=False, borderType=cv2.BORDER_CONSTANT))
+    return np.asarray(
+        cv2.boxFilter(values, cv2.CV_64F, (PATCH, PATCH), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
 
 
 def _of(mean: Any, values: np.ndarray) -> float:

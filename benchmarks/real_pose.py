@@ -1,11 +1,13 @@
-"""How well people are found in real video without joint files: estimated, triangulated joints of `balance` against its given 3D joints.
+"""How well people are found in real video without joint files: estimated, triangulated joints of `balance` against its
+given 3D joints.
 
     python -m benchmarks.real_pose [--archive FOLDER]
 
-The capture of POSEGAUSSIAN_CAPTURES is imported without its keypoints; BlazePose must have been fetched. Of 100 frames x 4
-cameras, for the 12 limb joints and the nose: distance in captured px between the given 3D joint as a camera sees it and
-`triangulated` (pose/joints3d as that camera sees it) and `raw` (the clearest person of each picture, by itself); an unknown
-joint counts as missed and is never within a bound. The yardstick itself is 8 to 11 px off the pictures.
+The capture of POSEGAUSSIAN_CAPTURES is imported without its keypoints; BlazePose must have been fetched. Of 100 frames
+x 4 cameras, for the 12 limb joints and the nose: distance in captured px between the given 3D joint as a camera sees it
+and
+`triangulated` (pose/joints3d as that camera sees it) and `raw` (the clearest person of each picture, by itself); an
+unknown joint counts as missed and is never within a bound. The yardstick itself is 8 to 11 px off the pictures.
 """
 
 from __future__ import annotations
@@ -35,8 +37,14 @@ from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import joint_set, to_set
 from posegaussian.storage.readers.sources import open_source
 
-CROPS = ["frames.crop.cam01={scale: 1.00741, offset: [0, -7.06]}", "frames.crop.cam02={scale: 1.00741, offset: [0, -7.06]}"]
-COMPARED = [joint_set("coco17").names.index(n) for n in ("Nose", *(s + part for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for s in "LR"))]
+CROPS = [
+    "frames.crop.cam01={scale: 1.00741, offset: [0, -7.06]}",
+    "frames.crop.cam02={scale: 1.00741, offset: [0, -7.06]}",
+]
+COMPARED = [
+    joint_set("coco17").names.index(n)
+    for n in ("Nose", *(s + part for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for s in "LR"))
+]
 TRC = "S00_P00_T01_BalancingTrial_0-100.trc"
 CHAIN = ("Head", "Neck", "RHip", "RKnee", "RAnkle", "RHeel")
 """Markers whose distances add up to a person's height, nearly."""
@@ -60,7 +68,12 @@ def estimated(balance: Path, archive: Path, settings_too: list[str]) -> Results:
     session = Session(load_configuration(None, wanted, folder=archive), str(archive), Console(quiet=True))
     settings = session.configuration.for_sequence("balance")
     if not (archive / "balance").exists():
-        register(Archive.open(str(archive), create=True), "balance", find_capture("pose2sim", without_keypoints(balance, archive.parent / "plain"), [], settings), settings)
+        register(
+            Archive.open(str(archive), create=True),
+            "balance",
+            find_capture("pose2sim", without_keypoints(balance, archive.parent / "plain"), [], settings),
+            settings,
+        )
     selection = Selection(only=frozenset({"survey", "detection", "pose"}))
     plans, failed = session.usable(["balance"], (), selection)
     assert not failed, failed
@@ -80,7 +93,8 @@ def given_joints(balance: Path, frames: int) -> tuple[np.ndarray, float]:
 
 
 def distances(results: Results, given: np.ndarray, height: float) -> dict[str, np.ndarray]:
-    """{triangulated, raw: [F, V, 13] captured px, inf where unknown; limit: [F, V] 5 % of the height as each camera sees it}."""
+    """{triangulated, raw: [F, V, 13] captured px, inf where unknown; limit: [F, V] 5 % of the height as each camera
+    sees it}."""
     context = results.context
     calibrated, frames, count = context.capture.rig, range(len(given)), len(given)
     set_id = context.joint_set or ""
@@ -117,23 +131,47 @@ def rows_of(results: Results, off: dict[str, np.ndarray]) -> list[dict[str, Any]
             own = off[kind] if name == "all" else off[kind][:, v : v + 1]
             limit = (off["limit"] if name == "all" else off["limit"][:, v : v + 1])[..., None]
             known = ~np.isnan(own)
-            rows.append({"joints": kind, "camera": name, "median px": float(np.median(own[known])), "within 5 % of the height": float((own <= limit)[known].mean()), "unknown": float(np.isinf(own[known]).mean()), "5 % px": float(np.median(limit))})
+            rows.append(
+                {
+                    "joints": kind,
+                    "camera": name,
+                    "median px": float(np.median(own[known])),
+                    "within 5 % of the height": float((own <= limit)[known].mean()),
+                    "unknown": float(np.isinf(own[known]).mean()),
+                    "5 % px": float(np.median(limit)),
+                }
+            )
     return rows
 
 
 def yardstick(balance: Path, results: Results, given: np.ndarray) -> list[str]:
-    """Sentences: how far the given OpenPose joints, triangulated by the same code, lie from the given 3D joints and from ours, and what the maker's calibration makes of ours."""
+    """Sentences: how far the given OpenPose joints, triangulated by the same code, lie from the given 3D joints and
+    from ours, and what the maker's calibration makes of ours."""
     settings, frames = load_configuration(None, CROPS, folder=balance).for_sequence("balance"), range(len(given))
     capture = find_capture("pose2sim", balance, [], settings)
     rig, reader = capture.rig, open_source(capture, "joints")
     ideal = Rig(rig.names, rig.intrinsics, np.zeros_like(rig.distortion), rig.world_to_camera, rig.size)
-    openpose = np.stack([triangulate(ideal, np.stack([_largest(reader.read(v, n), rig, ideal, v) for v in range(len(rig))]), 0.2, 0.02) for n in frames])
+    openpose = np.stack(
+        [
+            triangulate(
+                ideal, np.stack([_largest(reader.read(v, n), rig, ideal, v) for v in range(len(rig))]), 0.2, 0.02
+            )
+            for n in frames
+        ]
+    )
     openpose = to_set(openpose, reader.joint_set, "coco17")
     ours = to_set(results.read("pose/joints3d", frames).astype(np.float64), results.context.joint_set or "", "coco17")
     maker = find_capture("pose2sim", balance, ["calibration=calibration_qualisys.qca.txt"], settings).rig
     return [
-        f"the given OpenPose joints, triangulated by the same code: median {_apart(openpose, given, ideal, ideal):.1f} px from the given 3D joints, ours {_apart(ours, openpose, ideal, ideal):.1f} px from them",
-        f"given 3D joints seen through the maker's calibration, ours through the corrected one: median {_apart(ours, given, ideal, maker):.1f} px",
+        (
+            "the given OpenPose joints, triangulated by the same code: median"
+            f" {_apart(openpose, given, ideal, ideal):.1f} px from the given 3D joints, ours"
+            f" {_apart(ours, openpose, ideal, ideal):.1f} px from them"
+        ),
+        (
+            "given 3D joints seen through the maker's calibration, ours through the corrected one: median"
+            f" {_apart(ours, given, ideal, maker):.1f} px"
+        ),
     ]
 
 
@@ -156,14 +194,21 @@ def _apart(first: np.ndarray, second: np.ndarray, rig: Rig, other: Rig) -> float
 def milliseconds(results: Results) -> float:
     """Processor time of detection a picture, from its receipts."""
     folder = results.context.sequence.root
-    seconds = [r["facts"]["cpu_seconds"] for f in folder.rglob("*.json") if '"stage": "detection"' in (text := f.read_text()) or '"stage":"detection"' in text for r in [json.loads(text)]]
+    seconds = [
+        r["facts"]["cpu_seconds"]
+        for f in folder.rglob("*.json")
+        if '"stage": "detection"' in (text := f.read_text()) or '"stage":"detection"' in text
+        for r in [json.loads(text)]
+    ]
     return 1000 * sum(seconds) / (len(results.context.source_frames) * len(results.context.views.sources))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
-    parser.add_argument("--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`")
+    parser.add_argument(
+        "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
+    )
     a = parser.parse_args()
     balance = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "balance"
     with tempfile.TemporaryDirectory() as scratch:
@@ -172,17 +217,30 @@ def main() -> None:
         off = distances(results, given, height)
         rows = rows_of(results, off)
         publish(None if a.set else "real_pose", rows, {"frames": len(given), "height m": height})
-        own = to_set(results.read("pose/joints3d", range(len(given))).astype(np.float64), results.context.joint_set or "", "coco17")
+        own = to_set(
+            results.read("pose/joints3d", range(len(given))).astype(np.float64),
+            results.context.joint_set or "",
+            "coco17",
+        )
         known = (own[..., 3] > 0) & (given[..., 3] > 0)
         apart = [np.linalg.norm((own[f, k, :3] - given[f, k, :3]).mean(axis=0)) for f, k in enumerate(known) if k.any()]
-        print(f"somebody else is reconstructed in {sum(d > AWAY for d in apart)} of {len(given)} frames; nobody in {len(given) - len(apart)}")
+        print(
+            f"somebody else is reconstructed in {sum(d > AWAY for d in apart)} of {len(given)} frames; nobody in"
+            f" {len(given) - len(apart)}"
+        )
         for sentence in yardstick(balance, results, given):
             print(sentence)
         print(f"detection: {milliseconds(results):.0f} ms of a processor a picture")
     every = rows[-1]
-    print("holds  " if every["median px"] <= GATES["median px"] else "FAILS  ", f"median {every['median px']:.1f} px of at most {GATES['median px']:g}")
+    print(
+        "holds  " if every["median px"] <= GATES["median px"] else "FAILS  ",
+        f"median {every['median px']:.1f} px of at most {GATES['median px']:g}",
+    )
     share = "within 5 % of the height"
-    print("holds  " if every[share] >= GATES[share] else "FAILS  ", f"{every[share]:.1%} within 5 % of the body's height of at least {GATES[share]:.0%}")
+    print(
+        "holds  " if every[share] >= GATES[share] else "FAILS  ",
+        f"{every[share]:.1%} within 5 % of the body's height of at least {GATES[share]:.0%}",
+    )
 
 
 if __name__ == "__main__":

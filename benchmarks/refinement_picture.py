@@ -40,15 +40,25 @@ def draw(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
         cv2.line(page, (LEFT, at), (WIDTH - RIGHT, at), GRID, 1)
         _write(page, f"{t:.1f}", (LEFT - 50, at + 5))
     cv2.rectangle(page, (LEFT, ABOVE), (WIDTH - RIGHT, HEIGHT - UNDER), INK, 1)
-    _write(page, "Box PSNR of held-out views, dB, against CPU seconds a frame (logarithmic); 8 cameras, 512 px", (LEFT, ABOVE - 18))
+    _write(
+        page,
+        "Box PSNR of held-out views, dB, against CPU seconds a frame (logarithmic); 8 cameras, 512 px",
+        (LEFT, ABOVE - 18),
+    )
     for name, color in COLORS.items():
-        curve = [(place(float(r["seconds"]), float(r["box psnr"])), str(r["level"])) for r in rows if r["method"] == name]
+        curve = [
+            (place(float(r["seconds"]), float(r["box psnr"])), str(r["level"])) for r in rows if r["method"] == name
+        ]
         cv2.polylines(page, [np.array([p for p, _ in curve], np.int32).reshape(-1, 1, 2)], False, color, 2, cv2.LINE_AA)
         for point, label in curve:
             cv2.circle(page, point, 6, color, -1, cv2.LINE_AA)
             _write(page, label, (point[0] - 10, point[1] - 12), color)
     for i, (name, color) in enumerate(COLORS.items()):
-        text = "refinement, steps" if name == "refinement" else "plain start (hull points), seconds" + name.removeprefix("plain")
+        text = (
+            "refinement, steps"
+            if name == "refinement"
+            else "plain start (hull points), seconds" + name.removeprefix("plain")
+        )
         _write(page, text, (LEFT + 10 + 270 * i, HEIGHT - 18), color)
     cv2.imwrite(str(file), page)
 

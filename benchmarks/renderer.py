@@ -5,9 +5,9 @@
 A run of every scene is kept in benchmarks/results; the next one is compared with it by ratio.
 
 Times are processor time on one thread, the least of the repeats, those of the two renderers taken in turn; with 2
-threads, and for "fps" (one frame on each of two cores), they are the clock's, the machine's other work included. A pair is
-a pixel in which a Gaussian has at least alpha_min: "tested" all of them, "blended" those before the pixel's stop. The
-floor is the time the blended pairs would take if all eight lanes of every vector held one and nothing but their
+threads, and for "fps" (one frame on each of two cores), they are the clock's, the machine's other work included. A pair
+is a pixel in which a Gaussian has at least alpha_min: "tested" all of them, "blended" those before the pixel's stop.
+The floor is the time the blended pairs would take if all eight lanes of every vector held one and nothing but their
 arithmetic were done, measured in the same run.
 """
 
@@ -34,7 +34,12 @@ from posegaussian.stages.splatting.cpu.tiles import TILE_X, TILE_Y
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 
-SCENES: dict[str, tuple[Callable[[int], tuple[Gaussians, Camera]], int]] = {"person512": (person, 512), "person1024": (person, 1024), "blobs512": (blobs, 512), "guitar512": (guitar, 512)}
+SCENES: dict[str, tuple[Callable[[int], tuple[Gaussians, Camera]], int]] = {
+    "person512": (person, 512),
+    "person1024": (person, 1024),
+    "blobs512": (blobs, 512),
+    "guitar512": (guitar, 512),
+}
 ATTRIBUTES = tuple(Gaussians.__dataclass_fields__)
 
 
@@ -52,7 +57,10 @@ def pairs(records: Any, bits: Any, order: Any, starts: Any, cuts: Any, across: i
             for row in range(max((y & 0xFFFF) - top, 0), min((y >> 16) - top, TILE_Y - 1) + 1):
                 for column in range(max((x & 0xFFFF) - left, 0), min((x >> 16) - left, TILE_X - 1) + 1):
                     dy = row + top + 0.5 - records[r + V]
-                    p, t = dy * records[r + DOWN], (column + left + 0.5 - records[r + U] - records[r + SLOPE] * dy) * records[r + ACROSS]
+                    p, t = (
+                        dy * records[r + DOWN],
+                        (column + left + 0.5 - records[r + U] - records[r + SLOPE] * dy) * records[r + ACROSS],
+                    )
                     e = t * t + p * p + records[r + LIFT]
                     if e > cuts[2]:
                         continue
@@ -139,7 +147,10 @@ class Scene:
 
     def phases(self, repeats: int) -> tuple[dict[str, float], tuple[int, int]]:
         """Least milliseconds of each phase on one thread, and the (blended, tested) pairs."""
-        arrays, task = [backend.flat(getattr(self.gaussians, a)) for a in backend.ATTRIBUTES], backend.job(self.camera, Cutoffs(), 3, 1)
+        arrays, task = (
+            [backend.flat(getattr(self.gaussians, a)) for a in backend.ATTRIBUTES],
+            backend.job(self.camera, Cutoffs(), 3, 1),
+        )
         up = [u.numpy() for u in self.up]
         best: dict[str, float] = {}
         kept: dict[str, Any] = {}
@@ -159,7 +170,9 @@ class Scene:
             lap("composite, training", lambda k=lists: backend.draw(k, task, True))
             lap("composite back", lambda k=lists: backend.draw_backward(k, task, kept["composite, training"][2:], *up))
             lap("project back", lambda k=lists: backend.prepare_backward(arrays, k, task, kept["composite back"]))
-        return best, pairs(lists.records, lists.records.view(np.int32), lists.order, lists.starts, task.cuts, task.across)
+        return best, pairs(
+            lists.records, lists.records.view(np.int32), lists.order, lists.starts, task.cuts, task.across
+        )
 
 
 def memory(work: Callable[[], Any]) -> float:
@@ -207,7 +220,13 @@ def against_last(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     for row in rows:
         for ratio in ("f x torch", "f+b x torch"):
             before = last.get(row["scene"], {}).get(ratio, float("nan"))
-            yield {"scene": row["scene"], "ratio": ratio, "now": row[ratio], "last release": before, "now / last": row[ratio] / before}
+            yield {
+                "scene": row["scene"],
+                "ratio": ratio,
+                "now": row[ratio],
+                "last release": before,
+                "now / last": row[ratio] / before,
+            }
 
 
 def main() -> None:

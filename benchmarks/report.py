@@ -21,15 +21,20 @@ def show(rows: Sequence[Mapping[str, Any]]) -> None:
         print("  ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)).rstrip())
 
 
-def publish(name: str | None, rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any], shown: bool = True) -> None:
-    """Print the rows as a table, if it is to be shown, and write benchmarks/results/<name>.json, where there is a name."""
+def publish(
+    name: str | None, rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any], shown: bool = True
+) -> None:
+    """Print the rows as a table, if it is to be shown, and write benchmarks/results/<name>.json, where there is a
+    name."""
     if shown:
         show(rows)
     if name is None:
         return
     RESULTS.mkdir(exist_ok=True)
     machine = {"machine": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
-    (RESULTS / f"{name}.json").write_text(json.dumps({"settings": dict(settings), "machine": machine, "rows": [dict(r) for r in rows]}, indent=1) + "\n")
+    (RESULTS / f"{name}.json").write_text(
+        json.dumps({"settings": dict(settings), "machine": machine, "rows": [dict(r) for r in rows]}, indent=1) + "\n"
+    )
 
 
 def kept(name: str) -> list[dict[str, Any]]:

@@ -1,4 +1,5 @@
-"""`posegaussian status` and `plan` as processes, and the ledger rebuilt from scratch, over an archive of 10,000 partitions.
+"""`posegaussian status` and `plan` as processes, and the ledger rebuilt from scratch, over an archive of 10,000
+partitions.
 
     python -m benchmarks.status_time [--partitions 10000] [--sequences 300] [--repeats 5]
 
@@ -46,7 +47,14 @@ def main() -> None:
         for _ in range(arguments.repeats):
             shutil.rmtree(Path(folder) / CACHE, ignore_errors=True)
             timed["status, worked out"] += seconds([*CLI, "status", *given], 1)
-        timed |= {name: seconds([*CLI, *words], arguments.repeats) for name, words in (("status, after a run", ["status", *given]), ("plan", ["plan", *given]), ("status --help (start alone)", ["status", "--help"]))}
+        timed |= {
+            name: seconds([*CLI, *words], arguments.repeats)
+            for name, words in (
+                ("status, after a run", ["status", *given]),
+                ("plan", ["plan", *given]),
+                ("status --help (start alone)", ["status", "--help"]),
+            )
+        }
         timed["ledger rebuilt"] = []
         for _ in range(arguments.repeats):
             start = time.perf_counter()
@@ -76,7 +84,13 @@ def short_sequences(count: int, repeats: int) -> list[dict[str, Any]]:
 
 
 def _row(command: str, partitions: int, times: list[float]) -> dict[str, Any]:
-    return {"command": command, "partitions": partitions, "min s": min(times), "median s": statistics.median(times), "max s": max(times)}
+    return {
+        "command": command,
+        "partitions": partitions,
+        "min s": min(times),
+        "median s": statistics.median(times),
+        "max s": max(times),
+    }
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""What the offset sweep costs: milliseconds a source view at 512 px by phase, and nanoseconds a hypothesis beside a plain torch version.
+"""What the offset sweep costs: milliseconds a source view at 512 px by phase, and nanoseconds a hypothesis beside a
+plain torch version.
 
     python -m benchmarks.sweep_time [--views 8] [--size 512] [--repeats 3]
 
-The first rows are one frame of the analytic person, all passes (`sweep_hull`), on one thread; the last of them the same with two
-frames at a time in two threads of one process, per source view. A hypothesis is one pixel within its bounds, one offset, one
-neighbour; fused and plain version compute the same volume (`benchmarks/baselines/cost_volume.py`), in the same run. The least of the
-repeats counts: other programs only add.
+The first rows are one frame of the analytic person, all passes (`sweep_hull`), on one thread; the last of them the same
+with two frames at a time in two threads of one process, per source view. A hypothesis is one pixel within its bounds,
+one offset, one neighbour; fused and plain version compute the same volume (`benchmarks/baselines/cost_volume.py`), in
+the same run. The least of the repeats counts: other programs only add.
 """
 
 from __future__ import annotations
@@ -29,7 +30,16 @@ from posegaussian.stages.depth.scene import Frame, Geometry
 from posegaussian.stages.matching.cost import FORBIDDEN
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 
-PHASES = ((sweeping, "hulls"), (sweep, "cost_volume"), (sweep, "aggregate"), (sweep, "minimum"), (sweeping, "disagreement"), (sweeping, "fuse"), (sweeping, "complete"), (sweeping, "turn_away"))
+PHASES = (
+    (sweeping, "hulls"),
+    (sweep, "cost_volume"),
+    (sweep, "aggregate"),
+    (sweep, "minimum"),
+    (sweeping, "disagreement"),
+    (sweeping, "fuse"),
+    (sweeping, "complete"),
+    (sweeping, "turn_away"),
+)
 
 
 def least(work: Callable[[], Any], repeats: int) -> float:
@@ -73,7 +83,10 @@ def hypotheses(arguments: tuple[Any, ...], volume: np.ndarray) -> int:
 
 def tensors(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """The arguments of the fused version as the plain one takes them."""
-    return tuple(torch.from_numpy(np.asarray(a, np.float32 if a.dtype != bool else bool)) if isinstance(a, np.ndarray) else a for a in arguments)
+    return tuple(
+        torch.from_numpy(np.asarray(a, np.float32 if a.dtype != bool else bool)) if isinstance(a, np.ndarray) else a
+        for a in arguments
+    )
 
 
 def main() -> None:
@@ -100,25 +113,58 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool:
         both = least(lambda: list(pool.map(once, range(2))), arguments.repeats)
     per_view = 1e3 / arguments.views
-    rows: list[dict[str, Any]] = [{"what": f"  {name}", "threads": 1, "ms a source view": sum(c[1] for c in calls if c[0] == name) * per_view, "ns a hypothesis": ""} for _, name in PHASES]
+    rows: list[dict[str, Any]] = [
+        {
+            "what": f"  {name}",
+            "threads": 1,
+            "ms a source view": sum(c[1] for c in calls if c[0] == name) * per_view,
+            "ns a hypothesis": "",
+        }
+        for _, name in PHASES
+    ]
     rows.append({"what": "whole sweep", "threads": 1, "ms a source view": seconds * per_view, "ns a hypothesis": ""})
-    rows.append({"what": "whole sweep, two frames at a time", "threads": 2, "ms a source view": both * per_view / 2, "ns a hypothesis": ""})
+    rows.append(
+        {
+            "what": "whole sweep, two frames at a time",
+            "threads": 2,
+            "ms a source view": both * per_view / 2,
+            "ns a hypothesis": "",
+        }
+    )
     rows += volumes(max((c for c in calls if c[0] == "cost_volume"), key=lambda c: c[1]), arguments.repeats)
     publish("sweep_time", rows, vars(arguments))
 
 
 def volumes(call: tuple[str, float, tuple[Any, ...], Any], repeats: int) -> list[dict[str, Any]]:
-    """Rows of the dearest volume of the frame: fused and plain, on one thread and two (two volumes at a time; torch inside an operation)."""
+    """Rows of the dearest volume of the frame: fused and plain, on one thread and two (two volumes at a time; torch
+    inside an operation)."""
     given, volume = call[2], call[3]
     count, as_tensors, rows = hypotheses(given, volume), tensors(given), []
     before = torch.get_num_threads()
     with ThreadPoolExecutor(2) as pool, torch.no_grad():
         for threads in (1, 2):
-            fused = least(lambda n=threads: list(pool.map(lambda _: sweep.cost_volume(*given), range(n))), repeats) / threads  # type: ignore[misc]
+            fused = (
+                least(lambda n=threads: list(pool.map(lambda _: sweep.cost_volume(*given), range(n))), repeats)
+                / threads
+            )  # type: ignore[misc]
             torch.set_num_threads(threads)
             slow = least(lambda: plain(*as_tensors), 1)
-            rows.append({"what": "cost volume, fused", "threads": threads, "ms a source view": "", "ns a hypothesis": 1e9 * fused / count})
-            rows.append({"what": "cost volume, plain torch", "threads": threads, "ms a source view": "", "ns a hypothesis": 1e9 * slow / count})
+            rows.append(
+                {
+                    "what": "cost volume, fused",
+                    "threads": threads,
+                    "ms a source view": "",
+                    "ns a hypothesis": 1e9 * fused / count,
+                }
+            )
+            rows.append(
+                {
+                    "what": "cost volume, plain torch",
+                    "threads": threads,
+                    "ms a source view": "",
+                    "ns a hypothesis": 1e9 * slow / count,
+                }
+            )
     torch.set_num_threads(before)
     return rows
 

@@ -1,4 +1,5 @@
-"""Archives of any length without pictures: true receipts over empty shards, for measuring plans, status and the ledger."""
+"""Archives of any length without pictures: true receipts over empty shards, for measuring plans, status and the
+ledger."""
 
 from __future__ import annotations
 
@@ -23,7 +24,18 @@ from posegaussian.storage.model.spec import ArraySpec, digest
 NAME = "synthetic"
 TASKS = 8
 """Tasks of one partition of time: three of frames, one of every later stage that has work."""
-FACTS = {"started": "2026-01-01T00:00:00.000+00:00", "seconds": 1.0, "cpu_seconds": 1.0, "host": "h", "pid": 1, "worker": "cpu-0", "device": "cpu", "threads": 1, "peak_rss": 2**30, "libraries": {f"library{i}": "1.0" for i in range(8)}}
+FACTS = {
+    "started": "2026-01-01T00:00:00.000+00:00",
+    "seconds": 1.0,
+    "cpu_seconds": 1.0,
+    "host": "h",
+    "pid": 1,
+    "worker": "cpu-0",
+    "device": "cpu",
+    "threads": 1,
+    "peak_rss": 2**30,
+    "libraries": {f"library{i}": "1.0" for i in range(8)},
+}
 """Facts like those of a real receipt."""
 SETTINGS = ("views.held_out=[cam2]", "partition.frames=1", *(f"effects.{name}=off" for name in declared()))
 """No effect is left to a survey, which has no pictures to look at."""
@@ -32,15 +44,25 @@ SETTINGS = ("views.held_out=[cam2]", "partition.frames=1", *(f"effects.{name}=of
 def capture(frames: int) -> Capture:
     """Two source cameras and one held out, a video each; no file exists."""
     turns = (0.0, 0.8, 0.4)
-    motions = np.stack([rigid([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]], [0, 0, 3]) for a in turns])
+    motions = np.stack(
+        [rigid([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]], [0, 0, 3]) for a in turns]
+    )
     names, size = tuple(f"cam{i}" for i in range(3)), (64, 48)
-    rig = Rig(names, np.tile(np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]]), (3, 1, 1)), np.zeros((3, 8)), motions, np.tile(np.array(size), (3, 1)))
+    rig = Rig(
+        names,
+        np.tile(np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]]), (3, 1, 1)),
+        np.zeros((3, 8)),
+        motions,
+        np.tile(np.array(size), (3, 1)),
+    )
 
     def videos(what: str, **options: str) -> tuple[Stream, ...]:
         files = [SourceFile(f"/nowhere/{what}-{n}", digest([what, n]) * 2, 1, 1) for n in names]
         return tuple(Stream("video", (f,), tuple(range(frames)), size, dict(options)) for f in files)
 
-    return Capture("images", rig, 30.0, videos("pictures"), masks=videos("masks"), joints=videos("joints", joint_set="coco17"))
+    return Capture(
+        "images", rig, 30.0, videos("pictures"), masks=videos("masks"), joints=videos("joints", joint_set="coco17")
+    )
 
 
 def session(root: Path, more: tuple[str, ...] = ()) -> Session:
@@ -73,7 +95,9 @@ def write(context: Context) -> int:
     outputs: dict[Task, dict[tuple[str, int | None], Output]] = {}
     root, count = context.sequence.root, 0
     for task in tasks(context):
-        digests = {p: outputs[producer(p, task)][p.array, p.view].digest for i in inputs(context, task) for p in i.products}
+        digests = {
+            p: outputs[producer(p, task)][p.array, p.view].digest for i in inputs(context, task) for p in i.products
+        }
         parts = all_parts(context, task, own_parts(context, task), digests)
         made = _outputs(context, task)
         for output in made:
@@ -83,7 +107,11 @@ def write(context: Context) -> int:
         outputs[task] = {(o.array, o.view): o for o in made}
         file = receipt_file(context.sequence, *task[1:])
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(Receipt(task.stage, task.partition, task.view, task.path, digest(parts), parts, tuple(made), (), FACTS).to_json())
+        file.write_bytes(
+            Receipt(
+                task.stage, task.partition, task.view, task.path, digest(parts), parts, tuple(made), (), FACTS
+            ).to_json()
+        )
         count += 1
     return count
 
@@ -95,6 +123,10 @@ def _outputs(context: Context, task: Task) -> list[Output]:
         name = spec.name.format(path=task.path)
         every = isinstance(spec, ArraySpec) and spec.per_view and task.view is None
         for view in range(len(context.rig)) if every else [task.view]:
-            key = f"{name}/c.{task.partition or 0}.{0 if view is None else view}" if isinstance(spec, ArraySpec) else f"{name}/p{task.partition:06d}.parquet"
+            key = (
+                f"{name}/c.{task.partition or 0}.{0 if view is None else view}"
+                if isinstance(spec, ArraySpec)
+                else f"{name}/p{task.partition:06d}.parquet"
+            )
             found.append(Output(name, view, digest([name, view, task.partition]), (ShardFile(key, 0, 0),)))
     return found

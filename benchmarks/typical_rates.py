@@ -2,7 +2,8 @@
 
     python -m benchmarks.typical_rates ARCHIVE...
 
-Medians of processor time over the tasks' work; `posegaussian.dags.diagnostics.remaining_time.TYPICAL` holds them, rounded, for runs without a history.
+Medians of processor time over the tasks' work; `posegaussian.dags.diagnostics.remaining_time.TYPICAL` holds them,
+rounded, for runs without a history.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ ZOOM = 1.9
 DISTANCE = 2.4
 """From the cameras to the body's axis, m."""
 FOOTPRINT = 1.03
-"""Standard deviation in source pixels: 5.1 million pairs of a Gaussian and a pixel pass the alpha test in a 512 px picture."""
+"""Standard deviation in source pixels: 5.1 million pairs of a Gaussian and a pixel pass the alpha test in a 512 px
+picture."""
 GUITAR = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "splats" / "guitar.compressed.ply"
 
 
@@ -34,16 +35,27 @@ def _camera(degrees: float, size: int) -> Camera:
 
 
 def person(size: int) -> tuple[Gaussians, Camera]:
-    """About 145,000 pixel-aligned Gaussians of two source views 45 degrees apart, of the prior's opacities, seen from the middle."""
+    """About 145,000 pixel-aligned Gaussians of two source views 45 degrees apart, of the prior's opacities, seen
+    from the middle."""
     target, parts = _camera(0.0, size), []
     for degrees in (-22.5, 22.5):
         source = _camera(degrees, SOURCE)
-        color, mask, depth = render(pose("wave", 0.2), np.asarray(source.intrinsics), np.asarray(source.world_to_camera), (SOURCE, SOURCE), 2)
+        color, mask, depth = render(
+            pose("wave", 0.2), np.asarray(source.intrinsics), np.asarray(source.world_to_camera), (SOURCE, SOURCE), 2
+        )
         normal = normals(depth, np.asarray(source.intrinsics))
         scale = scales(depth, normal, np.asarray(source.intrinsics), FOOTPRINT, 0.1, 0.5)
         face_on = np.where(depth > 0, 0.99 * mask / np.float32(255), 0)
         maps = Maps(color, depth, scale, normal, np.stack([face_on, 0.8 * face_on]))
-        parts.append(lift(maps, np.asarray(source.intrinsics), np.asarray(source.world_to_camera), torch.float32, torch.device("cpu")).seen_from(target))
+        parts.append(
+            lift(
+                maps,
+                np.asarray(source.intrinsics),
+                np.asarray(source.world_to_camera),
+                torch.float32,
+                torch.device("cpu"),
+            ).seen_from(target)
+        )
     return Gaussians.concatenate(parts), target
 
 
@@ -54,13 +66,20 @@ def blobs(size: int, count: int = 100_000) -> tuple[Gaussians, Camera]:
     z = rng.uniform(1.0, 5.0, count)
     mean = np.stack([*(rng.uniform(-0.45, 0.45, (2, count)) * z), z], axis=1)
     scale = rng.uniform(1 / 6, 30 / 6, (count, 3)) * z[:, None] / focal
-    parts = (mean, np.linalg.qr(rng.normal(size=(count, 3, 3)))[0], scale, rng.uniform(0.05, 1.0, count), rng.uniform(0, 1, (count, 3)))
+    parts = (
+        mean,
+        np.linalg.qr(rng.normal(size=(count, 3, 3)))[0],
+        scale,
+        rng.uniform(0.05, 1.0, count),
+        rng.uniform(0, 1, (count, 3)),
+    )
     k = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
     return Gaussians(*(torch.as_tensor(p, dtype=torch.float32) for p in parts)), Camera(k, np.eye(4), size, size)
 
 
 def guitar(size: int) -> tuple[Gaussians, Camera]:
-    """A guitar of 90,854 Gaussians from photographs, filling the picture. Raises FileNotFoundError where the file is not."""
+    """A guitar of 90,854 Gaussians from photographs, filling the picture. Raises FileNotFoundError where the file is
+    not."""
     mean, quaternion, scale, opacity, color = read_compressed(GUITAR)
     low, high = np.percentile(mean, [2, 98], axis=0)
     centre, extent = (low + high) / 2, float((high - low).max())
@@ -74,7 +93,8 @@ def guitar(size: int) -> tuple[Gaussians, Camera]:
 
 
 def read_compressed(path: Path) -> tuple[np.ndarray, ...]:
-    """(mean [N, 3], quaternion [N, 4] wxyz, scale [N, 3], opacity [N], color [N, 3]) of a PLY of packed chunks of 256."""
+    """(mean [N, 3], quaternion [N, 4] wxyz, scale [N, 3], opacity [N], color [N, 3]) of a PLY of packed chunks of
+    256."""
     raw = path.read_bytes()
     end = raw.index(b"end_header\n") + len(b"end_header\n")
     counts = [int(line.split()[2]) for line in raw[:end].decode().splitlines() if line.startswith("element")]

@@ -15,7 +15,19 @@ from posegaussian.stages.rendering.stage import STAGE as RENDERING
 from posegaussian.stages.smoothing.stage import STAGE as SMOOTHING
 from posegaussian.stages.survey.stage import STAGE as SURVEY
 
-STAGES: tuple[Stage, ...] = (SURVEY, DETECTION, POSE, FRAMES, SMOOTHING, DEPTH, NETWORK, GAUSSIANS, REFINEMENT, RENDERING, METRICS)
+STAGES: tuple[Stage, ...] = (
+    SURVEY,
+    DETECTION,
+    POSE,
+    FRAMES,
+    SMOOTHING,
+    DEPTH,
+    NETWORK,
+    GAUSSIANS,
+    REFINEMENT,
+    RENDERING,
+    METRICS,
+)
 
 
 def stage(name: str) -> Stage:

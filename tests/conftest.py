@@ -11,12 +11,16 @@ from tests.pipeline import Pipeline, film
 
 
 def pytest_configure() -> None:
-    """One thread a library, before any is imported: tests are quick and alike on every machine. Without a GPU, Triton's kernels are interpreted."""
+    """One thread a library, before any is imported: tests are quick and alike on every machine. Without a GPU,
+    Triton's kernels are interpreted."""
     from posegaussian.dags.runtime import threads
 
     threads.limit(1)
-    # What this machine has fetched changes no test; those of BlazePose itself run where POSEGAUSSIAN_TEST_MODELS names a folder of models.
-    os.environ["POSEGAUSSIAN_MODELS"] = os.environ.get("POSEGAUSSIAN_TEST_MODELS", str(Path(__file__).parent / "no_models"))
+    # What this machine has fetched changes no test; those of BlazePose itself run where POSEGAUSSIAN_TEST_MODELS names
+    # a folder of models.
+    os.environ["POSEGAUSSIAN_MODELS"] = os.environ.get(
+        "POSEGAUSSIAN_TEST_MODELS", str(Path(__file__).parent / "no_models")
+    )
     from posegaussian.dags.planning.resources import visible_gpus
 
     if not visible_gpus():

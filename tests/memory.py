@@ -33,12 +33,28 @@ class MemoryInputs:
     source_rig: Rig = None  # type: ignore[assignment]
     valid_all: np.ndarray | None = None
     captured_to_calibrated: np.ndarray = None  # type: ignore[assignment]
-    time_invariant: frozenset[str] = frozenset({"survey/plate", "survey/spread", "survey/sample", "survey/colors", "survey/motion", "survey/outlines", "survey/noise", "survey/light"})
+    time_invariant: frozenset[str] = frozenset(
+        {
+            "survey/plate",
+            "survey/spread",
+            "survey/sample",
+            "survey/colors",
+            "survey/motion",
+            "survey/outlines",
+            "survey/noise",
+            "survey/light",
+        }
+    )
     effects: frozenset[str] | None = None
     """Effects that are on; None: all the stage declares that need no array of the survey."""
 
     def __post_init__(self) -> None:
-        on = {e.name for e in self.stage.effects} - {"exposure_matching", "outline_correction", "limb_bounds", "view_dependent_color", "tone_mapping"} if self.effects is None else self.effects
+        on = (
+            {e.name for e in self.stage.effects}
+            - {"exposure_matching", "outline_correction", "limb_bounds", "view_dependent_color", "tone_mapping"}
+            if self.effects is None
+            else self.effects
+        )
         self.facts = self.facts | on
         self.source_rig = self.source_rig or self.rig
         if self.captured_to_calibrated is None:
@@ -72,11 +88,20 @@ class MemoryInputs:
         return nullcontext()
 
 
-def run_stage(stage: Stage, params: Params, arrays: dict[str, np.ndarray], rig: Rig, views: Views, frames: int, length: int | None = None, **more: Any) -> dict[str, Any]:
+def run_stage(
+    stage: Stage,
+    params: Params,
+    arrays: dict[str, np.ndarray],
+    rig: Rig,
+    views: Views,
+    frames: int,
+    length: int | None = None,
+    **more: Any,
+) -> dict[str, Any]:
     """Run a stage over a whole sequence in partitions of `length` frames and put the blocks together.
 
-    Returns {array: [F, V, ...]} (views without a block are missing from a dict {view: array} when they differ), tables as
-    lists of column dicts.
+    Returns {array: [F, V, ...]} (views without a block are missing from a dict {view: array} when they differ), tables
+    as lists of column dicts.
     """
     length = length or frames
     whole: dict[str, Any] = {}

@@ -1,4 +1,5 @@
-"""Archives as earlier versions made them: a folder for every number of a shard, `c/0/1/0/0` where it is now `c.0.1.0.0`."""
+"""Archives as earlier versions made them: a folder for every number of a shard, `c/0/1/0/0` where it is now
+`c.0.1.0.0`."""
 
 from __future__ import annotations
 
@@ -34,7 +35,16 @@ def nested(receipt: Receipt) -> Receipt:
 
 def nested_output(output: Output) -> Output:
     """An output as it was; a table's stays."""
-    files = (dataclasses.replace(f, key=output.array + f.key.removeprefix(output.array).replace("/c.", "/c/").replace(".", "/")) if "/c." in f.key else f for f in output.files)
+    files = (
+        (
+            dataclasses.replace(
+                f, key=output.array + f.key.removeprefix(output.array).replace("/c.", "/c/").replace(".", "/")
+            )
+            if "/c." in f.key
+            else f
+        )
+        for f in output.files
+    )
     return dataclasses.replace(output, files=tuple(files))
 
 
@@ -49,5 +59,12 @@ def nest(sequence: Sequence) -> Sequence:
 
 def shards(root: Path) -> dict[str, list[str]]:
     """{nested or flat: keys} of all shards below a sequence's folder, its cameras left out."""
-    keys = [p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file() and ("/c/" in p.as_posix() or p.name.startswith("c."))]
-    return {"nested": [k for k in keys if "/c/" in k and not k.startswith("source/")], "flat": [k for k in keys if "/c." in k and not k.startswith("source/")]}
+    keys = [
+        p.relative_to(root).as_posix()
+        for p in root.rglob("*")
+        if p.is_file() and ("/c/" in p.as_posix() or p.name.startswith("c."))
+    ]
+    return {
+        "nested": [k for k in keys if "/c/" in k and not k.startswith("source/")],
+        "flat": [k for k in keys if "/c." in k and not k.startswith("source/")],
+    }

@@ -32,11 +32,27 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.exporters.images_layout import write_capture
 
 NAME = "person"
-FORCED = {"temporal_smoothing": "on", "exposure_matching": "off", "outline_correction": "off", "limb_bounds": "off", "view_dependent_color": "off", "silhouette_clipping": "on", "hole_filling": "on"}
+FORCED = {
+    "temporal_smoothing": "on",
+    "exposure_matching": "off",
+    "outline_correction": "off",
+    "limb_bounds": "off",
+    "view_dependent_color": "off",
+    "silhouette_clipping": "on",
+    "hole_filling": "on",
+}
 """Effects that are decided by the survey, and what they are in most tests."""
 
 
-def film(folder: Path, views: int = 6, size: int = 48, frames: int = 6, held_out: int = 1, motion: str = "kick", **leave_out: bool) -> PersonCapture:
+def film(
+    folder: Path,
+    views: int = 6,
+    size: int = 48,
+    frames: int = 6,
+    held_out: int = 1,
+    motion: str = "kick",
+    **leave_out: bool,
+) -> PersonCapture:
     """Write the person as an `images` capture; masks=False, joints=False, depth=False leave those out."""
     person = capture_person(views=views, size=size, frames=frames, held_out=held_out, motion=motion)
     write_capture(
@@ -79,7 +95,13 @@ class Pipeline:
 
     def start(self, *more: str, command: str = "run", **options: Any) -> subprocess.Popen:
         """The command line on this archive, as a process of its own."""
-        return subprocess.Popen([sys.executable, "-m", "posegaussian.dags.cli.app", command, *self.options, *more], cwd=self.root, env={**os.environ, "PYTHONPATH": os.getcwd()}, text=True, **options)
+        return subprocess.Popen(
+            [sys.executable, "-m", "posegaussian.dags.cli.app", command, *self.options, *more],
+            cwd=self.root,
+            env={**os.environ, "PYTHONPATH": os.getcwd()},
+            text=True,
+            **options,
+        )
 
     @property
     def session(self) -> Session:
@@ -87,7 +109,9 @@ class Pipeline:
 
     def register(self) -> None:
         settings = self.configuration.for_sequence(NAME)
-        register(Archive.open(str(self.root), create=True), NAME, find_capture("images", self.folder, [], settings), settings)
+        register(
+            Archive.open(str(self.root), create=True), NAME, find_capture("images", self.folder, [], settings), settings
+        )
 
     def with_settings(self, *more: str) -> Pipeline:
         return Pipeline(self.root, self.folder, [*self.settings, *more], self.partition, self.held_out)
@@ -102,7 +126,13 @@ class Pipeline:
     def plan(self, *paths: str, selection: Selection | None = None) -> Plan:
         return self.session.plan(NAME, selection or Selection(), paths)
 
-    def run(self, *paths: str, selection: Selection | None = None, backend: Backend | None = None, expect_failure: bool = False) -> list[Event]:
+    def run(
+        self,
+        *paths: str,
+        selection: Selection | None = None,
+        backend: Backend | None = None,
+        expect_failure: bool = False,
+    ) -> list[Event]:
         """Run and return the events; a failed task fails the test with its own words unless expected."""
         events: list[Event] = []
         selection = selection or Selection()
@@ -128,7 +158,8 @@ def ended(events: list[Event]) -> RunEnded:
 
 
 def content(pipeline: Pipeline, but: tuple[str, ...] = ()) -> dict[str, bytes | list]:
-    """{array: dtype, shape and all bytes} of every array, and {table: rows}, of the sequence; names starting with `but` left out."""
+    """{array: dtype, shape and all bytes} of every array, and {table: rows}, of the sequence; names starting with
+    `but` left out."""
     root = pipeline.root / NAME
     found: dict[str, bytes | list] = {}
     for meta in sorted(root.rglob("zarr.json")):
@@ -150,7 +181,10 @@ def content(pipeline: Pipeline, but: tuple[str, ...] = ()) -> dict[str, bytes | 
 def receipts(pipeline: Pipeline) -> dict[tuple, tuple]:
     """{task: (fingerprint, outputs)} of all receipts."""
     sequence = Archive.open(str(pipeline.root)).sequence(NAME)
-    return {(r.stage, r.partition, r.view, r.path): (r.fingerprint, tuple((o.array, o.view, o.digest) for o in r.outputs)) for r in scan_receipts(sequence)}
+    return {
+        (r.stage, r.partition, r.view, r.path): (r.fingerprint, tuple((o.array, o.view, o.digest) for o in r.outputs))
+        for r in scan_receipts(sequence)
+    }
 
 
 def assert_same_content(a: dict, b: dict) -> None:

@@ -22,14 +22,49 @@ from posegaussian.storage.model.capture import PER_VIEW
 from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 SOURCES = {"pictures", "masks", "joints", "joints3d", "depth", "depth_maps", "estimator", "network"}
-CAPTURE_FACTS = ("joints2d", "joints3d", "masks", "truth_depth", "held_out", "several_frames", "detected", "segmented", "given_depth", "single_source")
+CAPTURE_FACTS = (
+    "joints2d",
+    "joints3d",
+    "masks",
+    "truth_depth",
+    "held_out",
+    "several_frames",
+    "detected",
+    "segmented",
+    "given_depth",
+    "single_source",
+)
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
 OPTIONAL = tuple(s for s in STAGES if s.optional)
-EFFECT_STATES = sorted({*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)}, key=sorted)
+EFFECT_STATES = sorted(
+    {*(s for e in EFFECTS for s in (frozenset({e}), frozenset(EFFECTS) - {e})), frozenset(), frozenset(EFFECTS)},
+    key=sorted,
+)
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
-EVERY_FACTS = [frozenset(c) | on for n in range(len(CAPTURE_FACTS) + 1) for c in combinations(CAPTURE_FACTS, n) if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c) for on in EFFECT_STATES]
-SHAPE = {"frame": 16, "view": 8, "other_view": 8, "y": 1080, "x": 1920, "source_y": 1080, "source_x": 1920, "camera": 2, "camera_y": 1080, "camera_x": 1920, "joint": 25, "found_joint": 33, "sample": 25, "person": 3}
+EVERY_FACTS = [
+    frozenset(c) | on
+    for n in range(len(CAPTURE_FACTS) + 1)
+    for c in combinations(CAPTURE_FACTS, n)
+    if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c)
+    for on in EFFECT_STATES
+]
+SHAPE = {
+    "frame": 16,
+    "view": 8,
+    "other_view": 8,
+    "y": 1080,
+    "x": 1920,
+    "source_y": 1080,
+    "source_x": 1920,
+    "camera": 2,
+    "camera_y": 1080,
+    "camera_x": 1920,
+    "joint": 25,
+    "found_joint": 33,
+    "sample": 25,
+    "person": 3,
+}
 HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh", "ai_edge_litert"}
 
 every_stage = pytest.mark.parametrize("s", STAGES, ids=lambda s: s.name)
@@ -84,7 +119,8 @@ def test_a_read_of_its_own_view_belongs_to_a_stage_over_views(s: Stage) -> None:
 
 @every_stage
 def test_what_a_stage_reads_exists_for_every_capture_that_needs_the_stage(s: Stage) -> None:
-    """With the default params and any facts: whoever is read is not `unneeded`, and its output is not left out by `when`."""
+    """With the default params and any facts: whoever is read is not `unneeded`, and its output is not left out by
+    `when`."""
     by_array = writers()
     for facts in EVERY_FACTS:
         params = s.params()
@@ -93,9 +129,13 @@ def test_what_a_stage_reads_exists_for_every_capture_that_needs_the_stage(s: Sta
         for r in s.reads_for(params, facts):
             if not r.is_source:
                 writer = by_array[r.array]
-                assert writer.unneeded(writer.params(), facts) is None, f"{s.name} reads {r.array} with {sorted(facts)}, but {writer.name} is not needed"
+                assert writer.unneeded(writer.params(), facts) is None, (
+                    f"{s.name} reads {r.array} with {sorted(facts)}, but {writer.name} is not needed"
+                )
                 asked = {r.array} if writer.sequence_wide else set()
-                assert r.array in {w.name for w in writer.writes_for(facts | asked)}, f"{r.array} is not written with {sorted(facts)}"
+                assert r.array in {w.name for w in writer.writes_for(facts | asked)}, (
+                    f"{r.array} is not written with {sorted(facts)}"
+                )
 
 
 def test_every_output_is_written_once() -> None:
@@ -158,7 +198,10 @@ def test_quality_levels_are_valid_settings_and_hold_the_default(s: Stage) -> Non
         levels = extra(field).get("quality_levels")
         if levels is not None:
             assert len(levels) > 1
-            assert field.default in (*levels, "auto"), f"{s.name}.{name}"  # `auto` is one of them, or what this capture alone can serve
+            assert field.default in (
+                *levels,
+                "auto",
+            ), f"{s.name}.{name}"  # `auto` is one of them, or what this capture alone can serve
             for level in levels:
                 assert getattr(s.params(**{name: level}), name) == level
 
@@ -167,7 +210,9 @@ def test_quality_levels_are_valid_settings_and_hold_the_default(s: Stage) -> Non
 def test_a_volatile_setting_stays_out_of_what_is_hashed_and_every_other_is_in(s: Stage) -> None:
     volatile = {n for n, f in s.params.model_fields.items() if extra(f).get("volatile")}
     assert set(s.params().hashed()) == set(s.params.model_fields) - volatile
-    assert json.loads(json.dumps(s.params().hashed())) == s.params().hashed(), "a receipt must give back what was hashed"
+    assert json.loads(json.dumps(s.params().hashed())) == s.params().hashed(), (
+        "a receipt must give back what was hashed"
+    )
 
 
 @every_stage
@@ -190,7 +235,11 @@ def test_a_task_needs_memory_that_grows_with_the_picture(s: Stage) -> None:
 @every_stage
 def test_a_task_needs_at_least_the_memory_of_its_largest_block(s: Stage) -> None:
     """One block of one view is in memory when it is written."""
-    blocks = [int(np.prod(w.lengths({**SHAPE, "view": 1}))) * np.dtype(w.dtype).itemsize for w in s.writes if isinstance(w, ArraySpec)]
+    blocks = [
+        int(np.prod(w.lengths({**SHAPE, "view": 1}))) * np.dtype(w.dtype).itemsize
+        for w in s.writes
+        if isinstance(w, ArraySpec)
+    ]
     assert s.needs(SHAPE, s.params()).ram >= max(blocks, default=0)
 
 
@@ -226,7 +275,9 @@ def test_every_effect_has_a_measure_and_a_unit(s: Stage) -> None:
         assert np.isfinite(e.threshold)
         for array in e.asks:
             assert arrays[array].sequence_wide, f"{e.name} asks for {array}, which is no constant of the sequence"
-            assert next(w for w in arrays[array].writes if w.name == array).noted, f"{e.name} asks for {array}, which no receipt notes"
+            assert next(w for w in arrays[array].writes if w.name == array).noted, (
+                f"{e.name} asks for {array}, which no receipt notes"
+            )
 
 
 def test_an_effect_is_one_object_wherever_it_is_declared_and_no_fact_of_the_capture_has_its_name() -> None:
@@ -280,8 +331,22 @@ def test_frames_depends_on_no_setting_of_a_later_stage() -> None:
 
 
 def test_declarations_and_plan_import_nothing_heavy() -> None:
-    code = "import sys, json, posegaussian.stages.registry, posegaussian.dags.config.settings, posegaussian.dags.planning.plan, posegaussian.dags.diagnostics.tables; print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
-    loaded = set(json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parent.parent).stdout))
+    code = (
+        "import sys, json, posegaussian.stages.registry, posegaussian.dags.config.settings,"
+        " posegaussian.dags.planning.plan, posegaussian.dags.diagnostics.tables;"
+        " print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
+    )
+    loaded = set(
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", code],
+                capture_output=True,
+                text=True,
+                check=True,
+                cwd=Path(__file__).parent.parent,
+            ).stdout
+        )
+    )
     assert not loaded & HEAVY
 
 

@@ -1,4 +1,5 @@
-"""What the documentation shows can be used as it stands: settings are valid, commands parse, files it names are there."""
+"""What the documentation shows can be used as it stands: settings are valid, commands parse, files it names are
+there."""
 
 from __future__ import annotations
 
@@ -25,23 +26,31 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def commands(page: Path) -> list[str]:
-    """Every `posegaussian COMMAND ...` of a block of shell lines or between backticks; words in capitals stand for something."""
+    """Every `posegaussian COMMAND ...` of a block of shell lines or between backticks; words in capitals stand for
+    something."""
     text = page.read_text(encoding="utf-8")
     lines = [line.split(" #")[0] for block in blocks(page, "") for line in block.splitlines()]
     spans = re.findall(r"`(posegaussian [^`]+)`", text.replace("\n", " "))
     return [line[line.index("posegaussian ") :].strip() for line in (*lines, *spans) if "posegaussian " in line]
 
 
-@pytest.mark.parametrize(("page", "block"), [(p, b) for p in PAGES for b in blocks(p, "yaml")], ids=lambda v: v.name if isinstance(v, Path) else "")
+@pytest.mark.parametrize(
+    ("page", "block"),
+    [(p, b) for p in PAGES for b in blocks(p, "yaml")],
+    ids=lambda v: v.name if isinstance(v, Path) else "",
+)
 def test_settings_are_valid(page: Path, block: str, tmp_path: Path) -> None:
-    """A block that starts with a seed is a scene, one that starts with a preset a training, any other one a configuration."""
+    """A block that starts with a seed is a scene, one that starts with a preset a training, any other one a
+    configuration."""
     file = tmp_path / "pipeline.yaml"
     file.write_text(block)
     read = {"seed": read_scene, "preset": load_training}.get(block.partition(":")[0], load_configuration)
     read(file)
 
 
-@pytest.mark.parametrize(("page", "line"), [(p, c) for p in PAGES for c in commands(p)], ids=lambda v: v.name if isinstance(v, Path) else "")
+@pytest.mark.parametrize(
+    ("page", "line"), [(p, c) for p in PAGES for c in commands(p)], ids=lambda v: v.name if isinstance(v, Path) else ""
+)
 def test_commands_parse(page: Path, line: str) -> None:
     _, name, *words = shlex.split(line)
     commands_by_name = typer.main.get_command(app).commands  # type: ignore[attr-defined]

@@ -1,4 +1,5 @@
-"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage. Nothing runs up, nothing in a circle."""
+"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage. Nothing runs up, nothing in
+a circle."""
 
 from __future__ import annotations
 
@@ -31,13 +32,16 @@ def name(file: Path) -> str:
 
 @cache
 def imports(file: Path) -> frozenset[str]:
-    """Dotted modules a file imports anywhere in it, ours without `posegaussian.`; `from a import b` counts as a.b where that is a module."""
+    """Dotted modules a file imports anywhere in it, ours without `posegaussian.`; `from a import b` counts as a.b
+    where that is a module."""
     found = set()
     for node in ast.walk(ast.parse(file.read_bytes())):
         if isinstance(node, ast.Import):
             found |= {a.name for a in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{name(file)}:{node.lineno}: relative imports hide the edge (and the code digest does not follow them)"
+            assert node.level == 0, (
+                f"{name(file)}:{node.lineno}: relative imports hide the edge (and the code digest does not follow them)"
+            )
             assert node.module is not None
             modules = {f"{node.module}.{a.name}" for a in node.names if _is_module(f"{node.module}.{a.name}")}
             found |= modules or {node.module}
@@ -77,13 +81,23 @@ def test_storage_knows_neither_stages_nor_dags_nor_a_scheduler() -> None:
 
 def test_stages_know_of_storage_the_model_alone_and_open_no_store() -> None:
     assert not offenders(of("stages"), ("dags", "zarr", "pyarrow", *SCHEDULERS))
-    assert not [f"{name(f)} imports {i}" for f in of("stages") for i in sorted(imports(f)) if top(i) == "storage" and not inside(i, MODEL)]
+    assert not [
+        f"{name(f)} imports {i}"
+        for f in of("stages")
+        for i in sorted(imports(f))
+        if top(i) == "storage" and not inside(i, MODEL)
+    ]
 
 
 def test_the_model_depends_on_itself_alone_and_on_no_codec() -> None:
     files = [f for f in of("storage") if inside(dotted(f), MODEL)]
     assert len(files) > 5
-    assert not [f"{name(f)} imports {i}" for f in files for i in sorted(imports(f)) if top(i) == "storage" and not inside(i, MODEL)]
+    assert not [
+        f"{name(f)} imports {i}"
+        for f in files
+        for i in sorted(imports(f))
+        if top(i) == "storage" and not inside(i, MODEL)
+    ]
     assert not offenders(files, ("zarr", "pyarrow", "av", "cv2", "torch", "OpenImageIO"))
 
 
@@ -91,7 +105,12 @@ def test_libraries_of_stages_know_no_stage() -> None:
     allowed = (*(f"stages.{library}" for library in LIBRARIES), "stages.contract")
     files = [f for f in of("stages") if any(inside(dotted(f), f"stages.{library}") for library in LIBRARIES)]
     assert len(files) > 30
-    wrong = [f"{name(f)} imports {i}" for f in files for i in sorted(imports(f)) if top(i) == "stages" and not any(inside(i, a) for a in allowed)]
+    wrong = [
+        f"{name(f)} imports {i}"
+        for f in files
+        for i in sorted(imports(f))
+        if top(i) == "stages" and not any(inside(i, a) for a in allowed)
+    ]
     assert not wrong
 
 
@@ -101,7 +120,9 @@ def test_no_folder_and_no_file_is_part_of_a_circle() -> None:
     folders: dict[str, set[str]] = {}
     for module, targets in files.items():
         own = module.rpartition(".")[0]
-        folders.setdefault(own, set()).update(t.rpartition(".")[0] for t in targets if t in files and t.rpartition(".")[0] != own)
+        folders.setdefault(own, set()).update(
+            t.rpartition(".")[0] for t in targets if t in files and t.rpartition(".")[0] != own
+        )
     assert not list(circles(folders))
 
 
@@ -110,7 +131,8 @@ def test_a_circle_is_found() -> None:
 
 
 def circles(edges: dict[str, set[str]]) -> Iterator[list[str]]:
-    """Sets of nodes that reach each other: what is left when nodes that lead nowhere, or to which nothing leads, are taken away, group by group."""
+    """Sets of nodes that reach each other: what is left when nodes that lead nowhere, or to which nothing leads, are
+    taken away, group by group."""
     reach: dict[str, set[str]] = {}
     for start in edges:
         todo, seen = list(edges[start]), set()
@@ -136,14 +158,25 @@ def test_ours_are_imported_from_the_package_alone() -> None:
     """A module that is also imported as `dags.x` would be two modules."""
     for file in FILES:
         for node in ast.walk(ast.parse(file.read_bytes())):
-            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules = (
+                [a.name for a in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module or ""]
+                if isinstance(node, ast.ImportFrom)
+                else []
+            )
             assert not [m for m in modules if top(m) in FOLDERS], f"{name(file)}:{node.lineno}"
 
 
 def test_no_kernel_loads_a_module_by_name() -> None:
     """A module loaded by name is invisible to the code digest; only the contract's `resolve` does so."""
     files = [f for f in of("stages", "storage") if name(f) != "stages/contract/declaration.py"]
-    assert not [f"{name(f)} imports {i}" for f in files for i in imports(f) if top(i) == "importlib" and i != "importlib.metadata"]
+    assert not [
+        f"{name(f)} imports {i}"
+        for f in files
+        for i in imports(f)
+        if top(i) == "importlib" and i != "importlib.metadata"
+    ]
 
 
 def test_packages_compute_nothing_at_import() -> None:
@@ -156,8 +189,17 @@ def test_packages_compute_nothing_at_import() -> None:
 
 def test_files_and_folders_are_small() -> None:
     texts = {name(f): f.read_bytes() for f in FILES}
-    assert not [f"{n} has {len(t)} bytes, {len(t.splitlines())} lines" for n, t in texts.items() if len(t.splitlines()) > 500 or len(t) > 20_000]
-    assert statistics.median(len(t) for n, t in texts.items() if top(n.replace("/", ".")) in FOLDERS and not n.endswith("__init__.py")) < 5_000
+    assert not [
+        f"{n} has {len(t)} bytes, {len(t.splitlines())} lines"
+        for n, t in texts.items()
+        if len(t.splitlines()) > 500 or len(t) > 20_000
+    ]
+    assert (
+        statistics.median(
+            len(t) for n, t in texts.items() if top(n.replace("/", ".")) in FOLDERS and not n.endswith("__init__.py")
+        )
+        < 5_000
+    )
     crowded = {}
     for folder in {f.parent for f in of(*FOLDERS)}:
         count = sum(f.suffix == ".py" and f.name != "__init__.py" for f in folder.iterdir())
@@ -176,6 +218,16 @@ def test_a_wheel_holds_one_package_and_its_settings_alone() -> None:
     assert {top(package) for package in found} == {PACKAGE}
     linked = {ROOT.joinpath(*package.split(".")).resolve() for package in found} - {ROOT / PACKAGE}
     assert {f.parent for f in of(*FOLDERS)} == linked, "a folder has no __init__.py"
-    data = {f.resolve() for package, globs in settings["package-data"].items() for pattern in globs for f in ROOT.joinpath(*package.split(".")).glob(pattern)}
-    others = {f for folder in FOLDERS for f in (ROOT / folder).rglob("*") if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"}
+    data = {
+        f.resolve()
+        for package, globs in settings["package-data"].items()
+        for pattern in globs
+        for f in ROOT.joinpath(*package.split(".")).glob(pattern)
+    }
+    others = {
+        f
+        for folder in FOLDERS
+        for f in (ROOT / folder).rglob("*")
+        if f.is_file() and f.suffix != ".py" and f.parent.name != "__pycache__"
+    }
     assert others == data, "files that would be missing from the wheel"

@@ -23,9 +23,18 @@ def cost_volume(
     noise: float,
     share: float,
 ) -> torch.Tensor:
-    """[h, w, D] uint8; arguments and result as in `posegaussian.stages.matching.cost.cost_volume`, as tensors of any float type."""
+    """[h, w, D] uint8; arguments and result as in `posegaussian.stages.matching.cost.cost_volume`, as tensors of any
+    float type."""
     planes = [
-        _combined(torch.stack([_score(first, mask, guide + o, *n, corner, radius, noise) for n in zip(others, sizes, transfers, strict=True)]), share)
+        _combined(
+            torch.stack(
+                [
+                    _score(first, mask, guide + o, *n, corner, radius, noise)
+                    for n in zip(others, sizes, transfers, strict=True)
+                ]
+            ),
+            share,
+        )
         for o in offsets
     ]
     cost = torch.round(WORST * (1 - torch.stack(planes, dim=-1).clamp(0, 1)))
@@ -34,8 +43,19 @@ def cost_volume(
     return torch.where(allowed, cost, float(FORBIDDEN)).to(torch.uint8)
 
 
-def _score(first: torch.Tensor, mask: torch.Tensor, surface: torch.Tensor, other: torch.Tensor, size: torch.Tensor, transfer: torch.Tensor, corner: tuple[int, int], radius: int, noise: float) -> torch.Tensor:
-    """[h, w] how alike the windows of the first picture and of a neighbour at a surface of inverse depth [h, w] are; nan where unseen."""
+def _score(
+    first: torch.Tensor,
+    mask: torch.Tensor,
+    surface: torch.Tensor,
+    other: torch.Tensor,
+    size: torch.Tensor,
+    transfer: torch.Tensor,
+    corner: tuple[int, int],
+    radius: int,
+    noise: float,
+) -> torch.Tensor:
+    """[h, w] how alike the windows of the first picture and of a neighbour at a surface of inverse depth [h, w] are;
+    nan where unseen."""
     h, w = mask.shape
     y, x = torch.meshgrid(torch.arange(h) + corner[1], torch.arange(w) + corner[0], indexing="ij")
     point = torch.stack([x, y, torch.ones_like(x), surface]).to(first.dtype)

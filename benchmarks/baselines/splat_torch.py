@@ -2,7 +2,8 @@
 
 float32, vectorised over tiles, differentiated by autograd: tiles of 4 px (four times faster than tiles of 16 on
 pixel-sized Gaussians, both forward and backward, so it is no straw man), lists by a stable sort, finished tiles laid
-aside, memory bounded. Colour and alpha only. What it computes is what stages/splatting/definition/reference.py computes.
+aside, memory bounded. Colour and alpha only. What it computes is what stages/splatting/definition/reference.py
+computes.
 """
 
 from __future__ import annotations
@@ -14,18 +15,24 @@ from typing import Any, NamedTuple
 import torch
 
 PIXEL_CENTRE = 0.5
-NEAR, FRUSTUM_MARGIN, VARIANCE_MIN, ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_STOP = 0.01, 0.3, 1e-10, 1 / 255, 0.99, 0.9999e-4
+NEAR, FRUSTUM_MARGIN, VARIANCE_MIN, ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_STOP = (
+    0.01,
+    0.3,
+    1e-10,
+    1 / 255,
+    0.99,
+    0.9999e-4,
+)
 TILE = 4
-"""Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and 0.75 with 16."""
+"""Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and
+0.75 with 16."""
 CHUNK = 8
 """Gaussians of a tile that are fetched at once; between chunks finished tiles are laid aside."""
 BATCH_PIXELS = 2**15
-"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector code may
-hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
+"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector
+code may hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
 BATCH_PAIRS = 2**22
 """(tile, Gaussian) pairs listed at once; a region with more is halved."""
-
-
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,9 @@ def project(gaussians: Any, camera: Any) -> Projected:
         index, g = finite[front], _rows(g, front)
         s = _on_screen(g, camera)
         reach = 2 * torch.log((g.opacity / ALPHA_MIN).clamp(min=1.0))
-        extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01  # float32 rounding at 8k px
+        extent = (
+            torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
+        )  # float32 rounding at 8k px
         sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(extent).all(dim=1)
         keep = sane & (s.det > VARIANCE_MIN * (s.a + s.c))
         keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
@@ -80,7 +89,9 @@ def project(gaussians: Any, camera: Any) -> Projected:
         masked = len(gaussians) - len(finite) + int((~sane).sum())
     g = _rows(gaussians, index[keep])
     s = _on_screen(g, camera)
-    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, g.opacity, g.color, masked)
+    return Projected(
+        torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, g.opacity, g.color, masked
+    )
 
 
 class _Screen(NamedTuple):
@@ -117,8 +128,11 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _jacobian_rows(g: Any, camera: Any, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx, cy."""
+def _jacobian_rows(
+    g: Any, camera: Any, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx,
+    cy."""
     k = camera.intrinsics
     fx, skew, cx, fy, cy = (float(k[i]) for i in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
     margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * camera.width / fx, FRUSTUM_MARGIN * 0.5 * camera.height / fy
@@ -140,7 +154,13 @@ def _whitening(a: torch.Tensor, b: torch.Tensor, c: torch.Tensor, det: torch.Ten
     second = torch.sqrt(pivot / det)
     zero = torch.zeros_like(first)
     return torch.stack(
-        [torch.where(wide, first, zero), torch.where(wide, zero, first), torch.where(wide, -slope * second, second), torch.where(wide, second, -slope * second)], dim=1
+        [
+            torch.where(wide, first, zero),
+            torch.where(wide, zero, first),
+            torch.where(wide, -slope * second, second),
+            torch.where(wide, second, -slope * second),
+        ],
+        dim=1,
     )
 
 
@@ -190,7 +210,9 @@ def _sorted_by_depth(p: Projected, camera: Any, tile: int) -> tuple[torch.Tensor
     with torch.no_grad():
         mean, extent = p.mean[order], p.extent[order]
         limit = mean.new_tensor([camera.width, camera.height])
-        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(torch.int64)  # pixel index whose centre is inside
+        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(
+            torch.int64
+        )  # pixel index whose centre is inside
         last = torch.minimum(torch.floor(mean + extent - PIXEL_CENTRE).clamp(min=-1), limit - 1).to(torch.int64)
         empty = (last < first).any(dim=1, keepdim=True)
         low, high = first // tile, last // tile + 1
@@ -198,7 +220,9 @@ def _sorted_by_depth(p: Projected, camera: Any, tile: int) -> tuple[torch.Tensor
     return features, boxes
 
 
-def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:
+def _tile_lists(
+    boxes: torch.Tensor, region: _Region, tile: int
+) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:
     """Lists of Gaussians of every tile of the region, halving it until batches are small.
 
     Yields (region, lists [M] indices grouped by tile and by depth within it, starts [B], counts [B]).
@@ -225,7 +249,9 @@ def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tup
     yield region, owner[torch.argsort(slot, stable=True)], torch.cumsum(counts, 0) - counts, counts
 
 
-def _pixel_centres(tiles: torch.Tensor, across: int, tile: int, like: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _pixel_centres(
+    tiles: torch.Tensor, across: int, tile: int, like: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Columns and rows [B, tile^2] of the pixel centres of each tile, px."""
     inside = torch.arange(tile * tile, device=tiles.device)
     x = (tiles % across)[:, None] * tile + inside % tile
@@ -234,7 +260,11 @@ def _pixel_centres(tiles: torch.Tensor, across: int, tile: int, like: torch.Tens
 
 
 def _composite(
-    features: torch.Tensor, lists: torch.Tensor, starts: torch.Tensor, counts: torch.Tensor, centres: tuple[torch.Tensor, torch.Tensor]
+    features: torch.Tensor,
+    lists: torch.Tensor,
+    starts: torch.Tensor,
+    counts: torch.Tensor,
+    centres: tuple[torch.Tensor, torch.Tensor],
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Blend the listed Gaussians of B tiles of P pixels front to back.
 
@@ -261,10 +291,15 @@ def _composite(
 
 
 def _blend(
-    g: torch.Tensor, listed: torch.Tensor, x: torch.Tensor, y: torch.Tensor, transmittance: torch.Tensor, total: torch.Tensor
+    g: torch.Tensor,
+    listed: torch.Tensor,
+    x: torch.Tensor,
+    y: torch.Tensor,
+    transmittance: torch.Tensor,
+    total: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """One Gaussian a tile, g [B, 10, 1], over its P pixels. The transmittance runs on past the stop: it never rises again,
-    so that everything behind the first dropped Gaussian is dropped with it.
+    """One Gaussian a tile, g [B, 10, 1], over its P pixels. The transmittance runs on past the stop: it never rises
+    again, so that everything behind the first dropped Gaussian is dropped with it.
     """
     dx, dy = x - g[:, 0], y - g[:, 1]
     p, q = g[:, 2] * dx + g[:, 3] * dy, g[:, 4] * dx + g[:, 5] * dy

@@ -1,7 +1,7 @@
 """The trainings behind an ablation's tables: which there are, in which order they are done, and what each one found.
 
-A cell is one variant with one seed, a training of its own in `FOLDER/cells/VARIANT/seed-N`. Rows of several tables that come to
-the same configuration are one cell. A cell with a `result.json` is finished; its checkpoints may be deleted.
+A cell is one variant with one seed, a training of its own in `FOLDER/cells/VARIANT/seed-N`. Rows of several tables that
+come to the same configuration are one cell. A cell with a `result.json` is finished; its checkpoints may be deleted.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class Cell:
         return f"{self.variant}, seed {self.config.seed}"
 
     def result(self) -> dict[str, Any] | None:
-        """What it found: `numbers` of its last validation, `parameters`, `minutes`, `machine`, `steps`; None while it is not finished."""
+        """What it found: `numbers` of its last validation, `parameters`, `minutes`, `machine`, `steps`; None while
+        it is not finished."""
         file = self.folder / RESULT
         return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
 
@@ -68,14 +69,24 @@ class Cell:
             return False
         numbers = {k: v for k, v in last[-1].items() if k not in ("kind", "step")}
         card = read_card(run.weights_file)
-        found = {"steps": self.config.steps, "numbers": numbers, "parameters": parameters(run.weights_file), "minutes": card.minutes, "machine": card.machine}
+        found = {
+            "steps": self.config.steps,
+            "numbers": numbers,
+            "parameters": parameters(run.weights_file),
+            "minutes": card.minutes,
+            "machine": card.machine,
+        }
         write_atomically(self.folder / RESULT, as_json(found))
         return True
 
     def by_iterations(self) -> dict[int, Numbers]:
         """{T: validation numbers} as far as they were measured."""
         file = self.folder / BY_ITERATIONS
-        return {int(t): numbers for t, numbers in json.loads(file.read_text(encoding="utf-8")).items()} if file.is_file() else {}
+        return (
+            {int(t): numbers for t, numbers in json.loads(file.read_text(encoding="utf-8")).items()}
+            if file.is_file()
+            else {}
+        )
 
     def note_iterations(self, iterations: int, numbers: Mapping[str, float]) -> None:
         """Add a T; what is not finite becomes null."""
@@ -107,7 +118,10 @@ def in_order(base: TrainingConfig, chosen: Sequence[Group], seeds: Sequence[int]
     found: dict[str, list[Cell]] = {}
     waiting = {g.name: _variants(base, g, seeds, folder) for g in chosen if g.footage is None}
     while waiting:
-        missing = {name: sum(c.result() is None for v, cells in of.items() if v not in found for c in cells) for name, of in waiting.items()}
+        missing = {
+            name: sum(c.result() is None for v, cells in of.items() if v not in found for c in cells)
+            for name, of in waiting.items()
+        }
         cheapest = min(waiting, key=lambda name: missing[name])  # the first one of equals: the order of the tables
         found |= {v: cells for v, cells in waiting.pop(cheapest).items() if v not in found}
     return [c for cells in found.values() for c in cells]
@@ -116,7 +130,10 @@ def in_order(base: TrainingConfig, chosen: Sequence[Group], seeds: Sequence[int]
 def _variants(base: TrainingConfig, group: Group, seeds: Sequence[int], folder: Path) -> dict[str, list[Cell]]:
     rows = sorted(group.rows, key=lambda r: r.label != group.reference)
     cells = [cell(base, row, seed, folder) for row in rows for seed in seeds]
-    return {variant: list({c.config.seed: c for c in cells if c.variant == variant}.values()) for variant in dict.fromkeys(c.variant for c in cells)}
+    return {
+        variant: list({c.config.seed: c for c in cells if c.variant == variant}.values())
+        for variant in dict.fromkeys(c.variant for c in cells)
+    }
 
 
 def seeds_found(folder: Path) -> list[int]:
@@ -126,9 +143,13 @@ def seeds_found(folder: Path) -> list[int]:
 
 
 def with_steps(config: TrainingConfig, steps: int | None) -> TrainingConfig:
-    """The configuration with so many steps in all, shared between the phases as it has them. Raises ConfigError for what no ablation can train."""
+    """The configuration with so many steps in all, shared between the phases as it has them. Raises ConfigError for
+    what no ablation can train."""
     if config.start is not None:
-        raise ConfigError(f"start is {config.start}: the cells of an ablation begin with random weights of their seed, or those that differ in shape could not be compared; leave it null")
+        raise ConfigError(
+            f"start is {config.start}: the cells of an ablation begin with random weights of their seed, or those that"
+            " differ in shape could not be compared; leave it null"
+        )
     if config.steps == 0:
         raise ConfigError("depth_steps and joint_steps are both 0: there is nothing to train")
     if steps is None:
@@ -138,14 +159,18 @@ def with_steps(config: TrainingConfig, steps: int | None) -> TrainingConfig:
 
 
 def take(folder: Path, config: TrainingConfig) -> None:
-    """Note what all cells of a folder have in common. Raises ConfigError where it holds an ablation of something else."""
+    """Note what all cells of a folder have in common. Raises ConfigError where it holds an ablation of something
+    else."""
     file = folder / "ablation.yaml"
     new = config.model_dump(mode="json")
     if file.is_file():
         changes = {k: c for k, c in differences(load(file).values, new).items() if k not in OWN}
         if changes:
             told = "; ".join(f"{k}: {c}" for k, c in changes.items())
-            raise ConfigError(f"{folder} holds an ablation of another configuration ({told}); its cells could not be compared with new ones: take these back, or choose another --output")
+            raise ConfigError(
+                f"{folder} holds an ablation of another configuration ({told}); its cells could not be compared with"
+                " new ones: take these back, or choose another --output"
+            )
     write_atomically(file, yaml.safe_dump(new, sort_keys=False).encode())
 
 
@@ -157,7 +182,13 @@ def parameters(file: Path) -> int:
 
 
 def _word(value: Any) -> str:
-    return ("+".join(value) or "none") if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        ("+".join(value) or "none")
+        if isinstance(value, tuple)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def as_json(value: Any) -> bytes:

@@ -1,8 +1,9 @@
-"""Ablation: many short trainings, and runs of the pipeline, that differ in one thing each, cell by cell, and the tables that come of them.
+"""Ablation: many short trainings, and runs of the pipeline, that differ in one thing each, cell by cell, and the tables
+that come of them.
 
-A cell is an ordinary training (`dags/training/loop.py`) in a folder of its own, over frames that all cells share, or a run
-(`dags/ablation/pipeline_runs.py`); runs come last, because they may need what was trained. What is finished is never done again, what is
-not goes on; the tables are written whatever ends a call.
+A cell is an ordinary training (`dags/training/loop.py`) in a folder of its own, over frames that all cells share, or a
+run (`dags/ablation/pipeline_runs.py`); runs come last, because they may need what was trained. What is finished is
+never done again, what is not goes on; the tables are written whatever ends a call.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ class AblationOrder:
     workers: int = 1
     device: str = "auto"
     weights: str | None = None
-    """Of the runs: weights that ship or a file; None: those of the default's training of the same seed where it is finished, else `fast`."""
+    """Of the runs: weights that ship or a file; None: those of the default's training of the same seed where it is
+    finished, else `fast`."""
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -57,7 +59,8 @@ class AblationOrder:
         return in_order(self.config, self.groups, self.seeds, self.folder)
 
     def runs(self) -> list[RunCell]:
-        """In the order in which they are run, after all trainings. Raises ConfigError for weights that are not there and seeds without a sequence."""
+        """In the order in which they are run, after all trainings. Raises ConfigError for weights that are not there
+        and seeds without a sequence."""
         found = runs_in_order(self.groups, self.seeds, self.folder)
         for run_cell in found:
             self.weights_of(run_cell)
@@ -87,12 +90,14 @@ def plan_lines(order: AblationOrder) -> list[str]:
 
 
 def ablate(order: AblationOrder, say: Say, parts: Parts | None = None) -> bool:
-    """Train, run and measure what is missing, until all is done, the minutes are over or Ctrl-C; then the tables are written.
+    """Train, run and measure what is missing, until all is done, the minutes are over or Ctrl-C; then the tables are
+    written.
 
     Returns whether no cell failed; one that fails is said and left, and the next one begins.
 
     Raises:
-        ConfigError: for groups, weights and sequences that there are not, and a folder that holds an ablation of another configuration.
+        ConfigError: for groups, weights and sequences that there are not, and a folder that holds an ablation of
+            another configuration.
         FrameError: for a frame that cannot be made: every cell needs it.
         KeyboardInterrupt: after Ctrl-C and the checkpoint of the cell in hand.
     """
@@ -120,7 +125,12 @@ class _Work:
     def do(self, jobs: Sequence[Cell | RunCell]) -> None:
         """All cells, each with what is measured on it."""
         limit(self.order.threads)
-        sweeps = {c.folder for g in self.order.groups for c in in_order(self.order.config, [g], self.order.seeds, self.order.folder) if g.rows[0].iterations is not None}
+        sweeps = {
+            c.folder
+            for g in self.order.groups
+            for c in in_order(self.order.config, [g], self.order.seeds, self.order.folder)
+            if g.rows[0].iterations is not None
+        }
         for i, job in enumerate(jobs):
             name = f"cell {i + 1} of {len(jobs)}, {job}"
             try:
@@ -133,7 +143,10 @@ class _Work:
                 continue
             if not done:
                 left = sum(not self.order.finished(j) for j in jobs)
-                self.say(f"the minutes are over, {number(left, 'cell')} of {len(jobs)} are left; the same command goes on from here")
+                self.say(
+                    f"the minutes are over, {number(left, 'cell')} of {len(jobs)} are left; the same command goes on"
+                    " from here"
+                )
                 return
 
     def _run(self, job: RunCell, name: str) -> bool:
@@ -154,12 +167,24 @@ class _Work:
             self.say(name)
             minutes = (self.deadline - time.monotonic()) / 60.0 if self.order.minutes is not None else None
             order = self.order
-            train(Order(cell.config, cell.folder, self.frames, minutes, order.threads, order.workers, order.device), lambda line: self.say(f"  {line}"), self.parts)
+            train(
+                Order(cell.config, cell.folder, self.frames, minutes, order.threads, order.workers, order.device),
+                lambda line: self.say(f"  {line}"),
+                self.parts,
+            )
             if not cell.finish():
                 return False
         if not sweep:
             return True
-        return measure(cell, range(1, cell.config.iterations + 1), self.frames, self.parts, self.order.device, lambda line: self.say(f"  {cell}: {line}"), self._goes_on)
+        return measure(
+            cell,
+            range(1, cell.config.iterations + 1),
+            self.frames,
+            self.parts,
+            self.order.device,
+            lambda line: self.say(f"  {cell}: {line}"),
+            self._goes_on,
+        )
 
     def _goes_on(self) -> bool:
         return time.monotonic() < self.deadline

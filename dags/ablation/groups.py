@@ -1,7 +1,9 @@
-"""What an ablation compares: groups of rows, each row a variant of one training, or of one run of the pipeline; plain data.
+"""What an ablation compares: groups of rows, each row a variant of one training, or of one run of the pipeline; plain
+data.
 
-A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of the
-ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`). Rows of a group that has
+A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of
+the ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`). Rows of a group
+that has
 `footage` are not trained: the pipeline runs on simulated sequences with weights that there are (`ablation_runs.py`).
 """
 
@@ -43,11 +45,17 @@ class Footage:
     """Of the scene, laid over a clean one."""
 
     def scene(self, seed: int, cameras: int | None = None) -> Scene:
-        """The sequence of a seed of the ablation, of as many cameras as a row says. Raises ConfigError where there is none."""
+        """The sequence of a seed of the ablation, of as many cameras as a row says. Raises ConfigError where there
+        is none."""
         most = FIRST_KEPT_SEED - FIRST_VALIDATION_SEED
         if seed >= most:
-            raise ConfigError(f"--seeds {seed}: there are {most} sequences for validation, one a seed from 0 on; use smaller seeds, or leave tps and cameras out with --only")
-        return ablation_scene(FIRST_VALIDATION_SEED + seed, cameras or self.cameras, self.size, self.frames, self.frame_rate, self.effects)
+            raise ConfigError(
+                f"--seeds {seed}: there are {most} sequences for validation, one a seed from 0 on; use smaller seeds,"
+                " or leave tps and cameras out with --only"
+            )
+        return ablation_scene(
+            FIRST_VALIDATION_SEED + seed, cameras or self.cameras, self.size, self.frames, self.frame_rate, self.effects
+        )
 
 
 FOOTAGE = {
@@ -118,7 +126,16 @@ class Paper:
 
 def groups(config: TrainingConfig) -> tuple[Group, ...]:
     """All tables, in the order in which they are shown."""
-    return (_fusion(), _pose(), _pose_weight(), _render_weights(), _iterations(config.iterations), _heads(), _stabilizer(), _cameras())
+    return (
+        _fusion(),
+        _pose(),
+        _pose_weight(),
+        _render_weights(),
+        _iterations(config.iterations),
+        _heads(),
+        _stabilizer(),
+        _cameras(),
+    )
 
 
 def chosen(config: TrainingConfig, names: Sequence[str]) -> tuple[Group, ...]:
@@ -143,8 +160,9 @@ def _fusion() -> Group:
         "Fusion of image and pose features",
         tuple(Row(kind, {"fusion": kind}) for kind in get_args(FusionKind)),
         "concatenation",
-        "Both are end-point errors in px, but of other people and other pairs of cameras, and the paper says neither on which data nor over which pixels: compare the order of the rows, not the values. "
-        "Parameters are those of the whole network here and of the paper's own model there; its 1px accuracy is not measured here.",
+        "Both are end-point errors in px, but of other people and other pairs of cameras, and the paper says neither on"
+        " which data nor over which pixels: compare the order of the rows, not the values. Parameters are those of the"
+        " whole network here and of the paper's own model there; its 1px accuracy is not measured here.",
     )
 
 
@@ -155,8 +173,9 @@ def _pose() -> Group:
         "Where pose enters",
         tuple(Row(label, {"pose_in": value}) for label, value in places.items()),
         "both",
-        "The paper's LPIPS is of rendered pictures, ours an error of depth: not comparable in value; whether pose helps at all is. "
-        "Without pose in the decoder there is no pose fusion loss either, so two rows differ from the reference in the loss, too.",
+        "The paper's LPIPS is of rendered pictures, ours an error of depth: not comparable in value; whether pose helps"
+        " at all is. Without pose in the decoder there is no pose fusion loss either, so two rows differ from the"
+        " reference in the loss, too.",
     )
 
 
@@ -164,10 +183,14 @@ def _pose_weight() -> Group:
     return Group(
         "lambda",
         "Weight of the pose fusion loss",
-        tuple(Row(f"beta 0.5, gamma 0.5, lambda {v:g}", {"beta": 0.5, "gamma": 0.5, "pose_fusion": v}) for v in (0.0, 0.1, 0.5, 1.0, 2.0)),
+        tuple(
+            Row(f"beta 0.5, gamma 0.5, lambda {v:g}", {"beta": 0.5, "gamma": 0.5, "pose_fusion": v})
+            for v in (0.0, 0.1, 0.5, 1.0, 2.0)
+        ),
         "beta 0.5, gamma 0.5, lambda 1",
-        "The paper's PSNR, SSIM and LPIPS are of rendered pictures of THuman2.0, ours is an error of depth on simulated people: not comparable in value. "
-        "In the paper lambda 0 is no pose fusion at all; here it takes the alignment out of the loss and leaves pose in the network (for that see the table on where pose enters).",
+        "The paper's PSNR, SSIM and LPIPS are of rendered pictures of THuman2.0, ours is an error of depth on simulated"
+        " people: not comparable in value. In the paper lambda 0 is no pose fusion at all; here it takes the alignment"
+        " out of the loss and leaves pose in the network (for that see the table on where pose enters).",
     )
 
 
@@ -175,10 +198,14 @@ def _render_weights() -> Group:
     return Group(
         "beta_gamma",
         "Weights of the rendered picture's MAE and SSIM, without the pose fusion loss",
-        tuple(Row(f"beta {b:g}, gamma {g:g}, lambda 0", {"beta": b, "gamma": g, "pose_fusion": 0.0}) for b, g in ((0.5, 0.5), (0.3, 0.7), (0.8, 0.2))),
+        tuple(
+            Row(f"beta {b:g}, gamma {g:g}, lambda 0", {"beta": b, "gamma": g, "pose_fusion": 0.0})
+            for b, g in ((0.5, 0.5), (0.3, 0.7), (0.8, 0.2))
+        ),
         "beta 0.5, gamma 0.5, lambda 0",
-        "The paper calls gamma a weight of depth in its text and of SSIM in its equation; here it is SSIM's. It measures pictures of THuman2.0, we measure depth of simulated people: "
-        "not comparable in value, and what is traded between MAE and SSIM shows in depth only as far as the picture's gradient reaches it.",
+        "The paper calls gamma a weight of depth in its text and of SSIM in its equation; here it is SSIM's. It"
+        " measures pictures of THuman2.0, we measure depth of simulated people: not comparable in value, and what is"
+        " traded between MAE and SSIM shows in depth only as far as the picture's gradient reaches it.",
         joint=True,
     )
 
@@ -189,34 +216,48 @@ def _iterations(most: int) -> Group:
         "Iterations T of the refinement, of one training",
         tuple(Row(f"T = {t}", iterations=t) for t in range(1, most + 1)),
         f"T = {most}",
-        "The paper does not vary T. Rows are the same weights measured with another T, so what differs between them owes nothing to chance in training.",
+        "The paper does not vary T. Rows are the same weights measured with another T, so what differs between them"
+        " owes nothing to chance in training.",
     )
 
 
 def _heads() -> Group:
-    kinds = {"rotation 3, opacity 2": ("normal", "facing"), "rotation 4 (quaternion), opacity 2": ("quaternion", "facing"), "rotation 3, opacity 1": ("normal", "single")}
+    kinds = {
+        "rotation 3, opacity 2": ("normal", "facing"),
+        "rotation 4 (quaternion), opacity 2": ("quaternion", "facing"),
+        "rotation 3, opacity 1": ("normal", "single"),
+    }
     return Group(
         "heads",
         "Heads of the decoder",
-        tuple(Row(label, {"rotation_head": rotation, "opacity_head": opacity}) for label, (rotation, opacity) in kinds.items()),
+        tuple(
+            Row(label, {"rotation_head": rotation, "opacity_head": opacity})
+            for label, (rotation, opacity) in kinds.items()
+        ),
         "rotation 3, opacity 2",
-        "The paper has the first row alone and no comparison. Heads shape the picture: an error of depth says only whether one of them harms depth, never which one draws better.",
+        "The paper has the first row alone and no comparison. Heads shape the picture: an error of depth says only"
+        " whether one of them harms depth, never which one draws better.",
         joint=True,
     )
 
 
 def _stabilizer() -> Group:
-    methods = tuple(Row(m, pipeline=("effects.temporal_smoothing=on", f"smoothing.method={m}")) for m in ("pairwise", "recurrent", "adaptive"))
+    methods = tuple(
+        Row(m, pipeline=("effects.temporal_smoothing=on", f"smoothing.method={m}"))
+        for m in ("pairwise", "recurrent", "adaptive")
+    )
     shown = ("change of ssim", "its deviation", "psnr box", "ssim box", ERROR, "joints", "jitter", "lag")
     return Group(
         "tps",
         "Temporal Pose Stabilizer",
         (Row("off", pipeline=("effects.temporal_smoothing=off",)), *methods),
         "off",
-        "Both change of SSIM are abs(SSIM - SSIM of the frame before), mean and standard deviation over frames; ours is over the person's box, of a clean simulated sequence with noisy joints, "
-        "and follows from motion, frame rate and region as much as from the method: not comparable in value. "
-        "The paper compares itself with other methods and never with its own stabilizer switched off. Here the stabilizer reaches pictures through the network's heatmaps alone; "
-        "`joints`, `jitter` and `lag` are of what these heatmaps hold: mean error, mean second difference of the error, and delay (docs/joints.md).",
+        "Both change of SSIM are abs(SSIM - SSIM of the frame before), mean and standard deviation over frames; ours is"
+        " over the person's box, of a clean simulated sequence with noisy joints, and follows from motion, frame rate"
+        " and region as much as from the method: not comparable in value. The paper compares itself with other methods"
+        " and never with its own stabilizer switched off. Here the stabilizer reaches pictures through the network's"
+        " heatmaps alone; `joints`, `jitter` and `lag` are of what these heatmaps hold: mean error, mean second"
+        " difference of the error, and delay (docs/joints.md).",
         footage=FOOTAGE["tps"],
         shown=shown,
         compared=shown,
@@ -230,9 +271,11 @@ def _cameras() -> Group:
         "6 and 8 cameras",
         tuple(Row(f"{n} cameras", cameras=n) for n in (6, 8)),
         "8 cameras",
-        "The paper's numbers are of THuman2.0, under the heading Training, and it says neither which views it measures nor over which pixels; ours are of simulated people, the same two held-out views for both rows, "
-        "each in the middle between two sources: what 2 cameras more are worth may be compared, the values not. An error in px grows with the distance between neighbours, so between rows only that of depth in mm compares. "
-        "LPIPS needs weight files that do not ship.",
+        "The paper's numbers are of THuman2.0, under the heading Training, and it says neither which views it measures"
+        " nor over which pixels; ours are of simulated people, the same two held-out views for both rows, each in the"
+        " middle between two sources: what 2 cameras more are worth may be compared, the values not. An error in px"
+        " grows with the distance between neighbours, so between rows only that of depth in mm compares. LPIPS needs"
+        " weight files that do not ship.",
         footage=FOOTAGE["cameras"],
         shown=shown,
         compared=shown,

@@ -1,4 +1,5 @@
-"""What one run of the pipeline on a simulated sequence says to an ablation: pictures, their steadiness, depth, joints."""
+"""What one run of the pipeline on a simulated sequence says to an ablation: pictures, their steadiness, depth,
+joints."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def measured(results: Results, joints3d: np.ndarray) -> Measured:
 
 
 def _pictures(results: Results) -> Measured:
-    """Of the rows of the metrics stage: means over pictures; the change of SSIM over the frames of each camera, then over cameras."""
+    """Of the rows of the metrics stage: means over pictures; the change of SSIM over the frames of each camera, then
+    over cameras."""
     values: dict[tuple[str, str], list[float]] = defaultdict(list)
     changes: dict[str, list[float]] = defaultdict(list)
     rows: list[dict[str, Any]] = results.table("metrics/{path}", held_out_path(results.context).name)
@@ -33,7 +35,11 @@ def _pictures(results: Results) -> Measured:
     means: Measured = {f"{name} {region}": float(np.mean(v)) for (name, region), v in values.items()}
     if not changes:
         return means
-    return {**means, "change of ssim": float(np.mean([np.mean(v) for v in changes.values()])), "its deviation": float(np.mean([np.std(v) for v in changes.values()]))}
+    return {
+        **means,
+        "change of ssim": float(np.mean([np.mean(v) for v in changes.values()])),
+        "its deviation": float(np.mean([np.std(v) for v in changes.values()])),
+    }
 
 
 def _joints(results: Results, truth: np.ndarray) -> Measured:

@@ -1,6 +1,7 @@
 """The runs behind those tables of an ablation that are not trained: the pipeline on simulated sequences, one a seed.
 
-A run is one row with one seed, in `FOLDER/runs/GROUP=ROW/seed-N`. Its sequence is filmed once for all rows that share it, in
+A run is one row with one seed, in `FOLDER/runs/GROUP=ROW/seed-N`. Its sequence is filmed once for all rows that share
+it, in
 `FOLDER/sequences`, and removed when these are done; a run that was killed goes on after the last task that it finished.
 """
 
@@ -87,12 +88,19 @@ class RunCell:
     def finished(self, weights: Weights) -> bool:
         """Whether it was run with these weights on this sequence."""
         found = self._read(self.row)
-        return found is not None and (found["weights"]["sha256"], found["scene"], tuple(found["settings"])) == (weights.sha256, self.scene.model_dump(mode="json"), self.settings(weights))
+        return found is not None and (found["weights"]["sha256"], found["scene"], tuple(found["settings"])) == (
+            weights.sha256,
+            self.scene.model_dump(mode="json"),
+            self.settings(weights),
+        )
 
     def result(self) -> dict[str, Any] | None:
-        """What it found: `numbers`, `weights`, `scene`, `settings`; None while it is not run, or with other weights than the reference's of the same seed."""
+        """What it found: `numbers`, `weights`, `scene`, `settings`; None while it is not run, or with other weights
+        than the reference's of the same seed."""
         found, reference = self._read(self.row), self._read(self.group.row(self.group.reference))
-        alike = found is not None and (reference is None or reference["weights"]["sha256"] == found["weights"]["sha256"])
+        alike = found is not None and (
+            reference is None or reference["weights"]["sha256"] == found["weights"]["sha256"]
+        )
         return found if alike else None
 
     def numbers(self, row: Row) -> dict[str, float | None] | None:
@@ -108,11 +116,17 @@ class RunCell:
 
     def note(self, weights: Weights, numbers: dict[str, float | None]) -> None:
         """Write down what it found."""
-        about = {"weights": {"name": weights.name, "sha256": weights.sha256}, "scene": self.scene.model_dump(mode="json"), "settings": list(self.settings(weights))}
+        about = {
+            "weights": {"name": weights.name, "sha256": weights.sha256},
+            "scene": self.scene.model_dump(mode="json"),
+            "settings": list(self.settings(weights)),
+        }
         write_atomically(self._file(self.row), as_json({"numbers": numbers, **about}))
 
     def _file(self, row: Row) -> Path:
-        return self.root / "runs" / RunCell(self.group, row, self.seed, self.root).variant / f"seed-{self.seed}" / RESULT
+        return (
+            self.root / "runs" / RunCell(self.group, row, self.seed, self.root).variant / f"seed-{self.seed}" / RESULT
+        )
 
     def _read(self, row: Row) -> dict[str, Any] | None:
         file = self._file(row)
@@ -120,7 +134,8 @@ class RunCell:
 
 
 def runs_in_order(groups: Sequence[Group], seeds: Sequence[int], folder: Path) -> list[RunCell]:
-    """All runs of the groups with footage: seed by seed, so that a sequence is there no longer than its rows need it; the reference first."""
+    """All runs of the groups with footage: seed by seed, so that a sequence is there no longer than its rows need
+    it; the reference first."""
     out = []
     for group in groups:
         if group.footage is not None:
@@ -132,7 +147,8 @@ def runs_in_order(groups: Sequence[Group], seeds: Sequence[int], folder: Path) -
 def weights_of(given: str | None, config: TrainingConfig, seed: int, folder: Path) -> Weights:
     """Those that are named, else those of the finished default of the seed, else those that ship.
 
-    Raises ConfigError for a name that is neither weights that ship nor a file, and WeightsError for a file without a card.
+    Raises ConfigError for a name that is neither weights that ship nor a file, and WeightsError for a file without a
+    card.
     """
     trained = default_cell(config, seed, folder)
     if given is not None:
@@ -167,7 +183,13 @@ def run(cell: RunCell, weights: Weights, threads: int, say: Callable[[str], None
             raise _Over
 
     folder = cell.sequence
-    with locked(folder.with_suffix(".lock"), f"another ablation is at work on {folder}; wait for it or choose another --output"), interruptible(say, lambda: None):
+    with (
+        locked(
+            folder.with_suffix(".lock"),
+            f"another ablation is at work on {folder}; wait for it or choose another --output",
+        ),
+        interruptible(say, lambda: None),
+    ):
         try:
             look()
             held_out = _filmed(cell.scene, folder, threads, say)
@@ -178,7 +200,10 @@ def run(cell: RunCell, weights: Weights, threads: int, say: Callable[[str], None
             return False
         numbers = measured(results, np.load(folder / JOINTS))
         cell.note(weights, numbers)
-        say(f"{seconds.total():.0f} s of a core, " + ", ".join(f"{k} {v:.4g}" for k, v in numbers.items() if k in cell.group.shown and v is not None))
+        say(
+            f"{seconds.total():.0f} s of a core, "
+            + ", ".join(f"{k} {v:.4g}" for k, v in numbers.items() if k in cell.group.shown and v is not None)
+        )
         if all(c.finished(weights) for c in cell.beside):
             shutil.rmtree(folder)
     return True
@@ -195,7 +220,10 @@ def _filmed(scene: Scene, folder: Path, threads: int, say: Callable[[str], None]
     about, wanted = folder / "sequence.json", scene.model_dump(mode="json")
     if about.is_file() and (found := json.loads(about.read_text(encoding="utf-8")))["scene"] == wanted:
         return str(found["held_out"])
-    say(f"filming {number(scene.frames, 'frame')} of seed {scene.seed}, {scene.motion.name}, with {scene.rig.cameras} cameras and 2 held out")
+    say(
+        f"filming {number(scene.frames, 'frame')} of seed {scene.seed}, {scene.motion.name}, with {scene.rig.cameras}"
+        " cameras and 2 held out"
+    )
     partial = folder.with_suffix(".partial")
     for old in (partial, folder):
         shutil.rmtree(old, ignore_errors=True)

@@ -44,14 +44,26 @@ def report(config: TrainingConfig, folder: Path, seeds: Sequence[int], failures:
     }
 
 
-def _group(config: TrainingConfig, group: Group, seeds: Sequence[int], folder: Path, failures: Mapping[str, str]) -> dict[str, Any]:
+def _group(
+    config: TrainingConfig, group: Group, seeds: Sequence[int], folder: Path, failures: Mapping[str, str]
+) -> dict[str, Any]:
     printed = paper()[group.name]
     by_row = {row.label: _seeds(config, group, row, seeds, folder) for row in group.rows}
     rows = [_row(config, group, row, seeds, folder, by_row, failures) for row in group.rows]
-    about = {"name": group.name, "title": group.title, "reference": group.reference, "paper": printed.label, "paper_note": printed.note, "paper_measures": printed.measures}
+    about = {
+        "name": group.name,
+        "title": group.title,
+        "reference": group.reference,
+        "paper": printed.label,
+        "paper_note": printed.note,
+        "paper_measures": printed.measures,
+    }
     notes = [group.comparable]
     if group.joint and config.joint_steps == 0:
-        notes.append("There was no second phase, in which alone these settings matter: the rows differ by nothing but what the network's first weights are.")
+        notes.append(
+            "There was no second phase, in which alone these settings matter: the rows differ by nothing but what the"
+            " network's first weights are."
+        )
     if group.footage is not None:
         notes += _footage_notes(group, rows, seeds)
     return {**about, "shown": list(group.shown), "compared": list(group.compared), "notes": notes, "rows": rows}
@@ -61,30 +73,61 @@ def _footage_notes(group: Group, rows: Sequence[Mapping[str, Any]], seeds: Seque
     """On what the rows were measured, and with which weights."""
     assert group.footage is not None
     f = group.footage
-    said = [f"Each seed is one simulated sequence that nothing was trained on, the seed counted from {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second, {f.size} px, 2 held-out views."]
+    said = [
+        "Each seed is one simulated sequence that nothing was trained on, the seed counted from"
+        f" {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second, {f.size} px, 2 held-out"
+        " views."
+    ]
     used: dict[str, list[str]] = {}
     for seed in seeds:
-        of_seed = dict.fromkeys(f"{c['weights']['name']} (sha256 {c['weights']['sha256'][:12]})" for r in rows for c in r["cells"] if c["seed"] == seed and c["weights"] is not None)
+        of_seed = dict.fromkeys(
+            f"{c['weights']['name']} (sha256 {c['weights']['sha256'][:12]})"
+            for r in rows
+            for c in r["cells"]
+            if c["seed"] == seed and c["weights"] is not None
+        )
         for name in of_seed:
             used.setdefault(name, []).append(str(seed))
-    return [*said, *(f"Weights {name}: {'seed' if len(of) == 1 else 'seeds'} {', '.join(of)}." for name, of in used.items())]
+    return [
+        *said,
+        *(f"Weights {name}: {'seed' if len(of) == 1 else 'seeds'} {', '.join(of)}." for name, of in used.items()),
+    ]
 
 
 def _found(config: TrainingConfig, group: Group, row: Row, seed: int, folder: Path) -> Cell | RunCell:
     return cell(config, row, seed, folder) if group.footage is None else RunCell(group, row, seed, folder)
 
 
-def _seeds(config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], folder: Path) -> dict[int, dict[str, float]]:
+def _seeds(
+    config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], folder: Path
+) -> dict[int, dict[str, float]]:
     """{seed: finite numbers} of what is finished."""
     found = {seed: _found(config, group, row, seed, folder).numbers(row) for seed in seeds}
-    return {seed: {k: float(v) for k, v in numbers.items() if v is not None} for seed, numbers in found.items() if numbers is not None}
+    return {
+        seed: {k: float(v) for k, v in numbers.items() if v is not None}
+        for seed, numbers in found.items()
+        if numbers is not None
+    }
 
 
-def _row(config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], folder: Path, by_row: Mapping[str, dict[int, dict[str, float]]], failures: Mapping[str, str]) -> dict[str, Any]:
+def _row(
+    config: TrainingConfig,
+    group: Group,
+    row: Row,
+    seeds: Sequence[int],
+    folder: Path,
+    by_row: Mapping[str, dict[int, dict[str, float]]],
+    failures: Mapping[str, str],
+) -> dict[str, Any]:
     ours, reference = by_row[row.label], by_row[group.reference]
     names = list(dict.fromkeys(name for numbers in ours.values() for name in numbers))
     measures = {name: spread([n[name] for n in ours.values() if name in n]) for name in names}
-    pairs = {name: [n[name] - reference[seed][name] for seed, n in ours.items() if name in n and name in reference.get(seed, {})] for name in group.compared}
+    pairs = {
+        name: [
+            n[name] - reference[seed][name] for seed, n in ours.items() if name in n and name in reference.get(seed, {})
+        ]
+        for name in group.compared
+    }
     cells = [_cell(config, group, row, seed, folder, seed in ours, failures) for seed in seeds]
     counts = {c["parameters"] for c in cells if c["parameters"] is not None}
     return {
@@ -95,19 +138,30 @@ def _row(config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], f
         "seeds": len(ours),
         "claim": len(ours) >= ENOUGH,
         "measures": measures,
-        "against_reference": {name: spread(values) for name, values in pairs.items() if values} if row.label != group.reference else {},
+        "against_reference": (
+            {name: spread(values) for name, values in pairs.items() if values} if row.label != group.reference else {}
+        ),
         "parameters": counts.pop() if counts else None,
         "cells": cells,
         "paper": dict(paper()[group.name].rows.get(row.label, {})),
     }
 
 
-def _cell(config: TrainingConfig, group: Group, row: Row, seed: int, folder: Path, known: bool, failures: Mapping[str, str]) -> dict[str, Any]:
+def _cell(
+    config: TrainingConfig, group: Group, row: Row, seed: int, folder: Path, known: bool, failures: Mapping[str, str]
+) -> dict[str, Any]:
     found = _found(config, group, row, seed, folder)
     result = found.result()
     state = "done" if known else "trained, not measured" if result is not None else found.state()
     facts = {k: result.get(k) if result is not None else None for k in ("parameters", "minutes", "machine", "weights")}
-    return {"seed": seed, "variant": found.variant, "state": state, "failure": failures.get(str(found)), "numbers": found.numbers(row), **facts}
+    return {
+        "seed": seed,
+        "variant": found.variant,
+        "state": state,
+        "failure": failures.get(str(found)),
+        "numbers": found.numbers(row),
+        **facts,
+    }
 
 
 def spread(values: Sequence[float]) -> dict[str, Any]:
@@ -121,10 +175,12 @@ def page(found: Mapping[str, Any]) -> list[str]:
     config = TrainingConfig.model_validate(found["config"])
     phases = f"{config.depth_steps} of depth and {config.joint_steps} of everything through the renderer"
     about = (
-        f"Preset {config.preset}, {number(config.steps, 'step')} a cell ({phases}), seeds {', '.join(map(str, found['seeds']))}. "
-        f"Trainings are measured on {number(config.validation.count, 'simulated scene')} at {config.size} px that show people and motions no training shows. "
-        "Ours: mean and standard error over the seeds; `against` is the difference to the reference of the table, of EPE where nothing else is said, seed by seed. "
-        f"Fewer than {ENOUGH} seeds are no claim, and neither is a difference within twice its standard error."
+        f"Preset {config.preset}, {number(config.steps, 'step')} a cell ({phases}), seeds"
+        f" {', '.join(map(str, found['seeds']))}. Trainings are measured on"
+        f" {number(config.validation.count, 'simulated scene')} at {config.size} px that show people and motions no"
+        " training shows. Ours: mean and standard error over the seeds; `against` is the difference to the reference"
+        f" of the table, of EPE where nothing else is said, seed by seed. Fewer than {ENOUGH} seeds are no claim, and"
+        " neither is a difference within twice its standard error."
     )
     lines = ["# Ablation", "", about]
     for group in found["groups"]:
@@ -139,31 +195,55 @@ def _table(group: Mapping[str, Any]) -> list[str]:
     names = names or list(group["compared"])
     sizes = len({row["parameters"] for row in rows if row["parameters"] is not None}) > 1
     reference = [f"against {group['reference']}"] if alone else []
-    head = ["", *(_headed(n) for n in names), *reference, *(["parameters"] if sizes else []), "seeds", *(f"paper: {m}" for m in group["paper_measures"])]
+    head = [
+        "",
+        *(_headed(n) for n in names),
+        *reference,
+        *(["parameters"] if sizes else []),
+        "seeds",
+        *(f"paper: {m}" for m in group["paper_measures"]),
+    ]
     body = []
     for row in rows:
         ran = row["seeds"] > 0
         ours = [_pm(row["measures"].get(n), "-") if ran else NOT_RUN for n in names]
         against = [_against(row, group, group["compared"][0])] if alone else []
         size = [f"{row['parameters'] / 1e6:.2f} M" if row["parameters"] is not None else NOT_RUN] if sizes else []
-        body.append([row["label"], *ours, *against, *size, _seeds_text(row, group), *(row["paper"].get(m, "-") for m in group["paper_measures"])])
+        body.append(
+            [
+                row["label"],
+                *ours,
+                *against,
+                *size,
+                _seeds_text(row, group),
+                *(row["paper"].get(m, "-") for m in group["paper_measures"]),
+            ]
+        )
     others = [row for row in rows if row["label"] != group["reference"]]
     if alone or not any(row["against_reference"] for row in others):
         return _drawn(head, body)
     differences = [[row["label"], *(_against(row, group, n) for n in names)] for row in others]
-    return [*_drawn(head, body), "", *_drawn([f"against {group['reference']}", *(_headed(n) for n in names)], differences)]
+    return [
+        *_drawn(head, body),
+        "",
+        *_drawn([f"against {group['reference']}", *(_headed(n) for n in names)], differences),
+    ]
 
 
 def _drawn(head: list[str], body: list[list[str]]) -> list[str]:
     widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    drawn = ["| " + " | ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)) + " |" for line in [head, *body]]
+    drawn = [
+        "| " + " | ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)) + " |" for line in [head, *body]
+    ]
     return [drawn[0], "| " + " | ".join("-" * w for w in widths) + " |", *drawn[1:]]
 
 
 def _against(row: Mapping[str, Any], group: Mapping[str, Any], name: str) -> str:
     if row["seeds"] == 0:
         return NOT_RUN
-    return "reference" if row["label"] == group["reference"] else _pm(row["against_reference"].get(name), "-", signed=True)
+    return (
+        "reference" if row["label"] == group["reference"] else _pm(row["against_reference"].get(name), "-", signed=True)
+    )
 
 
 def _notes(group: Mapping[str, Any]) -> list[str]:
@@ -172,7 +252,9 @@ def _notes(group: Mapping[str, Any]) -> list[str]:
         notes.append(group["paper_note"])
     if not group["paper_measures"]:
         notes.append("It prints no numbers for these rows.")
-    failed = {f"{c['variant']}, seed {c['seed']}": c["failure"] for row in group["rows"] for c in row["cells"] if c["failure"]}
+    failed = {
+        f"{c['variant']}, seed {c['seed']}": c["failure"] for row in group["rows"] for c in row["cells"] if c["failure"]
+    }
     return [" ".join(notes), *(f"\nFailed: {name}: {why}" for name, why in failed.items())]
 
 

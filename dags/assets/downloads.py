@@ -1,4 +1,5 @@
-"""Other people's models: fetched by one explicit step or added from files, checked by their sha256, kept in the user's cache folder.
+"""Other people's models: fetched by one explicit step or added from files, checked by their sha256, kept in the user's
+cache folder.
 
 BlazePose's three files come out of the official mediapipe 0.10.21 wheel, which is never installed: it needs numpy < 2.
 One wheel is pinned, whatever the platform, as all of them hold the same files.
@@ -57,42 +58,67 @@ KNOWN = ("blazepose",)
 
 
 def listing() -> list[str]:
-    """Sentences: which of BlazePose's files are there, their sizes, what is missing or spoilt and the command that mends it."""
+    """Sentences: which of BlazePose's files are there, their sizes, what is missing or spoilt and the command that
+    mends it."""
     folder = blazepose_folder()
     states = [_state(folder / m.name, m) for m in BLAZEPOSE]
     lines = [f"blazepose (pose and person segmentation, licence {MEDIAPIPE.licence}) in {folder}"]
     lines += [f"  {m.name:28} {_megabytes(m.size)}  {state}" for m, state in zip(BLAZEPOSE, states, strict=True)]
     if set(states) != {"there"}:
-        lines.append(f"  bring it with `{FETCH}`, or `posegaussian models add FILE` with {MEDIAPIPE.file} where there is no network")
-    lines += [f"{name} (the network's weights, {_megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what they were trained on and measured at: {f.with_suffix('.md')}" for name, f in shipped().items()]
-    lines.append("onnx: any heatmap or SimCC model of your own, by detection.model=DESCRIPTION.yaml; check one with `posegaussian models add DESCRIPTION.yaml`")
+        lines.append(
+            f"  bring it with `{FETCH}`, or `posegaussian models add FILE` with {MEDIAPIPE.file} where there is no"
+            " network"
+        )
+    lines += [
+        f"{name} (the network's weights, {_megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what"
+        f" they were trained on and measured at: {f.with_suffix('.md')}"
+        for name, f in shipped().items()
+    ]
+    lines.append(
+        "onnx: any heatmap or SimCC model of your own, by detection.model=DESCRIPTION.yaml; check one with"
+        " `posegaussian models add DESCRIPTION.yaml`"
+    )
     return lines
 
 
 def fetch(name: str) -> list[str]:
     """Bring a model's files from the package index that pip is configured for; returns sentences about what was done.
 
-    Raises SourceError for an unknown name, without pip or network, for a wrong sha256 or a folder that cannot be written.
+    Raises SourceError for an unknown name, without pip or network, for a wrong sha256 or a folder that cannot be
+    written.
     """
     if name not in KNOWN:
-        raise SourceError(f"no model named {name!r} can be fetched; known are {', '.join(KNOWN)}, and `posegaussian models add` takes files")
+        raise SourceError(
+            f"no model named {name!r} can be fetched; known are {', '.join(KNOWN)}, and `posegaussian models add` takes"
+            " files"
+        )
     folder = blazepose_folder()
     if all(_state(folder / m.name, m) == "there" for m in BLAZEPOSE):
         return [f"blazepose is in {folder} already, every sha256 is right; nothing was fetched"]
     with TemporaryDirectory(prefix="posegaussian-models-") as work:
         wheel = _download(Path(work))
-        return [f"fetched {wheel.name} ({_megabytes(wheel.stat().st_size)}) with pip, sha256 {MEDIAPIPE.sha256}; it is not installed, and goes again", *_from_wheel(wheel)]
+        return [
+            (
+                f"fetched {wheel.name} ({_megabytes(wheel.stat().st_size)}) with pip, sha256 {MEDIAPIPE.sha256}; it is"
+                " not installed, and goes again"
+            ),
+            *_from_wheel(wheel),
+        ]
 
 
 def add(files: Sequence[Path]) -> list[str]:
-    """Take models from files the user has: the mediapipe wheel, single .tflite files, or descriptions of ONNX models (.yaml), which are checked.
+    """Take models from files the user has: the mediapipe wheel, single .tflite files, or descriptions of ONNX models
+    (.yaml), which are checked.
 
     Returns sentences about what was done; raises SourceError for a file that is missing or is not what was published.
     """
     said: list[str] = []
     for file in files:
         if not file.is_file():
-            raise SourceError(f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose, or the description (.yaml) of an ONNX model")
+            raise SourceError(
+                f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose, or the description (.yaml) of an"
+                " ONNX model"
+            )
         if file.suffix == ".whl":
             said += _from_wheel(file)
         elif file.suffix == ".tflite":
@@ -100,7 +126,10 @@ def add(files: Sequence[Path]) -> list[str]:
             said += _put({_which(file, content): content}, str(file))
         elif file.suffix in (".yaml", ".yml"):
             d = read_description(file)
-            said.append(f"{file} is good: {d.kind} model {d.path}, joints {d.joint_set}; use it with --set detection.estimator=onnx --set detection.model={file.resolve()}")
+            said.append(
+                f"{file} is good: {d.kind} model {d.path}, joints {d.joint_set}; use it with --set"
+                f" detection.estimator=onnx --set detection.model={file.resolve()}"
+            )
         else:
             raise SourceError(f"{file}: models come as .whl or .tflite, or as the description (.yaml) of an ONNX model")
     return said
@@ -108,27 +137,50 @@ def add(files: Sequence[Path]) -> list[str]:
 
 def _download(work: Path) -> Path:
     """The pinned wheel, by pip's own client, so that the user's index, proxy and certificates count."""
-    command = [sys.executable, "-m", "pip", "download", "--disable-pip-version-check", "--no-deps", "--only-binary=:all:", "--platform", MEDIAPIPE.platform, "--python-version", MEDIAPIPE.python]
-    done = subprocess.run([*command, "--dest", str(work), MEDIAPIPE.requirement], capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "download",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--only-binary=:all:",
+        "--platform",
+        MEDIAPIPE.platform,
+        "--python-version",
+        MEDIAPIPE.python,
+    ]
+    done = subprocess.run(
+        [*command, "--dest", str(work), MEDIAPIPE.requirement], capture_output=True, text=True, check=False
+    )
     wheel = work / MEDIAPIPE.file
     if done.returncode or not wheel.is_file():
-        reasons = [line.removeprefix("ERROR: ") for line in done.stderr.splitlines() if line.startswith("ERROR: ")] or done.stderr.splitlines()[-1:]
+        reasons = [
+            line.removeprefix("ERROR: ") for line in done.stderr.splitlines() if line.startswith("ERROR: ")
+        ] or done.stderr.splitlines()[-1:]
         raise SourceError(
-            f"pip could not download {MEDIAPIPE.file} (exit status {done.returncode}{', ' + reasons[0] if reasons else ''}); "
-            f"connect to a package index, or bring that file from another machine and run `posegaussian models add {MEDIAPIPE.file}`"
+            f"pip could not download {MEDIAPIPE.file} (exit status"
+            f" {done.returncode}{', ' + reasons[0] if reasons else ''}); connect to a package index, or bring that file"
+            f" from another machine and run `posegaussian models add {MEDIAPIPE.file}`"
         )
     if (found := _sha256(wheel.read_bytes())) != MEDIAPIPE.sha256:
-        raise SourceError(f"{MEDIAPIPE.file} has sha256 {found}, the published one has {MEDIAPIPE.sha256}; nothing was kept. Look which package index pip is configured for (`pip config list`)")
+        raise SourceError(
+            f"{MEDIAPIPE.file} has sha256 {found}, the published one has {MEDIAPIPE.sha256}; nothing was kept. Look"
+            " which package index pip is configured for (`pip config list`)"
+        )
     return wheel
 
 
 def _from_wheel(wheel: Path) -> list[str]:
-    """Take the model files out of a wheel; each is checked by itself, so any platform's wheel of that version will do."""
+    """Take the model files out of a wheel; each is checked by itself, so any platform's wheel of that version will
+    do."""
     try:
         with reader_of(wheel, "wheel"), zipfile.ZipFile(wheel) as z:
             contents = {m: _member(z, m) for m in BLAZEPOSE}
     except (zipfile.BadZipFile, SourceError) as e:
-        raise SourceError(f"{wheel} does not hold BlazePose's models ({e}); {MEDIAPIPE.file} does, later versions of mediapipe do not") from e
+        raise SourceError(
+            f"{wheel} does not hold BlazePose's models ({e}); {MEDIAPIPE.file} does, later versions of mediapipe do not"
+        ) from e
     return _put(contents, wheel.name)
 
 
@@ -144,21 +196,30 @@ def _which(file: Path, content: bytes) -> ModelFile:
     for m in BLAZEPOSE:
         if m.sha256 == found:
             return m
-    raise SourceError(f"{file} has sha256 {found}, which is none of BlazePose's files ({', '.join(m.name for m in BLAZEPOSE)} of mediapipe 0.10.21); take them from {MEDIAPIPE.file}")
+    raise SourceError(
+        f"{file} has sha256 {found}, which is none of BlazePose's files ({', '.join(m.name for m in BLAZEPOSE)} of"
+        f" mediapipe 0.10.21); take them from {MEDIAPIPE.file}"
+    )
 
 
 def _put(contents: dict[ModelFile, bytes], source: str) -> list[str]:
     """Write checked files into the cache folder, each whole or not at all."""
     for m, content in contents.items():
         if (found := _sha256(content)) != m.sha256:
-            raise SourceError(f"{source}: {m.name} has sha256 {found}, the published one has {m.sha256}; nothing was kept. Take it from {MEDIAPIPE.file}")
+            raise SourceError(
+                f"{source}: {m.name} has sha256 {found}, the published one has {m.sha256}; nothing was kept. Take it"
+                f" from {MEDIAPIPE.file}"
+            )
     folder = blazepose_folder()
     try:
         for m, content in contents.items():
             write_atomically(folder / m.name, content)
     except NotWritten as e:
         raise SourceError(f"{e}; XDG_CACHE_HOME chooses another place for models") from e
-    return [*_written(contents, folder), f"licence {MEDIAPIPE.licence}: https://github.com/google-ai-edge/mediapipe/blob/master/LICENSE"]
+    return [
+        *_written(contents, folder),
+        f"licence {MEDIAPIPE.licence}: https://github.com/google-ai-edge/mediapipe/blob/master/LICENSE",
+    ]
 
 
 def _written(models: Iterable[ModelFile], folder: Path) -> list[str]:

@@ -1,4 +1,5 @@
-"""From settings to an estimator: whether it can be had, which joints it names, what its models are, and the thing itself.
+"""From settings to an estimator: whether it can be had, which joints it names, what its models are, and the thing
+itself.
 
 Nothing heavy is imported before an estimator is made: a plan asks all but the last.
 """
@@ -48,12 +49,15 @@ def described(params: DetectionParams) -> Description:
 
 
 def models_digest(params: DetectionParams) -> str:
-    """Digest of the contents of a resolved estimator's models; of a user's, with that of whoever finds the people for it."""
+    """Digest of the contents of a resolved estimator's models; of a user's, with that of whoever finds the people
+    for it."""
     blazepose = [m.sha256 for m in BLAZEPOSE]
     if params.estimator == "blazepose":
         return digest(blazepose)
     found = described(params)
-    return digest([found.model_dump(mode="json"), SourceFile.of(found.path).sha256, blazepose if blazepose_is_here() else None])
+    return digest(
+        [found.model_dump(mode="json"), SourceFile.of(found.path).sha256, blazepose if blazepose_is_here() else None]
+    )
 
 
 def estimator_digest(params: DetectionParams) -> str:

@@ -28,7 +28,10 @@ def weights_file(params: NetworkParams) -> Path:
     found = shipped().get(params.weights) or Path(params.weights)
     if not found.is_file():
         names = ", ".join(["none", *shipped()])
-        raise ConfigError(f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with `posegaussian train`, or use none")
+        raise ConfigError(
+            f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with"
+            " `posegaussian train`, or use none"
+        )
     return found
 
 
@@ -53,11 +56,15 @@ def notes(params: NetworkParams) -> list[str]:
     trained = card_of(params).iterations
     if params.iterations <= trained:
         return []
-    return [f"network.iterations is {params.iterations}, but {params.weights} was trained with 1 to {trained}: beyond that depth may get worse; use at most {trained}"]
+    return [
+        f"network.iterations is {params.iterations}, but {params.weights} was trained with 1 to {trained}: beyond that"
+        f" depth may get worse; use at most {trained}"
+    ]
 
 
 def network_of(params: NetworkParams) -> Any:
-    """The network of the file, made once in a process. Raises ConfigError, and WeightsError for a file that does not hold one."""
+    """The network of the file, made once in a process. Raises ConfigError, and WeightsError for a file that does not
+    hold one."""
     file = weights_file(params)
     return _made(file, file.stat().st_mtime_ns)
 
@@ -75,7 +82,10 @@ def _made(file: Path, stamp: int) -> Any:
     except ValueError as e:
         raise WeightsError(f"{file}: {e}; the card was changed, fetch the file again") from e
     if (preset.rotation_head, preset.opacity_head) != ("normal", "facing"):
-        raise ConfigError(f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive holds normals and two opacities: use weights of the heads normal and facing")
+        raise ConfigError(
+            f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive"
+            " holds normals and two opacities: use weights of the heads normal and facing"
+        )
     network = PoseGaussianNetwork(preset)
     load_weights(file, network)
     for p in network.eval().requires_grad_(False).parameters():

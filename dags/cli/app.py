@@ -1,4 +1,5 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export, inspect, train, ablate, models, demo.
+"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export,
+inspect, train, ablate, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -61,14 +62,20 @@ def main() -> None:
     except OSError as e:
         if e.filename is None and e.errno not in FULL:
             raise
-        errors.print(f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one", style="red", markup=False, soft_wrap=True)
-        if e.filename is None:  # what is left of the output would be tried once more at the end, and fail with a traceback
+        errors.print(
+            f"error: {e.filename or 'standard output'}: {e.strerror}; choose another place, or free this one",
+            style="red",
+            markup=False,
+            soft_wrap=True,
+        )
+        if (
+            e.filename is None
+        ):  # what is left of the output would be tried once more at the end, and fail with a traceback
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted; what is done is kept, the next run goes on from here")
         sys.exit(130)
-
 
 
 if __name__ == "__main__":

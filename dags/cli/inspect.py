@@ -13,12 +13,15 @@ from posegaussian.dags.export.output_paths import output_folder
 
 def inspect(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
 ) -> None:
-    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures and a page. Exit status 1: bad.
+    """Say whether a capture is usable: calibration, pairs, joints, masks, light, timing and focus, as numbers, pictures
+    and a page. Exit status 1: bad.
 
     Example: posegaussian inspect balance
     """

@@ -6,7 +6,15 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SequenceOption, SetOption, open_session, say, selected
+from posegaussian.dags.cli.options import (
+    ArchiveOption,
+    ConfigOption,
+    SequenceOption,
+    SetOption,
+    open_session,
+    say,
+    selected,
+)
 from posegaussian.dags.planning.selection import Selection
 
 
@@ -15,7 +23,13 @@ def verify(
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
-    repair: Annotated[bool, typer.Option("--repair", help="Remove the receipts of what is broken, so that the next run makes it anew, and delete left-overs.")] = False,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Remove the receipts of what is broken, so that the next run makes it anew, and delete left-overs.",
+        ),
+    ] = False,
 ) -> None:
     """Read everything again and compare it with its receipts: sizes, checksums, decoded contents.
 
@@ -33,9 +47,15 @@ def gc(
     config: ConfigOption = None,
     assignments: SetOption = None,
     apply: Annotated[bool, typer.Option("--apply", help="Delete; without it only say what could go.")] = False,
-    kind: Annotated[list[str] | None, typer.Option("--kind", help="Only these kinds: arrays, paths, range, stages, strays, variants, runs (may be repeated).")] = None,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--kind", help="Only these kinds: arrays, paths, range, stages, strays, variants, runs (may be repeated)."
+        ),
+    ] = None,
 ) -> None:
-    """Say what could be deleted under these settings, how many bytes, and what would have to be computed again; delete with --apply.
+    """Say what could be deleted under these settings, how many bytes, and what would have to be computed again; delete
+    with --apply.
 
     Example: posegaussian gc --kind arrays --kind strays --apply
     """
@@ -48,8 +68,13 @@ def gc(
 def reshard(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
     frames: Annotated[int, typer.Option("--frames", help="Frames of a partition.", min=1, max=4096)],
-    path: Annotated[list[str] | None, typer.Option("--path", help="Camera paths to carry over instead of the configured ones (may be repeated).")] = None,
-    give_up: Annotated[bool, typer.Option("--give-up", help="Let go of what is not fresh or not asked for; it cannot be carried over.")] = False,
+    path: Annotated[
+        list[str] | None,
+        typer.Option("--path", help="Camera paths to carry over instead of the configured ones (may be repeated)."),
+    ] = None,
+    give_up: Annotated[
+        bool, typer.Option("--give-up", help="Let go of what is not fresh or not asked for; it cannot be carried over.")
+    ] = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,

@@ -35,7 +35,17 @@ def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
 
 
 @models.command()
-def add(files: Annotated[list[Path], typer.Argument(help="The mediapipe 0.10.21 wheel, .tflite files of BlazePose, or descriptions (.yaml) of ONNX models to check.")]) -> None:
+def add(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help=(
+                "The mediapipe 0.10.21 wheel, .tflite files of BlazePose, or descriptions (.yaml) of ONNX models to"
+                " check."
+            )
+        ),
+    ],
+) -> None:
     """Take models from files you have; nothing is downloaded.
 
     Example: posegaussian models add mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl

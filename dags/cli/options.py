@@ -1,4 +1,5 @@
-"""What the commands of `posegaussian` share: their options, the session these lead to, and how sentences are printed."""
+"""What the commands of `posegaussian` share: their options, the session these lead to, and how sentences are
+printed."""
 
 from __future__ import annotations
 
@@ -28,24 +29,75 @@ class Commands(TyperGroup):
         return super().parse_args(ctx, [word_at_home(a) for a in args])
 
 
-ArchiveOption = Annotated[str | None, typer.Option("--archive", help="Folder of the archive; default: `archive` of the configuration.")]
-ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration laid over the packaged default; default: ./pipeline.yaml where it exists.")]
-SequenceOption = Annotated[list[str] | None, typer.Option("--sequence", help="Sequences to work on (a name or glob; may be repeated). Default: all.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one setting, for example --set depth.method=hull (may be repeated).")]
+ArchiveOption = Annotated[
+    str | None, typer.Option("--archive", help="Folder of the archive; default: `archive` of the configuration.")
+]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", help="Configuration laid over the packaged default; default: ./pipeline.yaml where it exists."
+    ),
+]
+SequenceOption = Annotated[
+    list[str] | None,
+    typer.Option("--sequence", help="Sequences to work on (a name or glob; may be repeated). Default: all."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override one setting, for example --set depth.method=hull (may be repeated)."),
+]
 OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]
-PathOption = Annotated[list[str] | None, typer.Option("--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).')]
-ReplaceOption = Annotated[bool, typer.Option("--replace", help="Put this capture in the place of another one of that name, and delete what was computed from that.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error.")]
-VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.")]
+PathOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--path", help='Camera path instead of the configured ones, for example "arc cam01 cam02" (may be repeated).'
+    ),
+]
+ReplaceOption = Annotated[
+    bool,
+    typer.Option(
+        "--replace",
+        help="Put this capture in the place of another one of that name, and delete what was computed from that.",
+    ),
+]
+JsonOption = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Write one JSON object a line to standard output, for machines; sentences go to standard error."
+    ),
+]
+VerboseOption = Annotated[
+    bool,
+    typer.Option(
+        "--verbose",
+        "-v",
+        help="Say every reason, too: of effects that are off, of stages that are not needed, where the seconds went.",
+    ),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say warnings, failures and the result alone.")]
-SchedulerOption = Annotated[str | None, typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT or tls://HOST:PORT of a running scheduler.")]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", help="serial, local, or tcp://HOST:PORT or tls://HOST:PORT of a running scheduler."),
+]
 
 
-def open_session(config: Path | None, assignments: list[str] | None, archive: str | None, scheduler: str | None = None, machine: bool = False, voice: Voice = Voice.NORMAL) -> Session:
+def open_session(
+    config: Path | None,
+    assignments: list[str] | None,
+    archive: str | None,
+    scheduler: str | None = None,
+    machine: bool = False,
+    voice: Voice = Voice.NORMAL,
+) -> Session:
     """The session of a command's options. Raises ConfigError listing every fault of the configuration."""
-    session = Session.open(config, [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])], archive, errors if machine else console)
+    session = Session.open(
+        config,
+        [*(assignments or []), *([f"run.scheduler={scheduler}"] if scheduler else [])],
+        archive,
+        errors if machine else console,
+    )
     return replace(session, machine=machine, voice=voice)
 
 

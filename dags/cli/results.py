@@ -7,21 +7,59 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, QuietOption, SchedulerOption, SetOption, VerboseOption, open_session, say, voice
+from posegaussian.dags.cli.options import (
+    ArchiveOption,
+    ConfigOption,
+    QuietOption,
+    SchedulerOption,
+    SetOption,
+    VerboseOption,
+    open_session,
+    say,
+    voice,
+)
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.planning.selection import Selection
 
 
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[str | None, typer.Option("--path", help='Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a .json file of cameras. Default: the configured one.')] = None,
+    path: Annotated[
+        str | None,
+        typer.Option(
+            "--path",
+            help=(
+                'Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a'
+                " .json file of cameras. Default: the configured one."
+            ),
+        ),
+    ] = None,
     video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
-    frames: Annotated[Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")] = None,
+    frames: Annotated[
+        Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")
+    ] = None,
     sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
-    alpha: Annotated[bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")] = False,
-    background: Annotated[str, typer.Option("--background", help="What videos and pictures stand on: none (black), plate (what the camera itself filmed behind the subject), '#RRGGBB', or a picture file.")] = "none",
-    splats: Annotated[Path | None, typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each.")] = None,
-    view: Annotated[list[str] | None, typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all.")] = None,
+    alpha: Annotated[
+        bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")
+    ] = False,
+    background: Annotated[
+        str,
+        typer.Option(
+            "--background",
+            help=(
+                "What videos and pictures stand on: none (black), plate (what the camera itself filmed behind the"
+                " subject), '#RRGGBB', or a picture file."
+            ),
+        ),
+    ] = "none",
+    splats: Annotated[
+        Path | None,
+        typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each."),
+    ] = None,
+    view: Annotated[
+        list[str] | None,
+        typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all."),
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -38,7 +76,9 @@ def export(
     order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
-    p = session.plan(session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed)
+    p = session.plan(
+        session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed
+    )
     order.check(p.context)
     outcome = session.run_and_report([p], Selection())
     if outcome:
@@ -47,11 +87,33 @@ def export(
 
 
 def tradeoff(
-    knob: Annotated[list[str], typer.Option("--knob", help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run).")],
-    sequence: Annotated[str | None, typer.Option("--sequence", help="Sequence to measure on; default: the only one.")] = None,
-    levels: Annotated[list[str] | None, typer.Option("--levels", help="Levels of a knob instead of the declared ones, for example frames.size=128,256 (may be repeated).")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", help="Times every stage that differs is measured; the median counts.", min=1, max=99)] = 3,
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for the table, the Parquet file and the picture; default: tradeoff-SEQUENCE.")] = None,
+    knob: Annotated[
+        list[str],
+        typer.Option(
+            "--knob",
+            help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run).",
+        ),
+    ],
+    sequence: Annotated[
+        str | None, typer.Option("--sequence", help="Sequence to measure on; default: the only one.")
+    ] = None,
+    levels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--levels",
+            help="Levels of a knob instead of the declared ones, for example frames.size=128,256 (may be repeated).",
+        ),
+    ] = None,
+    repeats: Annotated[
+        int,
+        typer.Option("--repeats", help="Times every stage that differs is measured; the median counts.", min=1, max=99),
+    ] = 3,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", help="Folder for the table, the Parquet file and the picture; default: tradeoff-SEQUENCE."
+        ),
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,

@@ -43,7 +43,10 @@ def plan(
     force: ForceOption = None,
     path: PathOption = None,
     scheduler: SchedulerOption = None,
-    picture: Annotated[Path | None, typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", help="Draw stages and arrays with their states: .svg, or .md for Mermaid text."),
+    ] = None,
     json: JsonOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -115,9 +118,15 @@ def status(
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
-    failed_only: Annotated[bool, typer.Option("--failed", help="Show what failed in the last runs instead, why, and the command that retries it.")] = False,
+    failed_only: Annotated[
+        bool,
+        typer.Option(
+            "--failed", help="Show what failed in the last runs instead, why, and the command that retries it."
+        ),
+    ] = False,
 ) -> None:
-    """Show sequence by stage: how many partitions are done, stale or have warnings, and what the modules of a stage took.
+    """Show sequence by stage: how many partitions are done, stale or have warnings, and what the modules of a stage
+    took.
 
     Example: posegaussian status --failed
     """
@@ -134,7 +143,11 @@ def status(
     standings, failed = every_standing(session, names)
     for table in tables.status_tables(standings, console.width):
         console.print(table)
-    say(held_out.told(Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings))
+    say(
+        held_out.told(
+            Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in standings
+        )
+    )
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
     raise typer.Exit(2 if failed else 0)
@@ -143,7 +156,9 @@ def status(
 def why(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
     stage: Annotated[str, typer.Argument(help="Name of the stage.")],
-    partition: Annotated[int | None, typer.Argument(help="Number of a partition; default: all that are not fresh.")] = None,
+    partition: Annotated[
+        int | None, typer.Argument(help="Number of a partition; default: all that are not fresh.")
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -164,10 +179,19 @@ def why(
         return
     chosen: list[Task] = [t for t in p.verdicts if t.stage == stage and partition in (None, t.partition)]
     if not chosen:
-        raise ConfigError(f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted from 0")
+        raise ConfigError(
+            f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted"
+            " from 0"
+        )
     for failure in still_failed(session.archive, [p.context.sequence.name]):
         if failure.task in chosen:
-            say([f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC: {failure.error}"], "red")
+            say(
+                [
+                    f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC:"
+                    f" {failure.error}"
+                ],
+                "red",
+            )
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     for t in stale or chosen[:1]:
         say(chain(p, t))

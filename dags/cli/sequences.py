@@ -7,17 +7,40 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, ReplaceOption, SchedulerOption, SetOption, console, open_session, say
+from posegaussian.dags.cli.options import (
+    ArchiveOption,
+    ConfigOption,
+    ReplaceOption,
+    SchedulerOption,
+    SetOption,
+    console,
+    open_session,
+    say,
+)
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import number
 
 
 def import_capture(
-    layout: Annotated[str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")],
+    layout: Annotated[
+        str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")
+    ],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")] = None,
-    option: Annotated[list[str] | None, typer.Option("--option", help="A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated).")] = None,
-    copy: Annotated[bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")] = False,
+    sequence: Annotated[
+        str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")
+    ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--option",
+            help=(
+                "A choice where several files fit, as key=value, for example calibration=calib.toml (may be repeated)."
+            ),
+        ),
+    ] = None,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Copy the source files into the archive instead of referring to them.")
+    ] = False,
     replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
@@ -37,14 +60,40 @@ def import_capture(
     made, said = register(Archive.open(session.archive_url, create=True), name, capture, settings, copy, replace)
     say([*capture.notes, *said])
     numbers = capture.numbers
-    console.print(f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in {session.archive_url}", markup=False, soft_wrap=True)
+    console.print(
+        f"sequence {made.name}: {number(len(capture.rig), 'camera')}, {number(len(numbers), 'frame')}"
+        f" ({numbers[0]}..{numbers[-1]}), partitions of {number(made.partition_frames, 'frame')}, in"
+        f" {session.archive_url}",
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 def simulate(
-    scene: Annotated[str, typer.Argument(help="Scene file, or the name of one that ships: demo, plain, fast_motion, self_occlusion, messy, sparse_6, dense_16, single_pair, two_people.")],
-    sequence: Annotated[str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive.")] = None,
-    threads: Annotated[int | None, typer.Option("--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256)] = None,
+    scene: Annotated[
+        str,
+        typer.Argument(
+            help=(
+                "Scene file, or the name of one that ships: demo, plain, fast_motion, self_occlusion, messy, sparse_6,"
+                " dense_16, single_pair, two_people."
+            )
+        ),
+    ],
+    sequence: Annotated[
+        str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", help="Folder for pictures, masks, joints and depth; default: _captures/NAME in the archive."
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            "--threads", help="Pictures at a time; default: one a core. Cannot change a byte.", min=1, max=256
+        ),
+    ] = None,
     replace: ReplaceOption = False,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
@@ -60,11 +109,15 @@ def simulate(
     if output is not None:
         output_folder("simulate --output", output)
     path = scene_file(scene)
-    film_scene(open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace)
+    film_scene(
+        open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace
+    )
 
 
 def demo(
-    output: Annotated[Path, typer.Option("--output", help="Folder for the capture, the archive and the results.")] = Path("demo-output"),
+    output: Annotated[
+        Path, typer.Option("--output", help="Folder for the capture, the archive and the results.")
+    ] = Path("demo-output"),
     size: Annotated[int, typer.Option("--size", help="Side of the pictures in px.", min=48, max=1024)] = 256,
     frames: Annotated[int, typer.Option("--frames", help="Number of frames.", min=1, max=300)] = 24,
     scheduler: SchedulerOption = None,

@@ -12,12 +12,55 @@ from posegaussian.dags.export.output_paths import output_folder
 
 
 def train(
-    config: Annotated[Path | None, typer.Option("--config", help="Configuration laid over the packaged default, dags/training/training.yaml.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", help="Folder of the training: log, checkpoints, frames, weights; default: training-NAME after the configuration's file, else training-default.")] = None,
-    minutes: Annotated[float | None, typer.Option("--minutes", help="Stop after so many minutes with a checkpoint; the same command goes on. Default: when all steps are done.", min=0.05)] = None,
-    threads: Annotated[int | None, typer.Option("--threads", help="Threads of the trainer; default: the cores that --workers leave.", min=1, max=256)] = None,
-    workers: Annotated[int | None, typer.Option("--workers", help="Processes that make frames ahead of the trainer, 0: it makes them itself; default: half of the cores.", min=0, max=256)] = None,
-    frames: Annotated[Path | None, typer.Option("--frames", help="Folder for frames that several trainings share; default: frames in the folder of the training.")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", help="Configuration laid over the packaged default, dags/training/training.yaml."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            help=(
+                "Folder of the training: log, checkpoints, frames, weights; default: training-NAME after the"
+                " configuration's file, else training-default."
+            ),
+        ),
+    ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            "--minutes",
+            help=(
+                "Stop after so many minutes with a checkpoint; the same command goes on. Default: when all steps are"
+                " done."
+            ),
+            min=0.05,
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            "--threads", help="Threads of the trainer; default: the cores that --workers leave.", min=1, max=256
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            help=(
+                "Processes that make frames ahead of the trainer, 0: it makes them itself; default: half of the cores."
+            ),
+            min=0,
+            max=256,
+        ),
+    ] = None,
+    frames: Annotated[
+        Path | None,
+        typer.Option(
+            "--frames",
+            help="Folder for frames that several trainings share; default: frames in the folder of the training.",
+        ),
+    ] = None,
     device: Annotated[str, typer.Option("--device", help="auto (CUDA where there is a device), cpu or cuda.")] = "auto",
     assignments: SetOption = None,
 ) -> None:
@@ -37,4 +80,7 @@ def train(
     if output is not None:
         output_folder("train --output", output)
     folder = output or Path(f"training-{config.stem if config else 'default'}")
-    run(Order(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device), lambda line: say([line]))
+    run(
+        Order(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device),
+        lambda line: say([line]),
+    )

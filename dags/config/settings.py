@@ -39,34 +39,60 @@ _SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?) *(|[KkMmGgTt]?[Bb])")
 class PartitionSettings(Params):
     """How a sequence is cut along time when it is imported."""
 
-    frames: int | None = setting(None, "Frames of a partition; null: as many as fit the budget.", unit="frames", ge=1, le=4096)
+    frames: int | None = setting(
+        None, "Frames of a partition; null: as many as fit the budget.", unit="frames", ge=1, le=4096
+    )
     megabytes: float = setting(256.0, "Budget of the largest shard.", unit="MB", gt=0)
-    most_frames: int = setting(8, "Upper bound of the partition length that the budget leads to.", unit="frames", ge=1, le=4096)
+    most_frames: int = setting(
+        8, "Upper bound of the partition length that the budget leads to.", unit="frames", ge=1, le=4096
+    )
 
 
 class ViewSettings(Params):
     """Roles of the cameras."""
 
     sources: list[str] | None = setting(None, "Cameras to reconstruct from; null: all that are not held out.")
-    held_out: list[str] | None = setting(None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none.")
+    held_out: list[str] | None = setting(
+        None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none."
+    )
 
 
 class RunSettings(Params):
     """Where tasks run. Nothing here can change a result."""
 
-    scheduler: str = setting("local", "serial, local, or the address of a running scheduler.", pattern=r"^(serial|local|(tcp|tls|ucx)://.+)$")
+    scheduler: str = setting(
+        "local", "serial, local, or the address of a running scheduler.", pattern=r"^(serial|local|(tcp|tls|ucx)://.+)$"
+    )
     workers: int | None = setting(None, "Worker processes of the local scheduler; null: one a core.", ge=1, le=1024)
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
-    gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting("auto", "GPU workers of the local scheduler, one a device; more than there are devices stand in for one and compute on the CPU.")
-    window: int = setting(2, "Tasks in flight for every worker slot; up to 8 while tasks take milliseconds.", ge=1, le=64)
-    retries: int = setting(2, "Further attempts after a transient failure of a disk, a connection or a device.", ge=0, le=100)
+    gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting(
+        "auto",
+        "GPU workers of the local scheduler, one a device; more than there are devices stand in for one and compute on"
+        " the CPU.",
+    )
+    window: int = setting(
+        2, "Tasks in flight for every worker slot; up to 8 while tasks take milliseconds.", ge=1, le=64
+    )
+    retries: int = setting(
+        2, "Further attempts after a transient failure of a disk, a connection or a device.", ge=0, le=100
+    )
     backoff: float = setting(5.0, "Pause before the second attempt, doubled before each further one.", unit="s", ge=0)
     timeout: float | None = setting(None, "Time one task may take; null: any.", unit="s", gt=0)
-    lease: float = setting(60.0, "Time after which the work of a machine that fell silent may be taken over.", unit="s", ge=1, le=86400)
-    memory: float | None = setting(None, "Memory one worker may use; null: physical memory over the number of workers.", unit="MB", gt=0)
-    keep_variants: str = setting("2GB", "Disk for results of other settings, so that going back to a setting takes them over, of all sequences together: a size like 500MB or 2GB; 0 keeps none.")
-    keep: Literal["everything", "as_declared"] = setting("everything", "Whether arrays that no task needs any more stay, or are dropped as they are declared. Cannot change a result.")
-
+    lease: float = setting(
+        60.0, "Time after which the work of a machine that fell silent may be taken over.", unit="s", ge=1, le=86400
+    )
+    memory: float | None = setting(
+        None, "Memory one worker may use; null: physical memory over the number of workers.", unit="MB", gt=0
+    )
+    keep_variants: str = setting(
+        "2GB",
+        "Disk for results of other settings, so that going back to a setting takes them over, of all sequences"
+        " together: a size like 500MB or 2GB; 0 keeps none.",
+    )
+    keep: Literal["everything", "as_declared"] = setting(
+        "everything",
+        "Whether arrays that no task needs any more stay, or are dropped as they are declared. Cannot change a result.",
+    )
 
     @field_validator("keep_variants", mode="before")
     @classmethod
@@ -89,22 +115,33 @@ class _Common(Params):
     archive: str = Field("./archive", description="Folder of the archive.")
     partition: PartitionSettings = PartitionSettings()
     views: ViewSettings = ViewSettings()
-    keep: dict[str, Keep] = Field(default={}, description="ARRAY: always | until_done | never; what is not named follows run.keep.")
+    keep: dict[str, Keep] = Field(
+        default={}, description="ARRAY: always | until_done | never; what is not named follows run.keep."
+    )
     run: RunSettings = RunSettings()
 
     @field_validator("keep")
     @classmethod
     def _arrays_that_can_be_dropped(cls, value: dict[str, Keep]) -> dict[str, Keep]:
-        """A misspelt name would drop nothing in silence; constants of a sequence come out different once the sources have grown."""
+        """A misspelt name would drop nothing in silence; constants of a sequence come out different once the sources
+        have grown."""
         known = [w.name for s in STAGES if not s.sequence_wide for w in s.writes if isinstance(w, ArraySpec)]
         for name in value:
             if name not in known:
                 close = difflib.get_close_matches(name, known, n=1)
-                raise ValueError(f"{name!r} is no array that can be dropped" + (f'; did you mean "{close[0]}"?' if close else f"; these can: {', '.join(known)}"))
+                raise ValueError(
+                    f"{name!r} is no array that can be dropped"
+                    + (f'; did you mean "{close[0]}"?' if close else f"; these can: {', '.join(known)}")
+                )
         return value
 
 
-Settings: Any = create_model("Settings", __base__=_Common, effects=(EffectSettings, EffectSettings()), **{s.name: (s.params, s.params()) for s in STAGES})  # type: ignore[call-overload]
+Settings: Any = create_model(
+    "Settings",
+    __base__=_Common,
+    effects=(EffectSettings, EffectSettings()),
+    **{s.name: (s.params, s.params()) for s in STAGES},
+)  # type: ignore[call-overload]
 """The validated settings of one sequence: one field a stage, beside archive, partition, views, effects and run."""
 
 
@@ -120,7 +157,8 @@ class Configuration:
     """{glob: partial settings} of `sequences`."""
 
     def for_sequence(self, name: str) -> Any:
-        """Settings of one sequence: overrides whose glob matches are laid over the default, in the order of the file."""
+        """Settings of one sequence: overrides whose glob matches are laid over the default, in the order of the
+        file."""
         values = _merged(self.layers)
         globs = [g for g in self.overrides if fnmatch.fnmatchcase(name, g)]
         if not globs:
@@ -130,25 +168,35 @@ class Configuration:
         return Settings.model_validate({k: v for k, v in values.items() if k != "sequences"})
 
     def as_yaml(self, paths: Sequence[str] = ()) -> str:
-        """The effective settings, kept in the archive by every run; `paths` that it was asked for take the place of all others."""
+        """The effective settings, kept in the archive by every run; `paths` that it was asked for take the place of
+        all others."""
         values = {**self.default.model_dump(mode="json"), "sequences": self.overrides}
         if paths:
             own = {"rendering": {"paths": list(paths)}}
-            named = {g: merge(o, own) if "paths" in (o.get("rendering") or {}) else o for g, o in self.overrides.items()}
+            named = {
+                g: merge(o, own) if "paths" in (o.get("rendering") or {}) else o for g, o in self.overrides.items()
+            }
             values = {**merge(values, own), "sequences": named}
         return yaml.safe_dump(values, sort_keys=False)
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay one mapping over another, key by key; lists and scalars are replaced. A section whose keys are all commented out changes nothing."""
+    """Lay one mapping over another, key by key; lists and scalars are replaced. A section whose keys are all
+    commented out changes nothing."""
     out = dict(below)
     for key, value in above.items():
         old = out.get(key)
-        out[key] = merge(old, {} if value is None else value) if isinstance(old, Mapping) and (value is None or isinstance(value, Mapping)) else value
+        out[key] = (
+            merge(old, {} if value is None else value)
+            if isinstance(old, Mapping) and (value is None or isinstance(value, Mapping))
+            else value
+        )
     return out
 
 
-def load_configuration(config: Path | None = None, assignments: Sequence[str] = (), folder: Path | None = None) -> Configuration:
+def load_configuration(
+    config: Path | None = None, assignments: Sequence[str] = (), folder: Path | None = None
+) -> Configuration:
     """Read `config`, else ./pipeline.yaml of `folder`, over the packaged default, with `--set` assignments on top.
 
     Raises ConfigError listing every fault.
@@ -171,13 +219,22 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
     overrides = values.pop("sequences", None) or {}
     settings = _try(values, (), layers, faults)
     if not isinstance(overrides, Mapping):
-        faults.append(f"{_where(layers, ('sequences',))} sequences: a mapping of names to settings is expected, got {overrides!r}")
+        faults.append(
+            f"{_where(layers, ('sequences',))} sequences: a mapping of names to settings is expected, got {overrides!r}"
+        )
         overrides = {}
     for glob, partial in overrides.items():
         if not isinstance(partial, Mapping):
-            faults.append(f"{_where(layers, ('sequences', glob))} sequences.{glob}: a mapping of settings is expected, got {partial!r}")
+            faults.append(
+                f"{_where(layers, ('sequences', glob))} sequences.{glob}: a mapping of settings is expected, got"
+                f" {partial!r}"
+            )
             continue
-        faults += [f"{_where(layers, ('sequences', glob, key))} sequences.{glob}.{key}: cannot differ between sequences; set it at the top level" for key in GLOBAL & partial.keys()]
+        faults += [
+            f"{_where(layers, ('sequences', glob, key))} sequences.{glob}.{key}: cannot differ between sequences; set"
+            " it at the top level"
+            for key in GLOBAL & partial.keys()
+        ]
         known = {k: v for k, v in partial.items() if k not in GLOBAL}
         _try(merge(values, known), ("sequences", glob), layers, faults, only=known)
     if faults:
@@ -232,14 +289,25 @@ def _where(layers: Sequence[Document], location: Location) -> str:
 def _present(node: Any, location: Location) -> bool:
     """Whether a layer says something about a key."""
     for part in location:
-        inside = part in node if isinstance(node, Mapping) else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        inside = (
+            part in node
+            if isinstance(node, Mapping)
+            else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        )
         if not inside:
             return False
         node = node[part]
     return True
 
 
-def _try(values: Mapping[str, Any], prefix: Location, layers: Sequence[Document], faults: list[str], only: Mapping[str, Any] | None = None, model: type[Any] = Settings) -> Any:
+def _try(
+    values: Mapping[str, Any],
+    prefix: Location,
+    layers: Sequence[Document],
+    faults: list[str],
+    only: Mapping[str, Any] | None = None,
+    model: type[Any] = Settings,
+) -> Any:
     """Validate; add a sentence per fault; None when there are any."""
     try:
         return model.model_validate(values)
@@ -257,7 +325,11 @@ def _sentence(error: Any, location: Location, model: type[BaseModel]) -> str:
     """What is wrong, the bound, and a suggestion."""
     if error["type"] == "extra_forbidden":
         known = _fields_at(location[:-1], model)
-        elsewhere = [f"{s.name}.{location[-1]}" for s in STAGES if model is Settings and len(location) == 2 and str(location[-1]) in s.params.model_fields]
+        elsewhere = [
+            f"{s.name}.{location[-1]}"
+            for s in STAGES
+            if model is Settings and len(location) == 2 and str(location[-1]) in s.params.model_fields
+        ]
         close = elsewhere or difflib.get_close_matches(str(location[-1]), known, n=1)
         return f'unknown key; did you mean "{close[0]}"?' if close else f"unknown key; known are {', '.join(known)}"
     message = error["msg"].removeprefix("Value error, ")

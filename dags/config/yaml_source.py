@@ -90,5 +90,8 @@ def _plain(node: yaml.Node, location: Location, document: Document, errors: list
         return Loader("").construct_object(node)
     except (yaml.YAMLError, ValueError) as e:
         why = e.problem if isinstance(e, yaml.MarkedYAMLError) else e
-        errors.append(f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {shortened(node.value)} as a value ({why}); quote it if it is a text")
+        errors.append(
+            f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {shortened(node.value)} as a value"
+            f" ({why}); quote it if it is a text"
+        )
         return None

@@ -1,4 +1,5 @@
-"""The effects of a sequence as a table: what was measured, what follows from it and why, and what that saves or costs."""
+"""The effects of a sequence as a table: what was measured, what follows from it and why, and what that saves or
+costs."""
 
 from __future__ import annotations
 
@@ -20,20 +21,36 @@ from posegaussian.storage.model.spec import digest
 
 
 def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
-    """One row an effect, then one a choice (where masks come from), each with its reason below; `rows` of the ledger, for the seconds."""
+    """One row an effect, then one a choice (where masks come from), each with its reason below; `rows` of the
+    ledger, for the seconds."""
     history = [r for r in rows if r.get("work") and r.get("seconds") is not None]
-    table = Table(title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column, justify in (("effect", "left"), ("measured", "right"), ("bound", "right"), ("state", "left"), ("time", "right")):
+    table = Table(
+        title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    for column, justify in (
+        ("effect", "left"),
+        ("measured", "right"),
+        ("bound", "right"),
+        ("state", "left"),
+        ("time", "right"),
+    ):
         table.add_column(column, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     for v in plan.context.effects.values():
-        table.add_row(v.effect.name, _measured(v), v.effect.quantity(f"{v.effect.threshold:g}"), _state(v), _time(v, seconds(plan, v, history)))
+        table.add_row(
+            v.effect.name,
+            _measured(v),
+            v.effect.quantity(f"{v.effect.threshold:g}"),
+            _state(v),
+            _time(v, seconds(plan, v, history)),
+        )
     for name, answer, setting, _ in _choices(plan):
         table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
     return table
 
 
 def effects_reasons(plan: Plan, every: bool = True) -> list[str]:
-    """`NAME state: why`, one sentence for every row of the table; else of what changes the pictures: what is on, forced or chosen."""
+    """`NAME state: why`, one sentence for every row of the table; else of what changes the pictures: what is on,
+    forced or chosen."""
     effects = [v for v in plan.context.effects.values() if every or v.state == "on" or v.setting != "auto"]
     told = [f"{v.effect.name} {v.state}: {_why(v)}" for v in effects]
     return told + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
@@ -70,10 +87,12 @@ def _time(v: Verdict, spent: float | None) -> str:
 
 
 def seconds(plan: Plan, verdict: Verdict, rows: Iterable[Mapping[str, Any]]) -> float | None:
-    """Seconds that an effect costs while it is on, over all tasks of its stages, one after the other; None where unknown.
+    """Seconds that an effect costs while it is on, over all tasks of its stages, one after the other; None where
+    unknown.
 
-    From the archive's finished tasks with the same settings, with and without the effect: median seconds per unit of work.
-    A stage that is not needed without the effect costs nothing then. Tasks that differ in another effect are not told apart.
+    From the archive's finished tasks with the same settings, with and without the effect: median seconds per unit of
+    work. A stage that is not needed without the effect costs nothing then. Tasks that differ in another effect are not
+    told apart.
     """
     rows, total = list(rows), 0.0
     for name in verdict.stages:

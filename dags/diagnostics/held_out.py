@@ -13,4 +13,8 @@ def told(contexts: Iterable[Context]) -> list[str]:
     for c in contexts:
         if c.settings.views.held_out is None and c.held_out:
             alike.setdefault(", ".join(c.held_out), []).append(c.sequence.name)
-    return [f"held out as imported: {cameras} (of {names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}); views.held_out overrules it" for cameras, names in alike.items()]
+    return [
+        f"held out as imported: {cameras} (of {names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''});"
+        " views.held_out overrules it"
+        for cameras, names in alike.items()
+    ]

@@ -13,7 +13,8 @@ from posegaussian.storage.model.errors import ShardMissing
 
 
 def sentences(plans: Iterable[Plan]) -> list[str]:
-    """One sentence a sequence in which the network ran: the mean share of the learned value, and the view with the least."""
+    """One sentence a sequence in which the network ran: the mean share of the learned value, and the view with the
+    least."""
     said = []
     for plan in plans:
         context, results = plan.context, Results(plan.context)
@@ -21,10 +22,16 @@ def sentences(plans: Iterable[Plan]) -> list[str]:
             continue
         frames = range(len(context.source_frames))
         try:
-            shares = {context.views.names[v]: results.read("network/share", frames, v)[:, 0] for v in context.views.sources}
+            shares = {
+                context.views.names[v]: results.read("network/share", frames, v)[:, 0] for v in context.views.sources
+            }
         except ShardMissing:  # a run of some partitions: nothing is said of a part
             continue
         means = {name: float(np.mean(share[share > 0])) if (share > 0).any() else 0.0 for name, share in shares.items()}
         least = min(means, key=lambda name: means[name])
-        said.append(f"{context.sequence.name}: {np.mean(list(means.values())):.0%} of depth and Gaussians are the network's ({context.settings.network.weights}), the rest the analytic floor's; least in {least}, {means[least]:.0%}")
+        said.append(
+            f"{context.sequence.name}: {np.mean(list(means.values())):.0%} of depth and Gaussians are the network's"
+            f" ({context.settings.network.weights}), the rest the analytic floor's; least in {least},"
+            f" {means[least]:.0%}"
+        )
     return said

@@ -21,7 +21,13 @@ from posegaussian.storage.model.spec import ArraySpec
 CARD, STEP, HEAD, ROW, GAP, MARGIN, TOP = 236, 172, 62, 21, 18, 24, 88
 """Lengths in px: width of a card, distance of two cards, a card's head, a row, the gap below, the border, the title."""
 
-COLORS = {State.FRESH: "#2f9e63", State.STALE: "#e0841a", State.UNDECIDED: "#5f7fb8", State.KEPT: "#7a9e2f", None: "#b4b9c1"}
+COLORS = {
+    State.FRESH: "#2f9e63",
+    State.STALE: "#e0841a",
+    State.UNDECIDED: "#5f7fb8",
+    State.KEPT: "#7a9e2f",
+    None: "#b4b9c1",
+}
 """By state; None: not needed, or nothing there."""
 
 
@@ -43,7 +49,11 @@ class Array:
 
     def note(self) -> str:
         """Counts and size, a few words."""
-        words = [f"{self.there}/{self.total}", *([f"{self.dropped} dropped"] if self.dropped else []), *([size_text(self.size)] if self.size else [])]
+        words = [
+            f"{self.there}/{self.total}",
+            *([f"{self.dropped} dropped"] if self.dropped else []),
+            *([size_text(self.size)] if self.size else []),
+        ]
         return " · ".join(words)
 
 
@@ -67,7 +77,11 @@ class Card:
 
     def note(self) -> str:
         """Its counts in words."""
-        return self.unneeded or ", ".join(f"{self.counts[s]} {s.value}" for s in State if self.counts[s]) or "nothing to do"
+        return (
+            self.unneeded
+            or ", ".join(f"{self.counts[s]} {s.value}" for s in State if self.counts[s])
+            or "nothing to do"
+        )
 
 
 def cards(plans: Sequence[Plan]) -> list[Card]:
@@ -79,7 +93,10 @@ def cards(plans: Sequence[Plan]) -> list[Card]:
             card.counts += p.counts(stage)
             _count_shards(card, p)
         if not card.counts:
-            card.unneeded = "not needed: " + next((p.unneeded[stage.name] for p in plans if stage.name in p.unneeded), "no camera path with truth is asked for")
+            card.unneeded = "not needed: " + next(
+                (p.unneeded[stage.name] for p in plans if stage.name in p.unneeded),
+                "no camera path with truth is asked for",
+            )
         out.append(card)
     arrays = {a.name: a for c in out for a in c.arrays}
     for p in plans:
@@ -87,7 +104,11 @@ def cards(plans: Sequence[Plan]) -> list[Card]:
             if not p.counts(stage):
                 continue
             for read in stage.reads_for(p.context.params(stage), p.context.facts):
-                names = next(c for c in out if c.name == stage.name).sources if read.is_source else arrays[read.array].readers
+                names = (
+                    next(c for c in out if c.name == stage.name).sources
+                    if read.is_source
+                    else arrays[read.array].readers
+                )
                 item = read.array if read.is_source else stage.name
                 if item not in names:
                     names.append(item)
@@ -100,7 +121,9 @@ def _count_shards(card: Card, plan: Plan) -> None:
     by_name = {a.name: a for a in card.arrays}
     tasks = [t for t in plan.verdicts if t.stage == stage.name]
     for name, spec in written.items():
-        views = len(plan.context.rig) if isinstance(spec, ArraySpec) and spec.per_view and "view" not in stage.over else 1
+        views = (
+            len(plan.context.rig) if isinstance(spec, ArraySpec) and spec.per_view and "view" not in stage.over else 1
+        )
         by_name[name].total += len(tasks) * views
     for task in tasks:
         receipt = plan.book.receipts.get(task)
@@ -130,14 +153,23 @@ def write_picture(plans: Sequence[Plan], file: Path) -> Path:
 
 def title(plans: Sequence[Plan]) -> str:
     """Which sequences, how long."""
-    some = [f"{p.context.sequence.name} ({p.context.grid.frames} frames in {len(p.context.grid.partitions)} partitions)" for p in plans[:3]]
+    some = [
+        f"{p.context.sequence.name} ({p.context.grid.frames} frames in {len(p.context.grid.partitions)} partitions)"
+        for p in plans[:3]
+    ]
     return ", ".join(some) + (f" and {len(plans) - 3} more sequences" if len(plans) > 3 else "")
 
 
 def mermaid(drawn: Sequence[Card], heading: str) -> str:
     """The graph as Mermaid flowchart text, left to right."""
     lines = ["---", f"title: {quoteattr(heading)}", "---", "flowchart LR"]
-    classes = {State.FRESH: "fresh", State.STALE: "stale", State.UNDECIDED: "undecided", State.KEPT: "kept", None: "unneeded"}
+    classes = {
+        State.FRESH: "fresh",
+        State.STALE: "stale",
+        State.UNDECIDED: "undecided",
+        State.KEPT: "kept",
+        None: "unneeded",
+    }
     for name, color in zip(classes.values(), (COLORS[s] for s in classes), strict=True):
         lines.append(f"  classDef {name} fill:{color}22,stroke:{color},color:#1d2430")
     for c in drawn:
@@ -163,22 +195,50 @@ def svg(drawn: Sequence[Card], heading: str) -> str:
         tops.append(y)
         y += HEAD + ROW * len(c.arrays) + GAP
     width, height = MARGIN * 2 + STEP * (len(drawn) - 1) + CARD, y + MARGIN
-    body = [_legend(heading), *_edges(drawn, tops), *(_card(c, MARGIN + STEP * i, tops[i]) for i, c in enumerate(drawn))]
+    body = [
+        _legend(heading),
+        *_edges(drawn, tops),
+        *(_card(c, MARGIN + STEP * i, tops[i]) for i, c in enumerate(drawn)),
+    ]
     style = "text{font-family:Helvetica,Arial,'DejaVu Sans',sans-serif;fill:#1d2430}"
-    opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">'
-    return "\n".join([opening, f"<title>{escape(heading)}</title>", f"<style>{style}</style>", f'<rect width="{width}" height="{height}" fill="#ffffff"/>', *body, "</svg>", ""])
+    opening = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">'
+    )
+    return "\n".join(
+        [
+            opening,
+            f"<title>{escape(heading)}</title>",
+            f"<style>{style}</style>",
+            f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
+            *body,
+            "</svg>",
+            "",
+        ]
+    )
 
 
 def _text(x: float, y: float, text: str, size: int = 12, extra: str = "", whole: str = "") -> str:
     """One line of text; `whole` is shown when the pointer rests on it."""
-    return f'<text x="{x:g}" y="{y:g}" font-size="{size}" {extra}>{escape(text)}{f"<title>{escape(whole)}</title>" if whole else ""}</text>'
+    return (
+        f'<text x="{x:g}" y="{y:g}" font-size="{size}"'
+        f" {extra}>{escape(text)}{f'<title>{escape(whole)}</title>' if whole else ''}</text>"
+    )
 
 
 def _legend(heading: str) -> str:
     parts = [_text(MARGIN, 34, heading, 18, 'font-weight="bold"')]
     x = MARGIN
-    for state, words in ((State.FRESH, "fresh: nothing to do"), (State.STALE, "stale: will run"), (State.UNDECIDED, "undecided: runs if its input changes"), (State.KEPT, "kept: taken over"), (None, "not needed")):
-        parts += [f'<rect x="{x}" y="50" width="14" height="14" rx="3" fill="{COLORS[state]}"/>', _text(x + 20, 62, words, 13)]
+    for state, words in (
+        (State.FRESH, "fresh: nothing to do"),
+        (State.STALE, "stale: will run"),
+        (State.UNDECIDED, "undecided: runs if its input changes"),
+        (State.KEPT, "kept: taken over"),
+        (None, "not needed"),
+    ):
+        parts += [
+            f'<rect x="{x}" y="50" width="14" height="14" rx="3" fill="{COLORS[state]}"/>',
+            _text(x + 20, 62, words, 13),
+        ]
         x += 44 + round(7.0 * len(words))
     return "".join(parts)
 
@@ -199,7 +259,9 @@ def _edges(drawn: Sequence[Card], tops: Sequence[int]) -> list[str]:
                 taken[reader] += 1
                 ends.append(x)
                 lines.append(f'<path d="M{x} {y:g}V{tops[j] - 2}" stroke="{color}" stroke-width="1.6" fill="none"/>')
-                lines.append(f'<path d="M{x - 4} {tops[j] - 9}L{x} {tops[j] - 1}L{x + 4} {tops[j] - 9}Z" fill="{color}"/>')
+                lines.append(
+                    f'<path d="M{x - 4} {tops[j] - 9}L{x} {tops[j] - 1}L{x + 4} {tops[j] - 9}Z" fill="{color}"/>'
+                )
                 lines.append(f'<circle cx="{x}" cy="{y:g}" r="3" fill="{color}"/>')
             if ends:
                 lines.append(f'<path d="M{start} {y:g}H{max(ends)}" stroke="{color}" stroke-width="1.6" fill="none"/>')
@@ -208,10 +270,15 @@ def _edges(drawn: Sequence[Card], tops: Sequence[int]) -> list[str]:
 
 def _card(c: Card, x: int, y: int) -> str:
     color, height = COLORS[c.state], HEAD + ROW * len(c.arrays)
-    parts = [f'<rect x="{x}" y="{y}" width="{CARD}" height="{height}" rx="7" fill="#ffffff" stroke="{color}" stroke-width="2"/>']
+    parts = [
+        f'<rect x="{x}" y="{y}" width="{CARD}" height="{height}" rx="7" fill="#ffffff" stroke="{color}"'
+        ' stroke-width="2"/>'
+    ]
     parts.append(_text(x + 12, y + 22, c.name, 15, 'font-weight="bold"'))
     if c.sources:
-        parts.append(_text(x + CARD - 10, y + 21, "files: " + ", ".join(c.sources), 10, 'text-anchor="end" fill-opacity="0.7"'))
+        parts.append(
+            _text(x + CARD - 10, y + 21, "files: " + ", ".join(c.sources), 10, 'text-anchor="end" fill-opacity="0.7"')
+        )
     parts.append(_text(x + 12, y + 39, _fit(c.note(), CARD - 24, 11), 11, 'fill-opacity="0.85"', c.note()))
     at, total = float(x + 12), c.counts.total()
     for state in State:
@@ -224,9 +291,14 @@ def _card(c: Card, x: int, y: int) -> str:
     for row, a in enumerate(c.arrays):
         middle = y + HEAD + ROW * row + ROW / 2
         faint = "" if a.total else 'fill-opacity="0.4"'
-        parts.append(f'<rect x="{x + 6}" y="{middle - 8.5:g}" width="{CARD - 12}" height="17" rx="4" fill="{color}" fill-opacity="{0.13 if a.total else 0.05}"/>')
+        parts.append(
+            f'<rect x="{x + 6}" y="{middle - 8.5:g}" width="{CARD - 12}" height="17" rx="4" fill="{color}"'
+            f' fill-opacity="{0.13 if a.total else 0.05}"/>'
+        )
         parts.append(_text(x + 12, middle + 4, a.name, 11, faint))
-        parts.append(_text(x + CARD - 12, middle + 4, a.note() if a.total else "not made", 10, f'text-anchor="end" {faint}'))
+        parts.append(
+            _text(x + CARD - 12, middle + 4, a.note() if a.total else "not made", 10, f'text-anchor="end" {faint}')
+        )
     return "".join(parts)
 
 

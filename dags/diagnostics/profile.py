@@ -1,4 +1,5 @@
-"""Which modules the seconds of a stage went to, of stages that say it, as sentences: of one run, and of all finished tasks."""
+"""Which modules the seconds of a stage went to, of stages that say it, as sentences: of one run, and of all finished
+tasks."""
 
 from __future__ import annotations
 
@@ -56,4 +57,7 @@ class Spending:
         dearest = sorted(self._modules[stage].items(), key=lambda item: -item[1])
         shares = {module: seconds / whole for module, seconds in dearest if seconds >= LEAST * whole}
         shares["rest"] = 1 - sum(shares.values())
-        return f"{stage} took {seconds_text(whole)} in {number(self._tasks[stage], 'task')}: {', '.join(f'{module} {share:.0%}' for module, share in shares.items())}"
+        return (
+            f"{stage} took {seconds_text(whole)} in {number(self._tasks[stage], 'task')}:"
+            f" {', '.join(f'{module} {share:.0%}' for module, share in shares.items())}"
+        )

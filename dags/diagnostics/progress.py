@@ -1,4 +1,5 @@
-"""Progress: one bar and one estimate on a terminal, plain lines where there is none, one JSON object a line for machines."""
+"""Progress: one bar and one estimate on a terminal, plain lines where there is none, one JSON object a line for
+machines."""
 
 from __future__ import annotations
 
@@ -50,14 +51,18 @@ class TerminalProgress:
         """Take one event of the run."""
         self.tally(event)
         for line in _told(event, self.voice):
-            self.bars.console.print(line, markup=False, soft_wrap=True, style="red" if isinstance(event, TaskFailed) else None)
+            self.bars.console.print(
+                line, markup=False, soft_wrap=True, style="red" if isinstance(event, TaskFailed) else None
+            )
         if isinstance(event, RunStarted):
             self.bar = self.bars.add_task("", total=1.0)
             self.bars.start()
         elif isinstance(event, RunEnded):
             self._show()
             self.bars.stop()
-        elif isinstance(event, TaskStarted | TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut | TaskNeeded):
+        elif isinstance(
+            event, TaskStarted | TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut | TaskNeeded
+        ):
             self._show()
 
     def _show(self) -> None:
@@ -102,10 +107,16 @@ class PlainProgress:
             self.first.setdefault(stage, now - event.receipt.facts.get("seconds", 0.0))
         if tally.through(stage) and stage in self.first:
             lost = f", {tally.lost[stage]} failed, blocked or left out" if tally.lost[stage] else ""
-            self.write(f"{stage}: {tally.totals[stage] - tally.lost[stage]} of {tally.totals[stage]} done{lost}, {now - self.first[stage]:.1f} s")
+            self.write(
+                f"{stage}: {tally.totals[stage] - tally.lost[stage]} of {tally.totals[stage]} done{lost},"
+                f" {now - self.first[stage]:.1f} s"
+            )
             self.last = now
         elif now - self.last > QUIET_SECONDS and tally.now:
-            self.write(f"{self.remaining.share_done:.0%} done, about {seconds_text(self.remaining.seconds_left)} left; {tally.now}")
+            self.write(
+                f"{self.remaining.share_done:.0%} done, about {seconds_text(self.remaining.seconds_left)} left;"
+                f" {tally.now}"
+            )
             self.last = now
 
 
@@ -121,7 +132,10 @@ def _told(event: Event, voice: Voice) -> Iterator[str]:
         yield from (f"{event.sequence}: {sentence}" for sentence in event.sentences)
     elif isinstance(event, EffectsDecided):
         on = ", ".join(event.on) or "none"
-        yield f"{event.sequence}: effects switched on by what the frames show: {on}; off: {', '.join(event.off) or 'none'} (why: posegaussian plan -v)"
+        yield (
+            f"{event.sequence}: effects switched on by what the frames show: {on}; off:"
+            f" {', '.join(event.off) or 'none'} (why: posegaussian plan -v)"
+        )
 
 
 class Tally:
@@ -202,5 +216,8 @@ class WarningCollector:
         found = []
         for (by, why), tasks in self.blocked.items():
             stages = ", ".join(dict.fromkeys(t.stage for t in tasks))
-            found.append(f"blocked: {by.sequence}: {number(len(tasks), 'task')} of {stages}: {by.label(cameras.get(by.sequence, ()))} {why}")
+            found.append(
+                f"blocked: {by.sequence}: {number(len(tasks), 'task')} of {stages}:"
+                f" {by.label(cameras.get(by.sequence, ()))} {why}"
+            )
         return found

@@ -1,7 +1,7 @@
 """How long a run still takes: what its tasks are expected to take, corrected by what the finished ones took.
 
-Before the start the expectation comes from the archive's own history (`posegaussian.dags.planning.forecast`), else from what tasks took on
-one core of an ordinary machine, which is called a guess wherever it is said.
+Before the start the expectation comes from the archive's own history (`posegaussian.dags.planning.forecast`), else from
+what tasks took on one core of an ordinary machine, which is called a guess wherever it is said.
 """
 
 from __future__ import annotations
@@ -14,7 +14,16 @@ from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.dags.planning.forecast import History, Loads
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.dags.planning.tasks import Task
-from posegaussian.dags.runtime.events import Event, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from posegaussian.dags.runtime.events import (
+    Event,
+    RunStarted,
+    TaskBlocked,
+    TaskDone,
+    TaskFailed,
+    TaskFresh,
+    TaskLeftOut,
+    TaskNeeded,
+)
 from posegaussian.stages.registry import stage as stage_named
 
 TYPICAL = {
@@ -30,9 +39,10 @@ TYPICAL = {
     "rendering": 1.9e-6,
     "metrics": 6e-7,
 }
-"""Seconds of one core per unit of work (frames x views x pixels) by stage, for a guess: rounded from a filmed person at 512 px,
-four cameras, five frames, metrics from a small simulated one (`python -m benchmarks.typical_rates ARCHIVE` prints an
-archive's); network and refinement, which did not run there, are rough figures of the order of their benchmarks."""
+"""Seconds of one core per unit of work (frames x views x pixels) by stage, for a guess: rounded from a filmed person
+at 512 px, four cameras, five frames, metrics from a small simulated one (`python -m benchmarks.typical_rates
+ARCHIVE` prints an archive's); network and refinement, which did not run there, are rough figures of the order of
+their benchmarks."""
 
 TRUST = 2.0
 """Tasks that have to be done before what they took weighs as much as what was expected of their stage."""
@@ -68,7 +78,9 @@ class Remaining:
             loads, rates = Loads(plan.context), {}
             for task in todo:
                 if task.stage not in rates:
-                    rates[task.stage] = history.rate(stage_named(task.stage), plan.context.params(stage_named(task.stage))).seconds
+                    rates[task.stage] = history.rate(
+                        stage_named(task.stage), plan.context.params(stage_named(task.stage))
+                    ).seconds
                 rate = rates[task.stage]
                 guessed = guessed or rate is None
                 expected[task] = loads(task).work * (TYPICAL[task.stage] if rate is None else rate)
@@ -127,7 +139,8 @@ class Remaining:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the end, at the pace of the run so far; they run down while tasks are in hand, but not to nothing."""
+        """Seconds until the end, at the pace of the run so far; they run down while tasks are in hand, but not to
+        nothing."""
         if self._start is None or self._heard is None:
             return self.work_left / self.workers
         passed = self._heard - self._start

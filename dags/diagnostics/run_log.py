@@ -85,7 +85,14 @@ class RunLog:
     def sentences(self) -> list[str]:
         """What the user should know after the run: whether the log lacks events."""
         lost = self._left.count(b"\n")
-        return [f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do not know of them: {self._why}"] if lost else []
+        return (
+            [
+                f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do"
+                f" not know of them: {self._why}"
+            ]
+            if lost
+            else []
+        )
 
 
 @dataclass(frozen=True)
@@ -146,7 +153,9 @@ def failed_table(failed: Iterable[FailedTask]) -> Table:
     for column in ("sequence", "task", "when (UTC)", "blocks", "why"):
         table.add_column(column, justify="right" if column == "blocks" else "left", overflow="fold")
     for f in failed:
-        table.add_row(f.task.sequence, f.task.label(), f.when[5:16].replace("T", " "), str(f.blocked or ""), escape(f.error))
+        table.add_row(
+            f.task.sequence, f.task.label(), f.when[5:16].replace("T", " "), str(f.blocked or ""), escape(f.error)
+        )
     return table
 
 
@@ -171,7 +180,8 @@ def report_failed(archive: Archive, names: Iterable[str], console: Console) -> i
 
 
 def tell_plans(plans: Iterable[Plan], refused: Iterable[str]) -> None:
-    """Write plans as JSON lines: a verdict a task, a line a stage that is not needed, a line a sequence that cannot be planned."""
+    """Write plans as JSON lines: a verdict a task, a line a stage that is not needed, a line a sequence that cannot
+    be planned."""
     for sentence in refused:
         name, _, error = sentence.partition(": ")
         print(stamped(SequenceRefused(name, error)))
@@ -180,6 +190,19 @@ def tell_plans(plans: Iterable[Plan], refused: Iterable[str]) -> None:
             print(stamped(StageUnneeded(plan.context.sequence.name, stage, reason)))
         for e in plan.context.effects.values():
             d = e.decision
-            print(stamped(EffectPlanned(plan.context.sequence.name, e.effect.name, e.setting, e.state, d.measured if d else None, e.effect.threshold, e.effect.unit, d.reason if d else "known once the survey ran")))
+            print(
+                stamped(
+                    EffectPlanned(
+                        plan.context.sequence.name,
+                        e.effect.name,
+                        e.setting,
+                        e.state,
+                        d.measured if d else None,
+                        e.effect.threshold,
+                        e.effect.unit,
+                        d.reason if d else "known once the survey ran",
+                    )
+                )
+            )
         for v in plan.verdicts.values():
             print(stamped(TaskPlanned(v.task, v.state.value, v.reasons)))

@@ -30,7 +30,10 @@ def _results(plan: Plan) -> Iterator[str]:
     context = plan.context
     for name, path in context.paths.items():
         count = int(np.count_nonzero(path.served))
-        yield f"{context.sequence.name}: {number(count, 'picture')} of {context.path_text(name)!r} in {context.sequence.root / 'rendering' / name}"
+        yield (
+            f"{context.sequence.name}: {number(count, 'picture')} of {context.path_text(name)!r} in"
+            f" {context.sequence.root / 'rendering' / name}"
+        )
 
 
 def _export_command(plan: Plan, options: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """How a sequence stands: done, failed, blocked, stale by stage; remembered as long as nothing it follows from changed.
 
-A status follows from the settings, the capture's record, the code, the receipts and the presence of the shards. Making a
-plan of ten thousand receipts takes seconds; looking whether any file is another one takes a tenth of that. So the
+A status follows from the settings, the capture's record, the code, the receipts and the presence of the shards. Making
+a plan of ten thousand receipts takes seconds; looking whether any file is another one takes a tenth of that. So the
 numbers are kept in `_cache/status/<sequence>.json`, with a digest of all they follow from, and the sizes of the shards.
 Deleting the folder costs one slower status.
 """
@@ -35,7 +35,6 @@ MOST_BYTES = 2**30
 """Bytes of what is remembered of a sequence: a line a shard."""
 
 
-
 class Planner(Protocol):
     """Who makes plans: settings, an archive, and the plan of a sequence, as `Session` has them."""
 
@@ -55,7 +54,8 @@ COUNTS = {"all", "done", "failed", "blocked", "warned", "stale", "undecided", "d
 """What is counted of a stage."""
 
 Numbers = dict[str, dict[str, int]]
-"""{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is not needed."""
+"""{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is
+not needed."""
 
 
 def standing(planner: Planner, name: str, failed: Iterable[tuple[Any, ...]] = ()) -> Numbers:
@@ -75,19 +75,24 @@ def standing(planner: Planner, name: str, failed: Iterable[tuple[Any, ...]] = ()
         plan = planner.plan(name, Selection(), texts)
     found = numbers(plan, frozenset(Task(*key) for key in own))
     if not plan.book.problems:
-        shards = {f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files}
+        shards = {
+            f.key: f.size for r in plan.book.receipts.values() for o in r.outputs if not o.dropped for f in o.files
+        }
         _remember(file, {"basis": basis, "numbers": found, "shards": shards})
     return found
 
 
 def rendered_instead(plan: Plan) -> tuple[str, ...]:
-    """Camera paths, as they were asked for, that the last run rendered where none of the plan's own was rendered; else ()."""
+    """Camera paths, as they were asked for, that the last run rendered where none of the plan's own was rendered;
+    else ()."""
     rendered = [r for t, r in plan.book.receipts.items() if t.stage == "rendering"]
     if any(r.path in plan.context.paths for r in rendered):
         return ()
     asked = [r for r in rendered if "path_text" in r.facts]
     latest = max(asked, key=lambda r: str(r.facts.get("started", "")), default=None)
-    texts = {str(r.facts["path_text"]) for r in asked if latest is not None and r.facts.get("run") == latest.facts.get("run")}
+    texts = {
+        str(r.facts["path_text"]) for r in asked if latest is not None and r.facts.get("run") == latest.facts.get("run")
+    }
     return tuple(sorted(texts))
 
 
@@ -117,7 +122,11 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
     """Tasks that wait for one that failed."""
     blocked: set[Task] = set()
     for task, verdict in plan.verdicts.items() if failed else ():
-        if verdict.state is not State.FRESH and task not in failed and any(d in failed or d in blocked for d in dependencies(plan.context, task)):
+        if (
+            verdict.state is not State.FRESH
+            and task not in failed
+            and any(d in failed or d in blocked for d in dependencies(plan.context, task))
+        ):
             blocked.add(task)
     return blocked
 
@@ -175,7 +184,12 @@ def _remembered(file: Path, basis: str, sequence: Sequence) -> Numbers | None:
 
 def _are_numbers(kept: Any) -> bool:
     """Whether what was remembered are counts by stage: the file came with the archive."""
-    return isinstance(kept, dict) and all(isinstance(stage, dict) and (not stage or stage.keys() == COUNTS) and all(type(n) is int for n in stage.values()) for stage in kept.values())
+    return isinstance(kept, dict) and all(
+        isinstance(stage, dict)
+        and (not stage or stage.keys() == COUNTS)
+        and all(type(n) is int for n in stage.values())
+        for stage in kept.values()
+    )
 
 
 def _remember(file: Path, kept: dict[str, Any]) -> None:

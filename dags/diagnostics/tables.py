@@ -20,12 +20,21 @@ MOST_REASONS = 4
 
 
 def plan_table(plan: Plan) -> Table:
-    """One row a stage: tasks by state, how many of the fresh ones have dropped outputs, and the reasons with how many tasks they hold for.
+    """One row a stage: tasks by state, how many of the fresh ones have dropped outputs, and the reasons with how many
+    tasks they hold for.
 
     States that no task has get no column.
     """
     partitions = len(plan.context.grid.partitions)
-    table = Table(title=f"{plan.context.sequence.name}: {number(plan.context.grid.frames, 'frame')} in {number(partitions, 'partition')}", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(
+        title=(
+            f"{plan.context.sequence.name}: {number(plan.context.grid.frames, 'frame')} in"
+            f" {number(partitions, 'partition')}"
+        ),
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
     states = [s for s in State if any(v.state is s for v in plan.verdicts.values())]
     dropped = any(plan.dropped(s.name) for s in STAGES)
     table.add_column("stage", no_wrap=True)
@@ -38,9 +47,20 @@ def plan_table(plan: Plan) -> Table:
             reason = plan.unneeded.get(stage.name, "no camera path with truth is asked for")
             table.add_row(stage.name, "-", *[""] * (len(states) + dropped), f"not needed: {escape(reason)}")
             continue
-        reasons = Counter(r for v in plan.verdicts.values() if v.task.stage == stage.name and v.state is not State.FRESH for r in v.reasons)
+        reasons = Counter(
+            r
+            for v in plan.verdicts.values()
+            if v.task.stage == stage.name and v.state is not State.FRESH
+            for r in v.reasons
+        )
         of_dropped = [str(plan.dropped(stage.name) or "")] if dropped else []
-        table.add_row(stage.name, str(counts.total()), *(str(counts[s] or "") for s in states), *of_dropped, escape("; ".join(_counted(reasons))))
+        table.add_row(
+            stage.name,
+            str(counts.total()),
+            *(str(counts[s] or "") for s in states),
+            *of_dropped,
+            escape("; ".join(_counted(reasons))),
+        )
     return table
 
 
@@ -52,14 +72,47 @@ def _counted(reasons: Counter[str]) -> list[str]:
 
 def projection_table(projections: Sequence[Projection]) -> Table:
     """One row a stage that has something to do: what it is expected to take at most."""
-    table = Table(title="projected, at most (undecided tasks count as if they ran)", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column, justify in (("stage", "left"), ("tasks", "right"), ("disk", "right"), ("RAM a task", "right"), ("VRAM a task", "right"), ("time", "right")):
+    table = Table(
+        title="projected, at most (undecided tasks count as if they ran)",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for column, justify in (
+        ("stage", "left"),
+        ("tasks", "right"),
+        ("disk", "right"),
+        ("RAM a task", "right"),
+        ("VRAM a task", "right"),
+        ("time", "right"),
+    ):
         table.add_column(column, justify=justify)  # type: ignore[arg-type]
     for p in projections:
-        table.add_row(p.stage, str(p.tasks), (gigabytes(p.disk) + ("" if p.compressed else " raw")) if p.disk else "", gigabytes(p.ram), gigabytes(p.vram) if p.vram else "", seconds_text(p.seconds) + ("" if p.same or p.seconds is None else " (other settings)"))
+        table.add_row(
+            p.stage,
+            str(p.tasks),
+            (gigabytes(p.disk) + ("" if p.compressed else " raw")) if p.disk else "",
+            gigabytes(p.ram),
+            gigabytes(p.vram) if p.vram else "",
+            seconds_text(p.seconds) + ("" if p.same or p.seconds is None else " (other settings)"),
+        )
     known = [p.seconds for p in projections if p.seconds is not None]
-    total = seconds_text(sum(known)) if len(known) == len(projections) else f"more than {seconds_text(sum(known))}" if known else "unknown"
-    table.add_row("all", str(sum(p.tasks for p in projections)), gigabytes(sum(p.disk for p in projections)), "", "", total, end_section=True)
+    total = (
+        seconds_text(sum(known))
+        if len(known) == len(projections)
+        else f"more than {seconds_text(sum(known))}"
+        if known
+        else "unknown"
+    )
+    table.add_row(
+        "all",
+        str(sum(p.tasks for p in projections)),
+        gigabytes(sum(p.disk for p in projections)),
+        "",
+        "",
+        total,
+        end_section=True,
+    )
     return table
 
 
@@ -75,7 +128,8 @@ BETWEEN = 2
 
 
 def status_tables(standings: Mapping[str, Numbers], width: int) -> list[Table]:
-    """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or dropped.
+    """Sequence by stage: done of all, and how many failed, are blocked by these, have warnings, are stale, undecided or
+    dropped.
 
     Stages that do not fit `width` columns beside the sequence's name follow in a table of their own: no header and no
     number is ever broken or cut.

@@ -14,18 +14,26 @@ from posegaussian.storage.model.errors import ConfigError
 
 
 def output_file(option: str, file: Path, endings: Collection[str]) -> Path:
-    """The file of an option such as `--video`. Raises ConfigError for another ending, for a folder, and where it cannot be made."""
+    """The file of an option such as `--video`. Raises ConfigError for another ending, for a folder, and where it
+    cannot be made."""
     if file.suffix.lower() not in endings:
         named = f"ends in {file.suffix}" if file.suffix else "has no ending"
-        raise ConfigError(f"{option} {file}: its name {named}, it must be {' or '.join(sorted(endings))}; for example {file.with_suffix(sorted(endings)[0])}")
+        raise ConfigError(
+            f"{option} {file}: its name {named}, it must be {' or '.join(sorted(endings))}; for example"
+            f" {file.with_suffix(sorted(endings)[0])}"
+        )
     if file.is_dir():
-        raise ConfigError(f"{option} {file}: there is a folder of that name; name a file, for example {file.with_name(f'{file.stem}_1{file.suffix}')}")
+        raise ConfigError(
+            f"{option} {file}: there is a folder of that name; name a file, for example"
+            f" {file.with_name(f'{file.stem}_1{file.suffix}')}"
+        )
     _writable(option, file, file.parent)
     return file
 
 
 def output_folder(option: str, folder: Path) -> Path:
-    """The folder of an option such as `--frames`; it may be new. Raises ConfigError for a file, and where it cannot be made."""
+    """The folder of an option such as `--frames`; it may be new. Raises ConfigError for a file, and where it cannot
+    be made."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{option} {folder}: there is a file of that name; name a folder")
     _writable(option, folder, folder if folder.is_dir() else folder.parent)
@@ -33,7 +41,8 @@ def output_folder(option: str, folder: Path) -> Path:
 
 
 def _writable(option: str, path: Path, folder: Path) -> None:
-    """Raise ConfigError unless something can be made in a folder; a folder that is missing may be misspelt and is not made."""
+    """Raise ConfigError unless something can be made in a folder; a folder that is missing may be misspelt and is
+    not made."""
     if not folder.is_dir():
         reason = "is no folder" if folder.exists() else "does not exist"
         raise ConfigError(f"{option} {path}: {folder} {reason}; make it first, or name another place")

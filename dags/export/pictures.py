@@ -21,8 +21,11 @@ if TYPE_CHECKING:
     from posegaussian.storage.exporters.contact_sheet import Sheet
 
 
-def pictures(results: Results, path: CameraPath, backdrop: Backdrop = BLACK) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
-    """(frame index, camera, [h, w, 3] uint8 over the backdrop, [h, w] uint8 alpha) of all served pictures, frame by frame.
+def pictures(
+    results: Results, path: CameraPath, backdrop: Backdrop = BLACK
+) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """(frame index, camera, [h, w, 3] uint8 over the backdrop, [h, w] uint8 alpha) of all served pictures, frame by
+    frame.
 
     The padding of mixed sizes is cut off.
     """
@@ -44,10 +47,17 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
     from posegaussian.storage.exporters.video import write_video
 
     if not path.served.any():
-        raise UserError(f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to {file}")
+        raise UserError(
+            f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to"
+            f" {file}"
+        )
     rate = results.context.capture.frame_rate / _stride(results)
     if len(path.served) == 1 or len(path.names) == 1:
-        write_video(file, (picture for _, _, picture, _ in pictures(results, path, backdrop)), rate if len(path.served) > 1 else 24.0)
+        write_video(
+            file,
+            (picture for _, _, picture, _ in pictures(results, path, backdrop)),
+            rate if len(path.served) > 1 else 24.0,
+        )
         return [file]
     written = []
     for camera, name in enumerate(path.names):
@@ -70,7 +80,10 @@ def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool,
 
     context = results.context
     numbers, times = context.source_frames, context.time
-    items = ((path.names[c], int(numbers[f]), picture, a if alpha else None) for f, c, picture, a in pictures(results, path, backdrop))
+    items = (
+        (path.names[c], int(numbers[f]), picture, a if alpha else None)
+        for f, c, picture, a in pictures(results, path, backdrop)
+    )
     return write_frames(folder, path.names, numbers, times, items)
 
 
@@ -80,7 +93,11 @@ SHEET_FRAMES, SHEET_VIEWS, SHEET_MOMENTS = 3, 4, 6
 
 def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
     """At most `most` of some items, evenly spread, first and last among them."""
-    return [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))] if len(items) else []
+    return (
+        [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))]
+        if len(items)
+        else []
+    )
 
 
 def _novel_frames(context: Context, path: CameraPath) -> list[int]:
@@ -89,7 +106,8 @@ def _novel_frames(context: Context, path: CameraPath) -> list[int]:
 
 
 def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
-    """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep` says."""
+    """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep`
+    says."""
     found: set[Product] = set()
     if pictures:
         arrays = [f"rendering/{name}/{kind}" for name in context.paths for kind in ("color", "alpha")]
@@ -156,7 +174,14 @@ def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.
     return (color * (mask[..., None] / 255.0)).round().astype(np.uint8)
 
 
-def write_exports(p: Plan, video: Path | None, frames: Path | None, sheet: Path | None, alpha: bool = False, backdrop: Backdrop = BLACK) -> list[str]:
+def write_exports(
+    p: Plan,
+    video: Path | None,
+    frames: Path | None,
+    sheet: Path | None,
+    alpha: bool = False,
+    backdrop: Backdrop = BLACK,
+) -> list[str]:
     """Write what was asked for of every path of a finished plan; returns sentences about the files."""
     results = Results(p.context)
     said = []

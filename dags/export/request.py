@@ -1,4 +1,5 @@
-"""What one `posegaussian export` is asked to write: checked before anything runs, told to the plan, written when it is done."""
+"""What one `posegaussian export` is asked to write: checked before anything runs, told to the plan, written when it
+is done."""
 
 from __future__ import annotations
 
@@ -37,18 +38,35 @@ class ExportOrder:
     """What videos and pictures stand on."""
 
     @classmethod
-    def of(cls, video: Path | None, frames: Path | None, sheet: Path | None, splats: Path | None, views: tuple[str, ...], alpha: bool, background: str) -> ExportOrder:
+    def of(
+        cls,
+        video: Path | None,
+        frames: Path | None,
+        sheet: Path | None,
+        splats: Path | None,
+        views: tuple[str, ...],
+        alpha: bool,
+        background: str,
+    ) -> ExportOrder:
         """From the command's options.
 
-        Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where it is named.
+        Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where
+        it is named.
         """
         if not (video or frames or sheet or splats):
-            raise ConfigError("export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER")
+            raise ConfigError(
+                "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER"
+            )
         behind = backdrop.parse(background)
         if behind.kind != "none" and not (video or frames):
-            raise ConfigError(f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames FOLDER")
+            raise ConfigError(
+                f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames"
+                " FOLDER"
+            )
         if behind.kind != "none" and alpha:
-            raise ConfigError(f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out")
+            raise ConfigError(
+                f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out"
+            )
         for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png")):
             if file is not None:
                 output_file(f"export {option}", file, (ending,))
@@ -64,11 +82,18 @@ class ExportOrder:
 
     def needed(self, context: Context) -> frozenset[Product]:
         """What must be there when the run is over, whatever `keep` says."""
-        found = pictures.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(context, self.backdrop)
-        return found | (exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views)) if self.splats else frozenset())
+        found = pictures.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(
+            context, self.backdrop
+        )
+        return found | (
+            exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views))
+            if self.splats
+            else frozenset()
+        )
 
     def check(self, context: Context) -> None:
-        """Raise UserError, before anything runs, where the files of this sequence would mix with those of something else."""
+        """Raise UserError, before anything runs, where the files of this sequence would mix with those of something
+        else."""
         if self.frames:
             from posegaussian.storage.exporters.frames import refuse_strangers
 
@@ -80,4 +105,6 @@ class ExportOrder:
     def write(self, plan: Plan) -> list[str]:
         """Write everything from a finished plan; returns sentences about the files."""
         said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
-        return said + (exporting_splats.export_splats(Results(plan.context), self.views, self.splats) if self.splats else [])
+        return said + (
+            exporting_splats.export_splats(Results(plan.context), self.views, self.splats) if self.splats else []
+        )

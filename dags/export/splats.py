@@ -1,7 +1,7 @@
 """From the finished Gaussians of a sequence to splat files that other viewers open: one standard 3DGS PLY a frame.
 
-World axes are the capture's, in metres; colour is sRGB as harmonics of degree 0. A Gaussian's opacity is the one it shows
-face-on, and it is seen from both sides: a splat file knows neither grazing angles nor inner sides.
+World axes are the capture's, in metres; colour is sRGB as harmonics of degree 0. A Gaussian's opacity is the one it
+shows face-on, and it is seen from both sides: a splat file knows neither grazing angles nor inner sides.
 """
 
 from __future__ import annotations
@@ -18,17 +18,23 @@ from posegaussian.storage.model.splats import Splats
 
 
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the source views of these names; all source views without names. Raises ConfigError for other names."""
+    """Indices of the source views of these names; all source views without names. Raises ConfigError for other
+    names."""
     sources = {context.views.names[v]: v for v in context.views.sources}
     for name in names:
         if name not in sources:
-            raise ConfigError(f"export --view {name}: no source view of sequence {context.sequence.name}; these have Gaussians: {', '.join(sources)}")
+            raise ConfigError(
+                f"export --view {name}: no source view of sequence {context.sequence.name}; these have Gaussians:"
+                f" {', '.join(sources)}"
+            )
     return tuple(sorted({sources[n] for n in names})) if names else context.views.sources
 
 
 def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     """What an export reads: it must be there when the run is over, whatever `keep` says."""
-    return frozenset(Product(a, p, v) for a in map_arrays(context.facts) for p in context.grid.partitions for v in views)
+    return frozenset(
+        Product(a, p, v) for a in map_arrays(context.facts) for p in context.grid.partitions for v in views
+    )
 
 
 def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[str]:
@@ -47,7 +53,10 @@ def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[
         splats = frame_splats(results, frame, views)
         write_splats(file, splats)
         counts.append(len(splats))
-    return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {', '.join(context.views.names[v] for v in views)}"]
+    return [
+        f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of"
+        f" {', '.join(context.views.names[v] for v in views)}"
+    ]
 
 
 def _files(context: Context, folder: Path) -> list[Path]:
@@ -74,7 +83,15 @@ def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
 
     parts = []
     for view in views:
-        maps = Maps(*(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts)))
-        lifted = lift(maps, results.context.rig.intrinsics[view], results.context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
+        maps = Maps(
+            *(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts))
+        )
+        lifted = lift(
+            maps,
+            results.context.rig.intrinsics[view],
+            results.context.rig.world_to_camera[view],
+            torch.float64,
+            torch.device("cpu"),
+        )
         parts.append(lifted.from_all_sides())
     return splats_of(Gaussians.concatenate(parts))

@@ -49,17 +49,27 @@ def partition_length(capture: Capture, settings: Any) -> int:
         return int(wanted.frames)
     rig = frames_rig(capture.rig, settings.frames.size)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
-    shape = {"y": int(rig.size[:, 1].max()), "x": int(rig.size[:, 0].max()), "joint": max((len(JOINT_SETS[s]) for s in sets), default=1), "found_joint": max(map(len, JOINT_SETS.values())), "frame": 1, "view": 1, "person": settings.detection.people}
+    shape = {
+        "y": int(rig.size[:, 1].max()),
+        "x": int(rig.size[:, 0].max()),
+        "joint": max((len(JOINT_SETS[s]) for s in sets), default=1),
+        "found_joint": max(map(len, JOINT_SETS.values())),
+        "frame": 1,
+        "view": 1,
+        "person": settings.detection.people,
+    }
     specs = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and w.per_frame and "path" not in s.over]
     largest = max(int(np.prod(w.lengths(shape))) * np.dtype(w.dtype).itemsize for w in specs)
     return int(min(max(1, wanted.megabytes * 1e6 // largest), wanted.most_frames))
 
 
-def register(archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False) -> tuple[Sequence, list[str]]:
+def register(
+    archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False
+) -> tuple[Sequence, list[str]]:
     """Write a capture into the archive; returns the sequence and sentences about what was decided.
 
-    A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where it
-    holds another capture, unless that is to be replaced.
+    A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where
+    it holds another capture, unless that is to be replaced.
     """
     archive.check_sequence_name(name)
     check_camera_names(capture.rig.names)
@@ -83,7 +93,8 @@ def _updated(old: Sequence, capture: Capture, length: int) -> str:
 
 
 def _copied_whole(capture: Capture, root: Path) -> Capture:
-    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where they do not fit."""
+    """The capture with its files copied into a sequence's folder; of a sequence that is new nothing is left where
+    they do not fit."""
     new = not root.exists()
     refuse_links(root / SOURCES)
     try:
@@ -98,7 +109,9 @@ def _copied(capture: Capture, folder: Path) -> Capture:
     """The capture with every file copied below a folder."""
 
     def stream(s: Stream | None, kind: str, owner: str) -> Stream | None:
-        return None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
+        return (
+            None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
+        )
 
     names = capture.rig.names
     kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in PER_VIEW}

@@ -31,7 +31,8 @@ def there(archive: Archive, name: str) -> Sequence | None:
 
 
 def same(capture: Capture) -> Callable[[Capture], bool]:
-    """Whether an older capture is this one: a picture file in common, or, for files that were moved or copied, the content of half of them.
+    """Whether an older capture is this one: a picture file in common, or, for files that were moved or copied, the
+    content of half of them.
 
     Other cameras, another calibration, more frames and files written anew in their place make no other capture.
     """
@@ -39,7 +40,9 @@ def same(capture: Capture) -> Callable[[Capture], bool]:
 
     def is_it(old: Capture) -> bool:
         theirs = {f.sha256 for f in _pictures(old)}
-        return any(f.path in paths for f in _pictures(old)) or 2 * len(contents & theirs) > min(len(contents), len(theirs))
+        return any(f.path in paths for f in _pictures(old)) or 2 * len(contents & theirs) > min(
+            len(contents), len(theirs)
+        )
 
     return is_it
 
@@ -50,8 +53,11 @@ def filmed_into(folder: Path) -> Callable[[Capture], bool]:
     return lambda old: all(Path(f.path).is_relative_to(inside) for f in _pictures(old))
 
 
-def make_room(archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool) -> tuple[Sequence | None, list[str]]:
-    """The sequence that the import updates, or None where it makes a new one, and sentences; another capture under that name is removed, if told so.
+def make_room(
+    archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool
+) -> tuple[Sequence | None, list[str]]:
+    """The sequence that the import updates, or None where it makes a new one, and sentences; another capture under that
+    name is removed, if told so.
 
     Raises ArchiveError for another capture without `replace`, LeaseHeld while a run works on what would be removed.
     """
@@ -59,7 +65,11 @@ def make_room(archive: Archive, name: str, is_same: Callable[[Capture], bool], w
     if old is None or is_same(old.capture):
         return old, []
     if not replace:
-        raise ArchiveError(f"sequence {name} is there already: {_told(old)}; {what} is another capture, with no picture in common: give it a name of its own with --sequence, or put it in the other's place with --replace, which deletes {_results(old)}")
+        raise ArchiveError(
+            f"sequence {name} is there already: {_told(old)}; {what} is another capture, with no picture in common:"
+            " give it a name of its own with --sequence, or put it in the other's place with --replace, which deletes"
+            f" {_results(old)}"
+        )
     refuse_busy(old, "import --replace")
     said = [f"replaced: {_told(old)}; deleted: {_results(old)}"]
     # Receipts first: whatever is left when this is interrupted counts as not made.
@@ -80,11 +90,16 @@ def _told(sequence: Sequence) -> str:
     c = sequence.capture
     folder = os.path.commonpath([str(Path(f.path).parent) for f in _pictures(c)])
     return (
-        f"layout {c.layout}, {number(len(c.rig), 'camera')} ({', '.join(c.rig.names[:4])}{', ...' if len(c.rig) > 4 else ''}), "
-        f"{number(len(c.numbers), 'frame')} ({c.numbers[0]}..{c.numbers[-1]}), pictures in {folder}"
+        f"layout {c.layout}, {number(len(c.rig), 'camera')}"
+        f" ({', '.join(c.rig.names[:4])}{', ...' if len(c.rig) > 4 else ''}), {number(len(c.numbers), 'frame')}"
+        f" ({c.numbers[0]}..{c.numbers[-1]}), pictures in {folder}"
     )
 
 
 def _results(sequence: Sequence) -> str:
     made = sum(1 for _ in scan_receipts(sequence))
-    return f"all that was computed from it ({number(made, 'result')})" if made else "nothing, as nothing was computed from it yet"
+    return (
+        f"all that was computed from it ({number(made, 'result')})"
+        if made
+        else "nothing, as nothing was computed from it yet"
+    )

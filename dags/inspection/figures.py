@@ -1,4 +1,5 @@
-"""Pictures of an inspection: each pair of cameras side by side, with epipolar lines, joints and the outline of the hull."""
+"""Pictures of an inspection: each pair of cameras side by side, with epipolar lines, joints and the outline of the
+hull."""
 
 from __future__ import annotations
 
@@ -28,7 +29,18 @@ LINES = 10
 """Matched points that are drawn with their lines."""
 MOST = 60
 """Pair pictures, narrowest first."""
-COLORS = [(230, 80, 60), (60, 160, 240), (90, 200, 90), (240, 180, 40), (190, 100, 220), (60, 210, 200), (240, 120, 170), (160, 160, 60), (120, 120, 250), (200, 200, 200)]
+COLORS = [
+    (230, 80, 60),
+    (60, 160, 240),
+    (90, 200, 90),
+    (240, 180, 40),
+    (190, 100, 220),
+    (60, 210, 200),
+    (240, 120, 170),
+    (160, 160, 60),
+    (120, 120, 250),
+    (200, 200, 200),
+]
 SEEN, EXPECTED, OUTLINE, HULL = (255, 210, 0), (0, 230, 255), (255, 255, 255), (255, 0, 200)
 """Joints as seen, joints as the cameras together put them, a mask's outline, and what the other masks leave."""
 
@@ -61,13 +73,24 @@ def write_pictures(footage: Footage, report: Report, folder: Path) -> list[PairP
             _lines(footage, (a, b), matches.get((a, b)), left, right, panels.number)
         sides = [_fitted(left), _fitted(right)]
         write_png(file, np.concatenate([sides[0], np.full((HEIGHT, 6, 3), 255, np.uint8), sides[1]], axis=1))
-        out.append(PairPicture((a, b), file, f"{footage.names[a]} and {footage.names[b]}, frame {panels.number}: {pair.fate} ({pair.kind}), {pair.angle:.0f} degrees at the subject"))
+        out.append(
+            PairPicture(
+                (a, b),
+                file,
+                f"{footage.names[a]} and {footage.names[b]}, frame {panels.number}: {pair.fate} ({pair.kind}),"
+                f" {pair.angle:.0f} degrees at the subject",
+            )
+        )
     return out
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
     scale = HEIGHT / picture.shape[0]
-    return cv2.resize(picture, (max(1, round(picture.shape[1] * scale)), HEIGHT), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    return cv2.resize(
+        picture,
+        (max(1, round(picture.shape[1] * scale)), HEIGHT),
+        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR,
+    )
 
 
 class _Panels:
@@ -123,15 +146,24 @@ def _hull(footage: Footage, masks: dict[int, np.ndarray], view: int, size: tuple
     """[h, w] bool: where a camera's rays meet the hull of the other masks; asked on every second pixel."""
     views = sorted(masks)
     centre = look_at_point(footage.rig.subset(views))
-    others = Silhouettes.of(footage.rig, {v: masks[v] for v in views if v != view}, centre, searched_radius(footage.rig, views, centre))
+    others = Silhouettes.of(
+        footage.rig, {v: masks[v] for v in views if v != view}, centre, searched_radius(footage.rig, views, centre)
+    )
     columns, rows = np.meshgrid(np.arange(0, size[0], 2), np.arange(0, size[1], 2))
-    origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)).reshape(-1, 2), footage.rig.intrinsics[view], footage.rig.world_to_camera[view])
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)).reshape(-1, 2),
+        footage.rig.intrinsics[view],
+        footage.rig.world_to_camera[view],
+    )
     inside = (others.ends(origin, directions, votes=False)[:, 0] > 0).reshape(rows.shape)
     return np.asarray(cv2.resize(inside.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0)
 
 
-def _lines(footage: Footage, views: tuple[int, int], found: Matched | None, left: np.ndarray, right: np.ndarray, number: int) -> None:
-    """Some points of each picture, and in the other one their epipolar lines and, where they are matched, their partners."""
+def _lines(
+    footage: Footage, views: tuple[int, int], found: Matched | None, left: np.ndarray, right: np.ndarray, number: int
+) -> None:
+    """Some points of each picture, and in the other one their epipolar lines and, where they are matched, their
+    partners."""
     matrix = fundamental(footage.rig, *views)
     first, second = _drawn(found, number, footage, views)
     for i, x in enumerate(first):
@@ -143,8 +175,11 @@ def _lines(footage: Footage, views: tuple[int, int], found: Matched | None, left
             _line(left, matrix.T @ homogeneous(second[i]), color)
 
 
-def _drawn(found: Matched | None, number: int, footage: Footage, views: tuple[int, int]) -> tuple[np.ndarray, np.ndarray | None]:
-    """Matches held for right that are spread over the picture; without any the joints that both cameras see; else nothing."""
+def _drawn(
+    found: Matched | None, number: int, footage: Footage, views: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Matches held for right that are spread over the picture; without any the joints that both cameras see; else
+    nothing."""
     if found is not None and (good := np.flatnonzero(found.fit.agree & (found.numbers == number))).size:
         spread = good[np.argsort(found.first[good, 1], kind="stable")]
         chosen = spread[np.unique(np.rint(np.linspace(0, len(spread) - 1, min(LINES, len(spread)))).astype(int))]

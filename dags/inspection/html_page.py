@@ -12,7 +12,13 @@ from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.report import Report
 from posegaussian.storage.files.write import write_atomically
 
-COLORS = {Verdict.GOOD: "#2f9e63", Verdict.DOUBTFUL: "#c77700", Verdict.BAD: "#c92a2a", Verdict.UNKNOWN: "#7a828e", Verdict.NOTE: "#3b6fb6"}
+COLORS = {
+    Verdict.GOOD: "#2f9e63",
+    Verdict.DOUBTFUL: "#c77700",
+    Verdict.BAD: "#c92a2a",
+    Verdict.UNKNOWN: "#7a828e",
+    Verdict.NOTE: "#3b6fb6",
+}
 STYLE = """
 body{font:15px/1.45 Helvetica,Arial,'DejaVu Sans',sans-serif;color:#1d2430;margin:2rem auto;max-width:1240px;padding:0 1rem}
 h1{font-size:1.5rem;margin:0 0 .6rem}h2{font-size:1.15rem;margin:2rem 0 .5rem}
@@ -23,7 +29,12 @@ td.n{white-space:nowrap}.mark{color:#fff;border-radius:4px;padding:.05rem .45rem
 figure{margin:1.2rem 0}figure img{max-width:100%;border-radius:4px;display:block}figcaption{font-size:.88rem;margin:.35rem 0}
 .key span{margin-right:1.2rem}.key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;margin-right:.35em;border:1px solid #888}
 """
-KEY = (("#ffd200", "joint as seen"), ("#00e6ff", "where the cameras together put it"), ("#ffffff", "outline of the mask"), ("#ff00c8", "what the other masks leave"))
+KEY = (
+    ("#ffd200", "joint as seen"),
+    ("#00e6ff", "where the cameras together put it"),
+    ("#ffffff", "outline of the mask"),
+    ("#ff00c8", "what the other masks leave"),
+)
 
 
 def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], file: Path) -> Path:
@@ -33,19 +44,35 @@ def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[P
 
 
 def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], folder: Path) -> str:
-    """The page's text: the verdict in one sentence, what to do, what a run will make of it, the pictures, and all numbers."""
+    """The page's text: the verdict in one sentence, what to do, what a run will make of it, the pictures, and all
+    numbers."""
     width, height = footage.captured.max(axis=0)
-    about = f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px, {len(footage.common)} frames at {footage.frame_rate:g} a second; looked at: frames {', '.join(map(str, footage.looked_at))}"
+    about = (
+        f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px,"
+        f" {len(footage.common)} frames at {footage.frame_rate:g} a second; looked at: frames"
+        f" {', '.join(map(str, footage.looked_at))}"
+    )
     parts = [
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(name)}: inspection</title><style>{STYLE}</style></head><body>',
+        (
+            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(name)}:'
+            f" inspection</title><style>{STYLE}</style></head><body>"
+        ),
         f"<h1>{escape(name)}</h1>",
-        f'<p class="verdict" style="background:{COLORS[report.verdict]}">{escape(report.sentence)}</p><p>{escape(about)}.</p>',
+        (
+            '<p class="verdict"'
+            f' style="background:{COLORS[report.verdict]}">{escape(report.sentence)}</p><p>{escape(about)}.</p>'
+        ),
         _to_do(report),
-        "<h2>What a run will make of it</h2><ul>" + "".join(f"<li>{escape(line)}</li>" for line in report.outlook) + "</ul>",
+        "<h2>What a run will make of it</h2><ul>"
+        + "".join(f"<li>{escape(line)}</li>" for line in report.outlook)
+        + "</ul>",
         _unmeasured(report),
         "<h2>Pairs of cameras</h2>",
         '<p class="key">' + "".join(f'<span><i style="background:{c}"></i>{t}</span>' for c, t in KEY) + "</p>",
-        "<p>Points of one colour are matched; each must lie on the line of its colour, which is where the calibration says that the other camera's point can be.</p>",
+        (
+            "<p>Points of one colour are matched; each must lie on the line of its colour, which is where the"
+            " calibration says that the other camera's point can be.</p>"
+        ),
         *(_figure(p, report.findings, footage.names, folder) for p in pictures),
         "<h2>All numbers</h2>",
         _table(by_measure(report.findings)),
@@ -57,7 +84,10 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
 def _to_do(report: Report) -> str:
     if not report.to_do:
         return "<p>There is nothing to do.</p>" if report.verdict is Verdict.GOOD else ""
-    items = [f'<li>{_mark(verdict)} <span class="do">{escape(advice)}</span>{escape(found)}</li>' for verdict, found, advice in report.to_do]
+    items = [
+        f'<li>{_mark(verdict)} <span class="do">{escape(advice)}</span>{escape(found)}</li>'
+        for verdict, found, advice in report.to_do
+    ]
     return "<h2>What to do, the most useful first</h2><ol>" + "".join(items) + "</ol>"
 
 
@@ -74,7 +104,8 @@ def _mark(verdict: Verdict) -> str:
 def _table(findings: Sequence[Finding]) -> str:
     head = "".join(f"<th>{h}</th>" for h in ("measure", "of", "number", "verdict", "bounds", "what was found"))
     rows = "".join(
-        f'<tr><td class="n">{escape(f.measure)}</td><td class="n">{escape(f.about)}</td><td class="n">{escape(f.number)}</td><td>{_mark(f.verdict)}</td><td>{escape(f.bounds)}</td>'
+        f'<tr><td class="n">{escape(f.measure)}</td><td class="n">{escape(f.about)}</td><td'
+        f' class="n">{escape(f.number)}</td><td>{_mark(f.verdict)}</td><td>{escape(f.bounds)}</td>'
         f"<td>{escape(f.sentence)}{f'<br><b>{escape(f.advice)}</b>' if f.advice else ''}</td></tr>"
         for f in findings
     )
@@ -87,4 +118,7 @@ def _figure(picture: PairPicture, findings: Sequence[Finding], names: Sequence[s
     own = [f for f in findings if f.cameras == cameras and len(cameras) == 2]
     told = "".join(f"<br>{_mark(f.verdict)} {escape(f.measure)}: {escape(f.sentence)}" for f in own)
     source = escape(picture.file.relative_to(folder).as_posix(), quote=True)
-    return f'<figure><img src="{source}" alt="{escape(picture.caption, quote=True)}"><figcaption><b>{escape(picture.caption)}</b>{told}</figcaption></figure>'
+    return (
+        f'<figure><img src="{source}"'
+        f' alt="{escape(picture.caption, quote=True)}"><figcaption><b>{escape(picture.caption)}</b>{told}</figcaption></figure>'
+    )

@@ -1,4 +1,5 @@
-"""`posegaussian inspect`: what is wrong with a capture, in numbers, pictures and one page; nothing is written to the archive."""
+"""`posegaussian inspect`: what is wrong with a capture, in numbers, pictures and one page; nothing is written to the
+archive."""
 
 from __future__ import annotations
 
@@ -29,8 +30,15 @@ from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.readers.sources import open_source
 
 LONGEST = 1280
-"""Longer side in px of the pictures in which features are looked for: larger ones have no more features that two views share."""
-STYLE = {Verdict.GOOD: "green", Verdict.DOUBTFUL: "yellow", Verdict.BAD: "red", Verdict.UNKNOWN: "dim", Verdict.NOTE: "cyan"}
+"""Longer side in px of the pictures in which features are looked for: larger ones have no more features that two
+views share."""
+STYLE = {
+    Verdict.GOOD: "green",
+    Verdict.DOUBTFUL: "yellow",
+    Verdict.BAD: "red",
+    Verdict.UNKNOWN: "dim",
+    Verdict.NOTE: "cyan",
+}
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,8 @@ class _Chosen:
 def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Finding]]:
     """What an inspection looks at, and the findings on picture sizes.
 
-    `joints`: a reader of 2D joints of all cameras of the capture, in captured pixels, in place of those that came with it.
+    `joints`: a reader of 2D joints of all cameras of the capture, in captured pixels, in place of those that came with
+    it.
     """
     capture, views = context.capture, context.active_views
     source_rig = capture.rig.subset(views)
@@ -88,7 +97,9 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     pictures = open_source(capture, "pictures")
     readers = {"pictures": _Chosen(pictures, views)}
     if blazepose_is_here():
-        readers["found"] = _Chosen(Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2))), views)
+        readers["found"] = _Chosen(
+            Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2))), views
+        )
     if all(capture.masks and capture.masks[v] is not None for v in views):
         readers["masks"] = _Chosen(open_source(capture, "masks"), views)
     as_calibrated = joints is None and context.settings.pose.joints_frame == "calibrated"
@@ -102,7 +113,20 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
     numbers = [np.asarray(s.numbers, dtype=np.int64) for s in streams]
     captured = np.array([s.size for s in streams])
-    return Footage(rig, source_rig, crops, joint_crops, captured, numbers, capture.frame_rate, readers, frozenset(facts[k] for k in readers if k in facts)), sizes
+    return (
+        Footage(
+            rig,
+            source_rig,
+            crops,
+            joint_crops,
+            captured,
+            numbers,
+            capture.frame_rate,
+            readers,
+            frozenset(facts[k] for k in readers if k in facts),
+        ),
+        sizes,
+    )
 
 
 def planned_of(context: Context) -> Planned:
@@ -114,7 +138,8 @@ def planned_of(context: Context) -> Planned:
 
 
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:
-    """Measure, print, and write pictures and page into `output` (default: inspect-SEQUENCE); returns the exit status, 1 for a bad capture."""
+    """Measure, print, and write pictures and page into `output` (default: inspect-SEQUENCE); returns the exit
+    status, 1 for a bad capture."""
     from posegaussian.dags.inspection.figures import write_pictures
     from posegaussian.dags.inspection.html_page import write_page
 
@@ -138,12 +163,19 @@ def table(name: str, report: Report) -> Table:
     for column in ("measure", "of", "number", "verdict", "bounds"):
         out.add_column(column, overflow="fold", no_wrap=column == "verdict")
     for f, more in rows(report.findings):
-        out.add_row(f.measure, escape(f.about) + (f" and {more} more" if more else ""), f.number, f"[{STYLE[f.verdict]}]{f.verdict}[/]", f.bounds)
+        out.add_row(
+            f.measure,
+            escape(f.about) + (f" and {more} more" if more else ""),
+            f.number,
+            f"[{STYLE[f.verdict]}]{f.verdict}[/]",
+            f.bounds,
+        )
     return out
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
-    """Findings worst first; of a measure that is good, noted or unknown the one nearest to its bound, and how many more there are."""
+    """Findings worst first; of a measure that is good, noted or unknown the one nearest to its bound, and how many
+    more there are."""
     kept: dict[tuple[str, Verdict], list[Finding]] = {}
     for f in worst_first(findings):
         alone = f.verdict in (Verdict.BAD, Verdict.DOUBTFUL)

@@ -1,4 +1,5 @@
-"""Keeping outputs after a change that cannot matter: their receipts get the fingerprint of today, and say who decided so.
+"""Keeping outputs after a change that cannot matter: their receipts get the fingerprint of today, and say who decided
+so.
 
 Only a stage's version, code and settings may have changed. What it read (sources, inputs, cameras, frames) must be the
 same, and its shards must be there: nobody can vouch for those.
@@ -28,8 +29,8 @@ def accept(plan: Plan, stage: str, reason: str) -> list[str]:
     Nothing is written before every task was looked at. Tasks that were never made stay so.
 
     Raises:
-        UserError: no reason, a stage the capture does not need, an upstream stage that is not fresh, a missing shard, or
-            a change of something other than version, code and settings.
+        UserError: no reason, a stage the capture does not need, an upstream stage that is not fresh, a missing shard,
+            or a change of something other than version, code and settings.
     """
     name = plan.context.sequence.name
     if not reason.strip():
@@ -44,10 +45,16 @@ def accept(plan: Plan, stage: str, reason: str) -> list[str]:
     keyed = [_keyed(plan, task, settled, reason.strip()) for task in made]
     for task, (receipt, _) in zip(made, keyed, strict=True):
         if read_receipt(plan.context.sequence, ReceiptKey(*task[1:])) != plan.book.receipts[task]:
-            raise UserError(f"accept: {name} {task.label()} was made anew by a run in the meantime; look again with `posegaussian why {name} {stage}`")
+            raise UserError(
+                f"accept: {name} {task.label()} was made anew by a run in the meantime; look again with `posegaussian"
+                f" why {name} {stage}`"
+            )
         write_receipt(plan.context.sequence, receipt)
         plan.book.add(task, receipt)
-    said = [f"{name}: accepted {len(made)} of {len(stale)} stale outputs of {stage}: {', '.join(dict.fromkeys(c for _, changed in keyed for c in changed)) or 'no change'}"]
+    said = [
+        f"{name}: accepted {len(made)} of {len(stale)} stale outputs of {stage}:"
+        f" {', '.join(dict.fromkeys(c for _, changed in keyed for c in changed)) or 'no change'}"
+    ]
     if len(made) < len(stale):
         said.append(f"{name}: {len(stale) - len(made)} outputs of {stage} were never made; a run makes them")
     return said
@@ -65,19 +72,42 @@ def _settled(plan: Plan) -> set[Task]:
 
 
 def _keyed(plan: Plan, task: Task, settled: set[Task], reason: str) -> tuple[Receipt, list[str]]:
-    """The receipt under today's fingerprint, and what changed since it was written. Raises UserError when that may matter."""
+    """The receipt under today's fingerprint, and what changed since it was written. Raises UserError when that may
+    matter."""
     name, old = plan.context.sequence.name, plan.book.receipts[task]
     label = f"accept: {name} {task.label(plan.context.views.names)}"
     if task in plan.book.problems:
-        raise UserError(f"{label}: {plan.book.problems[task]}; what is not there cannot be accepted, run again to make it")
+        raise UserError(
+            f"{label}: {plan.book.problems[task]}; what is not there cannot be accepted, run again to make it"
+        )
     digests = plan.book.digests(task)
     before = [d.stage for d in dependencies(plan.context, task) if d in plan.verdicts and d not in settled]
     if digests is None or before:
-        raise UserError(f"{label}: what it reads of {' and '.join(dict.fromkeys(before))} is not fresh; accept or run that first (`posegaussian why {name} {task.stage}`)")
+        raise UserError(
+            f"{label}: what it reads of {' and '.join(dict.fromkeys(before))} is not fresh; accept or run that first"
+            f" (`posegaussian why {name} {task.stage}`)"
+        )
     _, _, parts = judge(plan.book, task, Selection(), digests)
     other = [k for k in sorted({*old.parts, *parts}) if k not in HARMLESS and old.parts.get(k) != parts.get(k)]
     changed = reasons(old.parts, parts)
     if other:
-        raise UserError(f"{label}: {', '.join(other)} changed, not only {', '.join(HARMLESS)} ({'; '.join(changed)}); run it instead")
-    note = {"by": getpass.getuser(), "when": datetime.now(UTC).isoformat(timespec="seconds"), "from": old.fingerprint, "changed": changed, "reason": reason}
-    return replace(old, fingerprint=digest(parts), parts=parts, facts={**old.facts, "accepted": [*old.facts.get("accepted", []), note]}), changed
+        raise UserError(
+            f"{label}: {', '.join(other)} changed, not only {', '.join(HARMLESS)} ({'; '.join(changed)}); run it"
+            " instead"
+        )
+    note = {
+        "by": getpass.getuser(),
+        "when": datetime.now(UTC).isoformat(timespec="seconds"),
+        "from": old.fingerprint,
+        "changed": changed,
+        "reason": reason,
+    }
+    return (
+        replace(
+            old,
+            fingerprint=digest(parts),
+            parts=parts,
+            facts={**old.facts, "accepted": [*old.facts.get("accepted", []), note]},
+        ),
+        changed,
+    )

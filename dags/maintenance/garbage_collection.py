@@ -1,4 +1,5 @@
-"""`posegaussian gc`: what could go, how many bytes that frees and what would have to be computed again; deletes only when told.
+"""`posegaussian gc`: what could go, how many bytes that frees and what would have to be computed again; deletes only
+when told.
 
 | kind | what | made again by |
 | --- | --- | --- |
@@ -10,14 +11,15 @@
 | variants | archives of `tradeoff`; results of other settings that were put aside (`run.keep_variants`) | `tradeoff`; going back to those settings |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
-Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk that
-is full to the last byte `apply` therefore first deletes, piece by piece and only until the lease can be written, of what
-it was told to delete: half written files and stray shards, then tasks with their receipts, and of arrays the shards of
-one output at a time. Nobody can begin there meanwhile, as a run needs a lease, too. A kill in that moment leaves at
-worst a receipt whose shard is missing, which the next plan sees: that one output is then made again where it is needed.
+Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk
+that is full to the last byte `apply` therefore first deletes, piece by piece and only until the lease can be written,
+of what it was told to delete: half written files and stray shards, then tasks with their receipts, and of arrays the
+shards of one output at a time. Nobody can begin there meanwhile, as a run needs a lease, too. A kill in that moment
+leaves at worst a receipt whose shard is missing, which the next plan sees: that one output is then made again where it
+is needed.
 
-Never offered: sources, copied or not, cameras, constants of the survey, receipts of what stays, anything of a stage that this
-version does not know, and, while a source file is missing, anything that was computed from the sources.
+Never offered: sources, copied or not, cameras, constants of the survey, receipts of what stays, anything of a stage
+that this version does not know, and, while a source file is missing, anything that was computed from the sources.
 """
 
 from __future__ import annotations
@@ -46,7 +48,16 @@ from posegaussian.dags.runtime.entering import PATIENCE
 from posegaussian.dags.session.session import Session
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import set_aside as kept
-from posegaussian.storage.archive.deletion import bytes_of, delete_files, delete_folder, drop_outputs, folder_bytes, forget, partial_files, strays
+from posegaussian.storage.archive.deletion import (
+    bytes_of,
+    delete_files,
+    delete_folder,
+    drop_outputs,
+    folder_bytes,
+    forget,
+    partial_files,
+    strays,
+)
 from posegaussian.storage.archive.lease import SUFFIX, wait_for
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.receipts import Receipt
@@ -105,11 +116,16 @@ def items(plans: Sequence[Plan], archive: Archive) -> list[Item]:
 def notes(plans: Sequence[Plan]) -> list[str]:
     """Sentences about what is held back."""
     lost = {p.context.sequence.name: lost_source(p.context) for p in plans}
-    return [f"{name}: no computed array is offered, because {file} is not there and nothing could be made again" for name, file in lost.items() if file is not None]
+    return [
+        f"{name}: no computed array is offered, because {file} is not there and nothing could be made again"
+        for name, file in lost.items()
+        if file is not None
+    ]
 
 
 def apply(chosen: Sequence[Item], plans: Sequence[Plan]) -> int:
-    """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a sequence, NotWritten where there is no room for its own lease and none can be made."""
+    """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a
+    sequence, NotWritten where there is no room for its own lease and none can be made."""
     sequences = {p.context.sequence.name: p.context.sequence for p in plans}
     for sequence in sequences.values():
         run_registry.refuse_busy(sequence, "gc --apply")
@@ -124,7 +140,8 @@ def apply(chosen: Sequence[Item], plans: Sequence[Plan]) -> int:
 
 
 def _delete(sequence: Group, item: Item) -> None:
-    """Delete under the lease of a sequence's arrays; where the disk has no room for what that writes, pieces of the item make some.
+    """Delete under the lease of a sequence's arrays; where the disk has no room for what that writes, pieces of the
+    item make some.
 
     Raises NotWritten where all pieces did not.
     """
@@ -166,10 +183,23 @@ def _arrays(plan: Plan) -> Iterator[Item]:
                 plan.book.receipts[task] = drop_outputs(sequence, plan.book.receipts[task], outputs)
 
         def pieces(tasks: dict[Task, list[tuple[str, int | None]]] = tasks) -> Iterator[None]:
-            kept = (o for task, outputs in tasks.items() for o in plan.book.receipts[task].outputs if (o.array, o.view) in outputs and not o.dropped)
+            kept = (
+                o
+                for task, outputs in tasks.items()
+                for o in plan.book.receipts[task].outputs
+                if (o.array, o.view) in outputs and not o.dropped
+            )
             return _one_by_one(lambda o: delete_files(sequence.place(f.key) for f in o.files), kept)
 
-        yield Item("arrays", sequence.name, f"{array}, {number(len(tasks), 'task')}", sizes[array], f"{stage} ({_cost(plan, list(tasks))}) when something reads it again", drop, pieces)
+        yield Item(
+            "arrays",
+            sequence.name,
+            f"{array}, {number(len(tasks), 'task')}",
+            sizes[array],
+            f"{stage} ({_cost(plan, list(tasks))}) when something reads it again",
+            drop,
+            pieces,
+        )
 
 
 def _cost(plan: Plan, tasks: list[Task]) -> str:
@@ -180,7 +210,8 @@ def _cost(plan: Plan, tasks: list[Task]) -> str:
 
 
 def _unwanted(plan: Plan) -> Iterator[Item]:
-    """Receipts and outputs of tasks that are not in the plan: other camera paths, a longer range, stages that are not needed."""
+    """Receipts and outputs of tasks that are not in the plan: other camera paths, a longer range, stages that are
+    not needed."""
     sequence, lost = plan.context.sequence, lost_source(plan.context)
     groups: dict[tuple[str, str], list[Receipt]] = defaultdict(list)
     for task, receipt in plan.book.receipts.items():
@@ -200,9 +231,21 @@ def _unwanted(plan: Plan) -> Iterator[Item]:
                         delete_folder(sequence.place(f"{folder}/{path}"))
 
         stages = " and ".join(dict.fromkeys(r.stage for r in receipts))
-        again = {"paths": f"{stages} when the path is asked for again", "range": f"{stages} when the range covers it again", "stages": f"{stages} under settings that need it"}[kind]
+        again = {
+            "paths": f"{stages} when the path is asked for again",
+            "range": f"{stages} when the range covers it again",
+            "stages": f"{stages} under settings that need it",
+        }[kind]
         size = sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped)
-        yield Item(kind, sequence.name, subject, size, again, remove, lambda receipts=receipts: _one_by_one(given(forget, sequence), receipts))  # type: ignore[misc]
+        yield Item(
+            kind,
+            sequence.name,
+            subject,
+            size,
+            again,
+            remove,
+            lambda receipts=receipts: _one_by_one(given(forget, sequence), receipts),
+        )  # type: ignore[misc]
 
 
 def _kind(plan: Plan, task: Task) -> str | None:
@@ -223,15 +266,23 @@ def _kind(plan: Plan, task: Task) -> str | None:
 
 
 def _subject(kind: str, task: Task) -> str:
-    return {"paths": f"camera path {task.path}", "range": f"{task.stage} beyond the range", "stages": f"{task.stage}, not needed"}[kind]
+    return {
+        "paths": f"camera path {task.path}",
+        "range": f"{task.stage} beyond the range",
+        "stages": f"{task.stage}, not needed",
+    }[kind]
 
 
 def _strays(plan: Plan) -> Iterator[Item]:
     """Half written files, shards without a receipt, and what an interrupted reshard left."""
     sequence = plan.context.sequence
     partial = partial_files(sequence.root)
-    known = [s.name for _, s in PRODUCERS.values() if isinstance(s, ArraySpec)] + [n for n, (_, s) in PRODUCERS.items() if not isinstance(s, ArraySpec)]
-    names = {n for n in known if "{path}" not in n} | {n.format(path=p.name) for n in known if "{path}" in n for p in _path_folders(sequence)}
+    known = [s.name for _, s in PRODUCERS.values() if isinstance(s, ArraySpec)] + [
+        n for n, (_, s) in PRODUCERS.items() if not isinstance(s, ArraySpec)
+    ]
+    names = {n for n in known if "{path}" not in n} | {
+        n.format(path=p.name) for n in known if "{path}" in n for p in _path_folders(sequence)
+    }
     loose = list(strays(sequence, plan.book.receipts.values(), names))
     size = sum(p.stat().st_size if p.is_file() else folder_bytes(p) for p in [*partial, *loose])
     if partial or loose:
@@ -242,9 +293,25 @@ def _strays(plan: Plan) -> Iterator[Item]:
                 if p.is_dir():
                     delete_folder(p)
 
-        yield Item("strays", sequence.name, f"{len(partial)} half written files, {len(loose)} shards without a receipt", size, "nothing", remove, lambda: _one_by_one(lambda p: delete_files([p]), [p for p in [*partial, *loose] if p.is_file()]))
+        yield Item(
+            "strays",
+            sequence.name,
+            f"{len(partial)} half written files, {len(loose)} shards without a receipt",
+            size,
+            "nothing",
+            remove,
+            lambda: _one_by_one(lambda p: delete_files([p]), [p for p in [*partial, *loose] if p.is_file()]),
+        )
     for folder in leftovers(sequence):
-        yield Item("strays", sequence.name, f"left over from resharding: {folder.name}", folder_bytes(folder), "nothing", lambda folder=folder: delete_folder(folder), lambda folder=folder: _one_by_one(delete_folder, [folder]))  # type: ignore[misc]
+        yield Item(
+            "strays",
+            sequence.name,
+            f"left over from resharding: {folder.name}",
+            folder_bytes(folder),
+            "nothing",
+            lambda folder=folder: delete_folder(folder),
+            lambda folder=folder: _one_by_one(delete_folder, [folder]),
+        )  # type: ignore[misc]
 
 
 def _path_folders(sequence: Group) -> list[Path]:
@@ -255,13 +322,27 @@ def _variants(archive: Archive) -> Iterator[Item]:
     folder = archive.place(VARIANTS)
     if folder.is_dir():
         size = sum(s.st_size for p in files_below(folder) if (s := os.lstat(p)).st_nlink == 1)
-        yield Item("variants", "", f"{len(list(folder.iterdir()))} variants of tradeoff", size, "the levels of the next tradeoff", lambda: delete_folder(folder))
+        yield Item(
+            "variants",
+            "",
+            f"{len(list(folder.iterdir()))} variants of tradeoff",
+            size,
+            "the levels of the next tradeoff",
+            lambda: delete_folder(folder),
+        )
 
 
 def _kept(archive: Archive) -> Iterator[Item]:
     lying = kept.entries(archive)
     if lying:
-        yield Item("variants", "", f"{number(len(lying), 'result')} of other settings (run.keep_variants)", sum(e.own for e in lying), "runs that go back to these settings", lambda: kept.clear(archive))
+        yield Item(
+            "variants",
+            "",
+            f"{number(len(lying), 'result')} of other settings (run.keep_variants)",
+            sum(e.own for e in lying),
+            "runs that go back to these settings",
+            lambda: kept.clear(archive),
+        )
 
 
 def _runs(archive: Archive) -> Iterator[Item]:
@@ -272,7 +353,14 @@ def _runs(archive: Archive) -> Iterator[Item]:
             delete_folder(folder)
 
     if old:
-        yield Item("runs", "", f"settings and logs of the {len(old)} oldest runs", sum(folder_bytes(p) for p in old), "not at all: their history is lost", remove)
+        yield Item(
+            "runs",
+            "",
+            f"settings and logs of the {len(old)} oldest runs",
+            sum(folder_bytes(p) for p in old),
+            "not at all: their history is lost",
+            remove,
+        )
 
 
 def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete: bool) -> int:
@@ -298,7 +386,13 @@ def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete
 def table(found: Sequence[Item]) -> Table:
     """One row an item, the largest first within its kind."""
     shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column, justify in (("kind", "left"), ("sequence", "left"), ("what", "left"), ("bytes", "right"), ("made again by", "left")):
+    for column, justify in (
+        ("kind", "left"),
+        ("sequence", "left"),
+        ("what", "left"),
+        ("bytes", "right"),
+        ("made again by", "left"),
+    ):
         shown.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for i in sorted(found, key=lambda i: (KINDS.index(i.kind), i.sequence, -i.bytes)):
         shown.add_row(i.kind, i.sequence, escape(i.what), gigabytes(i.bytes), escape(i.again))

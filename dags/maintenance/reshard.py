@@ -3,7 +3,8 @@
 A whole new sequence is built beside the old one, `<archive>/_reshard/new/<name>`: every array cut anew, every receipt
 keyed anew, with content digests taken from the bytes; what is not partitioned is linked. When all of it is on disk the
 two folders change places by two renames. A death before the first leaves the old sequence, one between them is
-finished by whoever opens the archive next (`posegaussian.storage.archive.store`), one after them leaves the new sequence; never a mixture.
+finished by whoever opens the archive next (`posegaussian.storage.archive.store`), one after them leaves the new
+sequence; never a mixture.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ COPIED_BYTES = 1e8
 def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
     """Cut a sequence into partitions of `frames` frames; returns sentences about what was done.
 
-    What is made but not fresh, or not asked for by the plan, cannot be keyed anew: it is given up where `give_up` says so.
+    What is made but not fresh, or not asked for by the plan, cannot be keyed anew: it is given up where `give_up` says
+    so.
 
     Raises:
         ArchiveError: a run is at work on it, something would be given up, bytes were dropped, or the disk is too full.
@@ -56,7 +58,10 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
         return [f"sequence {sequence.name} has partitions of {number(frames, 'frame')} already"]
     lost = _given_up(plan)
     if lost and not give_up:
-        raise ArchiveError(f"reshard: {'; '.join(lost)}; `posegaussian run` first, name the paths with --path, or pass --give-up to let it go")
+        raise ArchiveError(
+            f"reshard: {'; '.join(lost)}; `posegaussian run` first, name the paths with --path, or pass --give-up to"
+            " let it go"
+        )
     _refuse_dropped(plan)
     _refuse_full_disk(sequence)
     with Lease.take(sequence.receipts / f"_arrays{SUFFIX}", "reshard"):
@@ -67,7 +72,13 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
             shutil.rmtree(_side(sequence, "new"), ignore_errors=True)
             raise
         switch(sequence)
-    return [f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames}, {number(made, 'task')} keyed anew, nothing computed", *(f"given up: {sentence}" for sentence in lost)]
+    return [
+        (
+            f"sequence {sequence.name}: partitions of {number(frames, 'frame')} instead of {sequence.partition_frames},"
+            f" {number(made, 'task')} keyed anew, nothing computed"
+        ),
+        *(f"given up: {sentence}" for sentence in lost),
+    ]
 
 
 def _given_up(plan: Plan) -> list[str]:
@@ -75,24 +86,49 @@ def _given_up(plan: Plan) -> list[str]:
     stale = [t for t, v in plan.verdicts.items() if v.state is not State.FRESH and t in plan.book.receipts]
     other = [t for t in plan.book.receipts if t not in plan.verdicts]
     paths = sorted({str(t.path) for t in other if t.path is not None})
-    said = [f"{number(len(stale), 'task')} of {', '.join(dict.fromkeys(t.stage for t in stale))} are made but not fresh"] if stale else []
+    said = (
+        [f"{number(len(stale), 'task')} of {', '.join(dict.fromkeys(t.stage for t in stale))} are made but not fresh"]
+        if stale
+        else []
+    )
     said += [f"camera paths {', '.join(paths)} are rendered but not asked for"] if paths else []
     rest = [t for t in other if t.path is None]
-    return said + ([f"{number(len(rest), 'task')} of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or not needed"] if rest else [])
+    return said + (
+        [
+            f"{number(len(rest), 'task')} of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or"
+            " not needed"
+        ]
+        if rest
+        else []
+    )
 
 
 def _refuse_dropped(plan: Plan) -> None:
     """Raise where bytes are gone that new digests would have to be taken from."""
-    dropped = {o.array: stage for t in plan.verdicts if t in plan.book.receipts for o in plan.book.receipts[t].outputs if o.dropped and t.partition is not None for stage in [t.stage]}
+    dropped = {
+        o.array: stage
+        for t in plan.verdicts
+        if t in plan.book.receipts
+        for o in plan.book.receipts[t].outputs
+        if o.dropped and t.partition is not None
+        for stage in [t.stage]
+    }
     if dropped:
         force = " ".join(f"--force {s}" for s in dict.fromkeys(dropped.values()))
-        raise ArchiveError(f"reshard: {', '.join(sorted(dropped))} of sequence {plan.context.sequence.name} was dropped, and digests of other partitions come from the bytes; `posegaussian run --set run.keep=everything {force}` makes them again")
+        raise ArchiveError(
+            f"reshard: {', '.join(sorted(dropped))} of sequence {plan.context.sequence.name} was dropped, and digests"
+            f" of other partitions come from the bytes; `posegaussian run --set run.keep=everything {force}` makes them"
+            " again"
+        )
 
 
 def _refuse_full_disk(sequence: Sequence) -> None:
     need, free = folder_bytes(sequence.root) + COPIED_BYTES, shutil.disk_usage(sequence.root).free
     if need > free:
-        raise ArchiveError(f"reshard: the arrays are cut anew beside the old ones and need {gigabytes(need)}, {sequence.root} has {gigabytes(free)} free; make room (`posegaussian gc` says what could go)")
+        raise ArchiveError(
+            f"reshard: the arrays are cut anew beside the old ones and need {gigabytes(need)}, {sequence.root} has"
+            f" {gigabytes(free)} free; make room (`posegaussian gc` says what could go)"
+        )
 
 
 def _build(plan: Plan, frames: int) -> int:
@@ -110,9 +146,17 @@ def _build(plan: Plan, frames: int) -> int:
     results = Results(plan.context)
     for task in anew.verdicts:
         digests = anew.book.digests(task)
-        if task.stage in anew.unneeded or digests is None or any(plan.verdicts[t].state is not State.FRESH for t in _sources(plan.context, context, task)):
+        if (
+            task.stage in anew.unneeded
+            or digests is None
+            or any(plan.verdicts[t].state is not State.FRESH for t in _sources(plan.context, context, task))
+        ):
             continue
-        receipt = _linked(results, context.sequence, plan.book.receipts[task]) if task.partition is None else _cut(results, plan.book, context, task, digests)
+        receipt = (
+            _linked(results, context.sequence, plan.book.receipts[task])
+            if task.partition is None
+            else _cut(results, plan.book, context, task, digests)
+        )
         write_receipt(context.sequence, receipt)
         anew.book.add(task, receipt)
     return len(anew.book.receipts)
@@ -120,7 +164,11 @@ def _build(plan: Plan, frames: int) -> int:
 
 def _sources(old: Context, new: Context, task: Task) -> list[Task]:
     """The old tasks that made the frames of a new one."""
-    return [task] if task.partition is None else [task._replace(partition=p) for p in old.grid.touched(new.grid.bounds(task.partition))]
+    return (
+        [task]
+        if task.partition is None
+        else [task._replace(partition=p) for p in old.grid.touched(new.grid.bounds(task.partition))]
+    )
 
 
 def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
@@ -139,7 +187,17 @@ def _cut(results: Results, book: Book, context: Context, task: Task, digests: Ma
     parts = all_parts(context, task, own_parts(context, task), digests)
     outputs = tuple(_output(results, context, task, receipts, o) for o in receipts[0].outputs)
     warnings = tuple(dict.fromkeys(w for r in receipts for w in r.warnings))
-    return Receipt(task.stage, task.partition, task.view, task.path, digest(parts), parts, outputs, warnings, _facts(book.context, context, task, sources, receipts))
+    return Receipt(
+        task.stage,
+        task.partition,
+        task.view,
+        task.path,
+        digest(parts),
+        parts,
+        outputs,
+        warnings,
+        _facts(book.context, context, task, sources, receipts),
+    )
 
 
 def _output(results: Results, context: Context, task: Task, receipts: list[Receipt], old: Output) -> Output:
@@ -149,23 +207,44 @@ def _output(results: Results, context: Context, task: Task, receipts: list[Recei
     assert task.partition is not None, f"{task.label()} has no frames to cut"
     frames = context.grid.bounds(task.partition)
     if isinstance(spec, TableSpec):
-        rows = [r for r in results.rows([o for receipt in receipts for o in receipt.outputs if o.array == old.array]) if r["frame"] in frames]
-        return write_table(sequence, spec, task.path or "", task.partition, {c: [r[c] for r in rows] for c, _ in spec.columns})
-    return write_array(sequence, spec, task.path or "", frames, task.partition, old.view, np.ascontiguousarray(results.read(old.array, frames, old.view)))
+        rows = [
+            r
+            for r in results.rows([o for receipt in receipts for o in receipt.outputs if o.array == old.array])
+            if r["frame"] in frames
+        ]
+        return write_table(
+            sequence, spec, task.path or "", task.partition, {c: [r[c] for r in rows] for c, _ in spec.columns}
+        )
+    return write_array(
+        sequence,
+        spec,
+        task.path or "",
+        frames,
+        task.partition,
+        old.view,
+        np.ascontiguousarray(results.read(old.array, frames, old.view)),
+    )
 
 
 def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts: list[Receipt]) -> dict[str, Any]:
     """Circumstances of the first task, with the seconds and sizes of the share that came from each."""
     facts = dict(receipts[0].facts)
     own = new.grid.bounds(task.partition or 0)
-    shares = [len(set(own) & set(old.grid.bounds(t.partition or 0))) / len(old.grid.bounds(t.partition or 0)) for t in sources]
+    shares = [
+        len(set(own) & set(old.grid.bounds(t.partition or 0))) / len(old.grid.bounds(t.partition or 0)) for t in sources
+    ]
     for key in ("seconds", "cpu_seconds", "work", "raw_bytes"):
         if all(r.facts.get(key) is not None for r in receipts):
             whole = sum(r.facts[key] * share for r, share in zip(receipts, shares, strict=True))
             facts[key] = round(whole) if key in ("work", "raw_bytes") else round(whole, 4)
     if all(r.facts.get("modules") for r in receipts):
         names = dict.fromkeys(name for r in receipts for name in r.facts["modules"])
-        facts["modules"] = {name: round(sum(r.facts["modules"].get(name, 0.0) * share for r, share in zip(receipts, shares, strict=True)), 6) for name in names}
+        facts["modules"] = {
+            name: round(
+                sum(r.facts["modules"].get(name, 0.0) * share for r, share in zip(receipts, shares, strict=True)), 6
+            )
+            for name in names
+        }
     return facts | {"resharded_from": old.grid.length}
 
 

@@ -7,13 +7,25 @@ from collections.abc import Sequence as Names
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.session.session import Session
-from posegaussian.storage.archive.integrity import ARRAY_BROKEN, FOREIGN_RECEIPT, GIVEN, LEFT_OVER, RECEIPT_UNREADABLE, Count, Fault, faults, repair, seal_all
+from posegaussian.storage.archive.integrity import (
+    ARRAY_BROKEN,
+    FOREIGN_RECEIPT,
+    GIVEN,
+    LEFT_OVER,
+    RECEIPT_UNREADABLE,
+    Count,
+    Fault,
+    faults,
+    repair,
+    seal_all,
+)
 from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 
 
 def verify(session: Session, names: Names[str], mend: bool) -> int:
-    """Read everything again, print every fault, and with `mend` mark it for the next run; returns the exit status, 1 where there is any."""
+    """Read everything again, print every fault, and with `mend` mark it for the next run; returns the exit status, 1
+    where there is any."""
     broken = 0
     for name in names:
         try:
@@ -23,7 +35,15 @@ def verify(session: Session, names: Names[str], mend: bool) -> int:
             session.say([f"{name}: {e}"], "red")
             broken += 1
     if broken:
-        session.say(["run again to make it anew" if mend else "nothing was changed; `posegaussian verify --repair` marks it, and the next run makes it anew"])
+        session.say(
+            [
+                (
+                    "run again to make it anew"
+                    if mend
+                    else "nothing was changed; `posegaussian verify --repair` marks it, and the next run makes it anew"
+                )
+            ]
+        )
     return 1 if broken else 0
 
 
@@ -32,13 +52,34 @@ def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
     count, found = Count(), 0
     for fault in faults(sequence, count):
         found += 1
-        session.say([f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"], "red")
-    session.say([f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read, {number(found, 'fault') if found else 'no faults'}"])
+        session.say(
+            [f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"],
+            "red",
+        )
+    session.say(
+        [
+            f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read,"
+            f" {number(found, 'fault') if found else 'no faults'}"
+        ]
+    )
     if count.unsealed:
         added = mend and seal_all(sequence)
-        session.say([f"{sequence.name}: {number(added, 'checksum')} added to what an earlier version wrote" if mend else f"{sequence.name}: {number(count.unsealed, 'file')} of an earlier version without a checksum, so that a changed digit in them is not noticed; --repair adds it to what is there now"])
+        session.say(
+            [
+                (
+                    f"{sequence.name}: {number(added, 'checksum')} added to what an earlier version wrote"
+                    if mend
+                    else (
+                        f"{sequence.name}: {number(count.unsealed, 'file')} of an earlier version without a checksum,"
+                        " so that a changed digit in them is not noticed; --repair adds it to what is there now"
+                    )
+                )
+            ]
+        )
     if count.busy:
-        session.say([f"{sequence.name}: {number(len(count.busy), 'task')} left out, because a run works there now"], "yellow")
+        session.say(
+            [f"{sequence.name}: {number(len(count.busy), 'task')} left out, because a run works there now"], "yellow"
+        )
     return found
 
 
@@ -48,7 +89,10 @@ def describe(sequence: Sequence, fault: Fault) -> str:
         return f"{fault.file}: {fault.cause}"
     view = fault.output.view
     names = sequence.capture.rig.names
-    place = [fault.output.array, *([f"partition {fault.receipt.partition}"] if fault.receipt.partition is not None else [])]
+    place = [
+        fault.output.array,
+        *([f"partition {fault.receipt.partition}"] if fault.receipt.partition is not None else []),
+    ]
     place += [f"view {names[view] if view < len(names) else view}"] if view is not None else []
     return f"{', '.join(place)}: {fault.file}: {fault.cause}"
 

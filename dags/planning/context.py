@@ -47,7 +47,8 @@ class Context:
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages, evidence."""
+    """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages,
+    evidence."""
 
     @cached_property
     def capture(self) -> Capture:
@@ -56,11 +57,15 @@ class Context:
 
     @cached_property
     def late(self) -> tuple[int, ...]:
-        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras that the capture does not have."""
+        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras
+        that the capture does not have."""
         names, offsets = self.sequence.capture.rig.names, self.settings.frames.time_offset
         for name in offsets:
             if name not in names:
-                raise ConfigError(f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+                raise ConfigError(
+                    f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has"
+                    f" {', '.join(names)}"
+                )
         return tuple(round(offsets.get(n, 0.0)) for n in names)
 
     def params(self, stage: Stage) -> Any:
@@ -69,7 +74,8 @@ class Context:
 
     @cached_property
     def held_out(self) -> tuple[str, ...]:
-        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that are set to be sources."""
+        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that
+        are set to be sources."""
         roles = self.settings.views
         if roles.held_out is not None:
             return tuple(roles.held_out)
@@ -83,14 +89,22 @@ class Context:
         for key, chosen in (("sources", roles.sources or []), ("held_out", held_out)):
             for name in chosen:
                 if name not in names:
-                    raise ConfigError(f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}")
+                    raise ConfigError(
+                        f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}"
+                    )
         sources = roles.sources if roles.sources is not None else [n for n in names if n not in held_out]
         both = sorted(set(sources) & set(held_out))
         if both:
             raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
         if not sources:
-            raise ConfigError(f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out")
-        return Views(names, tuple(i for i, n in enumerate(names) if n in sources), tuple(i for i, n in enumerate(names) if n in held_out))
+            raise ConfigError(
+                f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out"
+            )
+        return Views(
+            names,
+            tuple(i for i, n in enumerate(names) if n in sources),
+            tuple(i for i, n in enumerate(names) if n in held_out),
+        )
 
     @cached_property
     def active_views(self) -> tuple[int, ...]:
@@ -119,7 +133,10 @@ class Context:
         numbers = self.capture.numbers
         chosen = select(numbers, self.settings.frames.range)
         if not len(chosen):
-            raise ConfigError(f"frames.range {self.settings.frames.range!r} selects no frame of sequence {self.sequence.name}; its source frames are {numbers[0]}..{numbers[-1]}")
+            raise ConfigError(
+                f"frames.range {self.settings.frames.range!r} selects no frame of sequence {self.sequence.name}; its"
+                f" source frames are {numbers[0]}..{numbers[-1]}"
+            )
         return chosen
 
     @cached_property
@@ -140,7 +157,11 @@ class Context:
     def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
         """The same sequence after the survey; all that does not follow from its notes is taken over, not made again."""
         other = replace(self, noted=noted)
-        kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}}
+        kept = {
+            k: v
+            for k, v in self.__dict__.items()
+            if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}
+        }
         other.__dict__.update(kept)
         return other
 
@@ -155,7 +176,9 @@ class Context:
 
         streams, here = capture.joints, capture.joints3d is not None
         given = any(streams[v] is not None for v in sources) if streams else False
-        known = frozenset(k for k, present in {GIVEN_JOINTS: given or here, BLAZEPOSE: blazepose_is_here()}.items() if present)
+        known = frozenset(
+            k for k, present in {GIVEN_JOINTS: given or here, BLAZEPOSE: blazepose_is_here()}.items() if present
+        )
         estimator = estimator_choice(self.settings.detection, known)[0]
         facts = {
             **dict.fromkeys(known, True),
@@ -171,11 +194,16 @@ class Context:
             "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
         }
         found = frozenset(k for k, present in facts.items() if present)
-        return found | {SEGMENTED} if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found)) else found
+        return (
+            found | {SEGMENTED}
+            if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found))
+            else found
+        )
 
     @property
     def estimator(self) -> DetectionParams:
-        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints were given."""
+        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints
+        were given."""
         params, facts = self.settings.detection, self.capture_facts
         answer = "blazepose" if SEGMENTED in facts and ESTIMATED not in facts else estimator_choice(params, facts)[0]
         return params.model_copy(update={"estimator": answer})
@@ -199,7 +227,11 @@ class Context:
             np.array([s.size for s in capture.pictures]),
             self.captured_to_calibrated,
             sources,
-            sources if ESTIMATED in self.capture_facts else tuple(v for v in sources if capture.joints and capture.joints[v] is not None),
+            (
+                sources
+                if ESTIMATED in self.capture_facts
+                else tuple(v for v in sources if capture.joints and capture.joints[v] is not None)
+            ),
             max(1, stride),
             tuple(self.paths.values()),
             self.noted,
@@ -212,19 +244,29 @@ class Context:
 
     @cached_property
     def facts(self) -> Facts:
-        """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided ones count
-        as on), the optional stages that are needed, and those outputs of sequence-wide stages that are asked for."""
+        """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided
+        ones count as on), the optional stages that are needed, and those outputs of sequence-wide stages that are
+        asked for."""
         known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
         known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
         asked = self.exported | {a for v in self.effects.values() for a in v.asks}
-        asked |= {r.array for s in STAGES if s.unneeded(self.params(s), known) is None for r in s.reads_for(self.params(s), known)}
+        asked |= {
+            r.array
+            for s in STAGES
+            if s.unneeded(self.params(s), known) is None
+            for r in s.reads_for(self.params(s), known)
+        }
         return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
 
     @cached_property
     def waits(self) -> dict[str, tuple[str, ...]]:
         """{stage: outputs of the survey} that undecided effects of the stage wait for."""
         open_ones = [v for v in self.effects.values() if v.decision is None]
-        return {s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks)) for v in open_ones for s in v.stages}
+        return {
+            s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks))
+            for v in open_ones
+            for s in v.stages
+        }
 
     def effect_states(self, stage: Stage) -> dict[str, str]:
         """{effect: on | undecided} of a stage's effects; what is off is as good as absent and leaves no trace."""
@@ -252,13 +294,16 @@ class Context:
 
     @cached_property
     def joint_set(self) -> str | None:
-        """Joint set of `pose/*`: the estimator's, else of the source views' 2D joints, else of the 3D joints; None without any."""
+        """Joint set of `pose/*`: the estimator's, else of the source views' 2D joints, else of the 3D joints; None
+        without any."""
         if ESTIMATED in self.capture_facts:
             return named_joint_set(self.estimator)
         if not {"joints2d", "joints3d"} & self.capture_facts:
             return None
         kind = "joints2d" if "joints2d" in self.capture_facts else "joints3d"
-        streams = [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
+        streams = (
+            [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
+        )
         return next((s.options["joint_set"] for s in streams if s is not None), None)
 
     def shape(self, path: str | None = None) -> dict[str, int]:
@@ -285,7 +330,8 @@ class Context:
         return shape
 
     def unneeded(self) -> dict[str, str]:
-        """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody reads."""
+        """{stage: reason} of the stages this capture does not need: by their own word, or sequence-wide ones nobody
+        reads."""
         if "unneeded" not in self.memo:
             self.memo["unneeded"] = self._unneeded()
         return self.memo["unneeded"]
@@ -293,14 +339,20 @@ class Context:
     def _unneeded(self) -> dict[str, str]:
         reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
-        return reasons | {s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread}
+        return reasons | {
+            s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread
+        }
 
     def _unexplained_sizes(self) -> list[str]:
-        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they relate: archives made before imports found that out."""
+        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they
+        relate: archives made before imports found that out."""
         known, rig = {*self.capture.crops, *self.settings.frames.crop}, self.capture.rig
-        sizes = {n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)}
+        sizes = {
+            n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)
+        }
         return [
-            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which finds out how they relate, or say it with frames.crop"
+            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which"
+            " finds out how they relate, or say it with frames.crop"
             for n, ((w, h), (cw, ch)) in sizes.items()
             if (w, h) != (cw, ch) and n not in known
         ]
@@ -313,10 +365,15 @@ class Context:
 
 
 def default_path(context: Context) -> str:
-    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that depth can match, else near one."""
+    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that
+    depth can match, else near one."""
     if context.views.held_out:
         return "held_out"
-    return "sway" if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None else "between"
+    return (
+        "sway"
+        if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None
+        else "between"
+    )
 
 
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:

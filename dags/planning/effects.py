@@ -39,7 +39,10 @@ class Verdict:
     def sentence(self) -> str:
         """`temporal_smoothing on (auto): ...`, for the run's log."""
         assert self.decision is not None, f"{self.effect.name} is not decided"
-        return f"{self.effect.name} {self.state} ({self.setting if self.setting == 'auto' else 'forced'}): {self.decision.reason}"
+        return (
+            f"{self.effect.name} {self.state} ({self.setting if self.setting == 'auto' else 'forced'}):"
+            f" {self.decision.reason}"
+        )
 
 
 def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, Verdict]:
@@ -61,13 +64,30 @@ def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, V
 def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> Verdict:
     missing = effect.lacks(evidence)
     if missing is not None:
-        return Verdict(effect, stages, setting, Decision(False, None, effect.threshold, f"effects.{effect.name} is on, but {missing}" if setting == "on" else missing))
+        return Verdict(
+            effect,
+            stages,
+            setting,
+            Decision(
+                False,
+                None,
+                effect.threshold,
+                f"effects.{effect.name} is on, but {missing}" if setting == "on" else missing,
+            ),
+        )
     measured = effect.decide(evidence, effect.threshold)
     if setting == "auto":
-        asks = effect.asks if effect.asks and effect.decide(replace(evidence, noted={}), effect.threshold) is None else ()
+        asks = (
+            effect.asks if effect.asks and effect.decide(replace(evidence, noted={}), effect.threshold) is None else ()
+        )
         return Verdict(effect, stages, setting, measured, asks)
     reason = f"effects.{effect.name} is {setting}" + (f"; {measured.reason}" if measured is not None else "")
-    return Verdict(effect, stages, setting, Decision(setting == "on", measured.measured if measured else None, effect.threshold, reason))
+    return Verdict(
+        effect,
+        stages,
+        setting,
+        Decision(setting == "on", measured.measured if measured else None, effect.threshold, reason),
+    )
 
 
 def refusals(evidence_of: Callable[[str], Evidence], verdicts: Mapping[str, Verdict]) -> list[str]:
@@ -77,7 +97,8 @@ def refusals(evidence_of: Callable[[str], Evidence], verdicts: Mapping[str, Verd
 
 
 def noted(receipts: Mapping[int | None, Any], arrays: tuple[str, ...]) -> dict[str, np.ndarray] | None:
-    """{array: [S, ...]} from the receipts of the survey by source view, in order; None where one does not hold a value."""
+    """{array: [S, ...]} from the receipts of the survey by source view, in order; None where one does not hold a
+    value."""
     found = {}
     for array in arrays:
         values = [r.facts.get("noted", {}).get(array) for r in receipts.values()]

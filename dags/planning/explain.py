@@ -1,4 +1,5 @@
-"""Why a task would run: the chain back to the first cause, and at every step what differs from when it was last made."""
+"""Why a task would run: the chain back to the first cause, and at every step what differs from when it was last
+made."""
 
 from __future__ import annotations
 
@@ -24,7 +25,10 @@ def why(plan: Plan, task: Task) -> list[str]:
         verdict = plan.verdicts[t]
         seen.add(t)
         indent = "  " * depth
-        lines.append(f"{indent}{t.label(plan.context.views.names)}: {verdict.state.value}" + (f" ({'; '.join(verdict.reasons)})" if verdict.reasons else ""))
+        lines.append(
+            f"{indent}{t.label(plan.context.views.names)}: {verdict.state.value}"
+            + (f" ({'; '.join(verdict.reasons)})" if verdict.reasons else "")
+        )
         lines.extend(f"{indent}    {line}" for line in _past(plan, t))
         for d in dependencies(plan.context, t):
             if d in plan.verdicts and plan.verdicts[d].state is not State.FRESH and d not in seen:
@@ -41,7 +45,10 @@ def _past(plan: Plan, task: Task) -> Iterator[str]:
     yield from acceptances(receipt)
     if plan.verdicts[task].state is State.FRESH:
         return
-    yield f"last made {receipt.facts.get('started', 'at an unknown time')} on {receipt.facts.get('host', 'an unknown machine')}"
+    yield (
+        f"last made {receipt.facts.get('started', 'at an unknown time')} on"
+        f" {receipt.facts.get('host', 'an unknown machine')}"
+    )
     own, digests = own_parts(plan.context, task), plan.book.digests(task)
     now = own if digests is None else all_parts(plan.context, task, own, digests)
     yield from differences({k: receipt.parts.get(k) for k in now}, now)
@@ -50,11 +57,15 @@ def _past(plan: Plan, task: Task) -> Iterator[str]:
 def acceptances(receipt: Receipt) -> Iterator[str]:
     """Sentences about the acceptances of a receipt, oldest first."""
     for note in receipt.facts.get("accepted", []):
-        yield f"accepted {note['when']} by {note['by']}: {note['reason']} ({'; '.join(note['changed']) or 'no change'}; fingerprint was {note['from'][:8]})"
+        yield (
+            f"accepted {note['when']} by {note['by']}: {note['reason']} ({'; '.join(note['changed']) or 'no change'};"
+            f" fingerprint was {note['from'][:8]})"
+        )
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """`part: old -> new` of every fingerprint part that differs, mappings entry by entry, digests by their first digits."""
+    """`part: old -> new` of every fingerprint part that differs, mappings entry by entry, digests by their first
+    digits."""
     for key in sorted({*old, *new}):
         a, b = old.get(key), new.get(key)
         if a == b:

@@ -25,7 +25,11 @@ def own_parts(context: Context, task: Task) -> dict[str, Any]:
         "bounds": _bounds(context, task),
         "cameras": _cameras(context, task),
         "sources": {} if stage.sequence_wide else _sources(context, stage, task),
-        **({"worked": [context.settings.frames.range, *context.source_frames[[0, -1]].tolist()]} if stage.sequence_wide else {}),
+        **(
+            {"worked": [context.settings.frames.range, *context.source_frames[[0, -1]].tolist()]}
+            if stage.sequence_wide
+            else {}
+        ),
     }
 
 
@@ -33,7 +37,11 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
     """What all tasks of a stage have in common."""
     key = ("parts", stage.name)
     if key not in context.memo:
-        asked = {"asked": sorted(w.name for w in stage.writes_for(context.facts) if w.when in (None, w.name))} if stage.sequence_wide else {}
+        asked = (
+            {"asked": sorted(w.name for w in stage.writes_for(context.facts) if w.when in (None, w.name))}
+            if stage.sequence_wide
+            else {}
+        )
         context.memo[key] = {
             "stage": stage.name,
             "version": stage.version,
@@ -46,14 +54,16 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
 
 
 def still_good(parts: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
-    """Fingerprint parts under which constants stay: taken together with others nobody asks for any more, or of frames that are at least half of those worked on now."""
+    """Fingerprint parts under which constants stay: taken together with others nobody asks for any more, or of
+    frames that are at least half of those worked on now."""
     asked = {"asked": old["asked"]} if set(parts.get("asked", ["-"])) <= set(old.get("asked", ())) else {}
     worked = {"worked": old["worked"]} if "worked" in parts and _covers(old.get("worked"), parts["worked"]) else {}
     return {**parts, **asked, **worked}
 
 
 def _covers(old: Sequence[Any] | None, new: Sequence[Any]) -> bool:
-    """Whether constants of frames (range, first, last) will do for others: of the same range of a source that grew, or of at least half of them."""
+    """Whether constants of frames (range, first, last) will do for others: of the same range of a source that grew,
+    or of at least half of them."""
     if old is None:
         return False
     return old[0] == new[0] or 2 * (min(old[2], new[2]) - max(old[1], new[1]) + 1) >= new[2] - new[1] + 1
@@ -80,12 +90,18 @@ def _cameras(context: Context, task: Task) -> str:
         context.memo["camera parts"] = _camera_parts(context, task)
     span = path_frames(context, task)
     path = context.paths[task.path].slice(slice(span.start, span.stop))
-    return digest([*context.memo["camera parts"], list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served])
+    return digest(
+        [*context.memo["camera parts"], list(path.names), path.intrinsics, path.world_to_camera, path.size, path.served]
+    )
 
 
 def _camera_parts(context: Context, task: Task) -> list[Any]:
     views = list(range(len(context.rig))) if task.view is None or task.partition is None else [task.view]
-    parts: list[Any] = [context.rig_of(stage_named(task.stage)).subset(views).digest, context.capture.rig.subset(views).digest, context.captured_to_calibrated[views]]
+    parts: list[Any] = [
+        context.rig_of(stage_named(task.stage)).subset(views).digest,
+        context.capture.rig.subset(views).digest,
+        context.captured_to_calibrated[views],
+    ]
     if task.view is None:
         names = context.views.names
         parts += [[names[i] for i in context.views.sources], [names[i] for i in context.views.held_out]]
@@ -119,12 +135,17 @@ def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
         if read.array in found:
             continue
         streams = context.capture.streams(read.array)
-        span = None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))
+        span = (
+            None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))
+        )
         numbers = context.capture.numbers if span is None else context.source_frames[span.start : span.stop]
         if read.array == "joints3d":
             chosen = {"joints3d": streams[0]}
         else:
-            chosen = {f"{read.array} of {context.views.names[v]}": streams[v] if streams else None for v in selected_views(context, read, task)}
+            chosen = {
+                f"{read.array} of {context.views.names[v]}": streams[v] if streams else None
+                for v in selected_views(context, read, task)
+            }
         found |= {k: "none" if s is None else s.digest(numbers) for k, s in chosen.items()}
     return found
 
@@ -137,7 +158,13 @@ def all_parts(context: Context, task: Task, own: dict[str, Any], digests: Mappin
 
 
 def _product_label(p: Product, names: tuple[str, ...]) -> str:
-    return " ".join([p.array, *([f"partition {p.partition}"] if p.partition is not None else []), *([f"of {names[p.view]}"] if p.view is not None else [])])
+    return " ".join(
+        [
+            p.array,
+            *([f"partition {p.partition}"] if p.partition is not None else []),
+            *([f"of {names[p.view]}"] if p.view is not None else []),
+        ]
+    )
 
 
 def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -168,11 +195,16 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _entries_changed(kind: str, old: Mapping[str, str], new: Mapping[str, str], both: bool = False) -> list[str]:
-    """Entries whose digest changed, that are read now, or no longer; with `both` only those that were read before and after."""
+    """Entries whose digest changed, that are read now, or no longer; with `both` only those that were read before
+    and after."""
     shared = [f"{kind} {k} changed" for k in sorted(old.keys() & new.keys()) if old[k] != new[k]]
     if both:
         return shared
-    return [*shared, *(f"{kind} {k} is now read" for k in sorted(new.keys() - old.keys())), *(f"{kind} {k} is no longer read" for k in sorted(old.keys() - new.keys()))]
+    return [
+        *shared,
+        *(f"{kind} {k} is now read" for k in sorted(new.keys() - old.keys())),
+        *(f"{kind} {k} is no longer read" for k in sorted(old.keys() - new.keys())),
+    ]
 
 
 def _params_changed(stage: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -196,6 +228,8 @@ def _bounds_changed(old: Any, new: Any) -> str:
     def span(b: Any) -> str:
         return f"{b[0][0]}..{b[0][-1]} ({len(b[0])} frames)" if b and b[0] else "none"
 
-    return f"frames of the partition {span(old)} -> {span(new)}" if span(old) != span(new) else "which views have which frames changed"
-
-
+    return (
+        f"frames of the partition {span(old)} -> {span(new)}"
+        if span(old) != span(new)
+        else "which views have which frames changed"
+    )

@@ -1,8 +1,9 @@
-"""What a run is expected to take, before it starts: bytes on disk, memory of a task, seconds; and refusal where that cannot be.
+"""What a run is expected to take, before it starts: bytes on disk, memory of a task, seconds; and refusal where that
+cannot be.
 
 Bytes come from the declarations and the shape of the sequence, times the compression that the archive's own history
-shows; memory from what each stage declares that a task needs; seconds from the history, in proportion to frames x views x
-pixels. Without history bytes are uncompressed, an upper bound, and seconds are unknown.
+shows; memory from what each stage declares that a task needs; seconds from the history, in proportion to frames x views
+x pixels. Without history bytes are uncompressed, an upper bound, and seconds are unknown.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ RECENT = 500
 """Newest tasks of a stage that its history is taken from."""
 
 AHEAD = 2
-"""Partitions whose droppable arrays lie on disk besides those that the workers have in hand: tasks are done depth first."""
+"""Partitions whose droppable arrays lie on disk besides those that the workers have in hand: tasks are done depth
+first."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,11 @@ class History:
         now = digest(params.hashed())
         same = [r for r in rows if r["params"] == now]
         timed = [r["seconds"] / r["work"] for r in same or rows]
-        return Rate(sum(r["bytes"] for r in rows) / raw if raw else None, statistics.median(timed) if timed else None, bool(same))
+        return Rate(
+            sum(r["bytes"] for r in rows) / raw if raw else None,
+            statistics.median(timed) if timed else None,
+            bool(same),
+        )
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,11 @@ def project(plan: Plan, history: History) -> list[Projection]:
     """One projection for each stage that has something to do."""
     found = []
     for stage in STAGES:
-        todo = [v.task for v in plan.verdicts.values() if v.task.stage == stage.name and v.state not in READY and stage.name not in plan.unneeded]
+        todo = [
+            v.task
+            for v in plan.verdicts.values()
+            if v.task.stage == stage.name and v.state not in READY and stage.name not in plan.unneeded
+        ]
         if todo:
             found.append(_of_stage(plan, stage, todo, history.rate(stage, plan.context.params(stage))))
     return found
@@ -150,7 +160,11 @@ class Loads:
 
     def __call__(self, task: Task) -> Load:
         """What one task is expected to take."""
-        key = (task.stage, task.path, len(self.context.grid.bounds(task.partition)) if task.partition is not None else 0)
+        key = (
+            task.stage,
+            task.path,
+            len(self.context.grid.bounds(task.partition)) if task.partition is not None else 0,
+        )
         if key not in self.known:
             self.known[key] = load(self.context, task)
         return self.known[key]
@@ -168,13 +182,22 @@ def _let_go(context: Context, todo: list[Task]) -> int:
 
 
 def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[str]:
-    """Why a run should not start for want of disk, with what to change. Memory is refused by `posegaussian.dags.planning.resources`, worker by worker."""
+    """Why a run should not start for want of disk, with what to change. Memory is refused by
+    `posegaussian.dags.planning.resources`, worker by worker."""
     need = sum(p.peak - p.replaced for plan in plans for p in project(plan, history))
-    free = shutil.disk_usage(archive.root).free + sum(e.own for e in set_aside.entries(archive))  # results of other settings make room
+    free = shutil.disk_usage(archive.root).free + sum(
+        e.own for e in set_aside.entries(archive)
+    )  # results of other settings make room
     if need <= free:
         return []
-    advice = "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room (`posegaussian gc` says what could go)"
-    return [f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free; {advice}"]
+    advice = (
+        "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room"
+        " (`posegaussian gc` says what could go)"
+    )
+    return [
+        f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free;"
+        f" {advice}"
+    ]
 
 
 @dataclass(frozen=True)
@@ -193,7 +216,10 @@ class Room:
         if self.over <= 0:
             return []
         bound = "the disk holds no more" if self.by_disk else f"run.keep_variants is {setting}"
-        return [f"up to {gigabytes(self.over)} of results of other settings will be deleted, those unused for the longest time first: {bound}"]
+        return [
+            f"up to {gigabytes(self.over)} of results of other settings will be deleted, those unused for the longest"
+            f" time first: {bound}"
+        ]
 
 
 def room(plans: Sequence[Plan], archive: Archive, history: History) -> Room:

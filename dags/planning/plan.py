@@ -90,7 +90,11 @@ class Plan:
 
     def dropped(self, stage: str) -> int:
         """How many fresh tasks of a stage have outputs that were dropped."""
-        return sum(1 for t, v in self.verdicts.items() if t.stage == stage and v.state is State.FRESH and any(o.dropped for o in self.book.receipts[t].outputs))
+        return sum(
+            1
+            for t, v in self.verdicts.items()
+            if t.stage == stage and v.state is State.FRESH and any(o.dropped for o in self.book.receipts[t].outputs)
+        )
 
     def counts(self, stage: Stage | str) -> Counter[State]:
         """How many tasks of a stage are in which state."""
@@ -103,8 +107,11 @@ class Plan:
         return all(v.state is State.FRESH for v in self.verdicts.values())
 
 
-def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product, str]) -> tuple[State, tuple[str, ...], dict[str, Any]]:
-    """State, reasons and fingerprint parts of a task whose inputs are all known; whether its own output is needed again is not asked."""
+def judge(
+    book: Book, task: Task, selection: Selection, digests: Mapping[Product, str]
+) -> tuple[State, tuple[str, ...], dict[str, Any]]:
+    """State, reasons and fingerprint parts of a task whose inputs are all known; whether its own output is needed
+    again is not asked."""
     parts = all_parts(book.context, task, own_parts(book.context, task), digests)
     receipt = book.receipts.get(task)
     forced = selection.forced(task.stage)
@@ -120,7 +127,8 @@ def judge(book: Book, task: Task, selection: Selection, digests: Mapping[Product
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Without the cyclic collector: a plan makes many small objects and no cycles, and looking through them took a quarter of its time."""
+    """Without the cyclic collector: a plan makes many small objects and no cycles, and looking through them took a
+    quarter of its time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -134,7 +142,8 @@ def _uncollected() -> Iterator[None]:
 def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
     """Judge every task of a sequence. Reads receipts and file sizes only.
 
-    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for thereby.
+    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for
+    thereby.
     """
     constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
     context = replace(context, exported=constants) if constants else context
@@ -159,12 +168,17 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
 def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
     """What an earlier run made with these fingerprint parts, where it was put aside and may be taken over.
 
-    Fingerprints of sequence-wide constants leave the sources out; of these only what was taken of the same pictures counts.
+    Fingerprints of sequence-wide constants leave the sources out; of these only what was taken of the same pictures
+    counts.
     """
     if not context.settings.run.kept_bytes or selection.forced(task.stage) or not selection.allows(task.stage):
         return None
     receipt = set_aside.find(context.sequence, ReceiptKey(*task[1:]), digest(parts))
-    if receipt is not None and stage_named(task.stage).sequence_wide and receipt.facts.get("sources") != survey_sources(context, task):
+    if (
+        receipt is not None
+        and stage_named(task.stage).sequence_wide
+        and receipt.facts.get("sources") != survey_sources(context, task)
+    ):
         return None
     return receipt
 
@@ -205,7 +219,10 @@ def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
     plan.context = plan.book.context = plan.context.with_noted(survey_notes(plan.book))
     plan.unneeded = plan.context.unneeded()
     if plan.context.waits:
-        raise ValueError(f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run --from survey` takes it anew")
+        raise ValueError(
+            f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run"
+            " --from survey` takes it anew"
+        )
     return tuple(plan.context.effects[name] for name in waited)
 
 
@@ -213,7 +230,9 @@ def survey_notes(book: Book) -> dict[str, Any]:
     """What the survey's receipts note for the effects that wait; {} where they do not hold it all."""
     context = book.context
     arrays = tuple(dict.fromkeys(a for asks in context.waits.values() for a in asks))
-    receipts = {t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None}
+    receipts = {
+        t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None
+    }
     return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
 
 
@@ -230,8 +249,14 @@ def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
         if state in READY:
             continue
         for maker in book.dropped_inputs(task):
-            if verdicts[maker].state is State.FRESH or (state is State.STALE and verdicts[maker].state is State.UNDECIDED):
-                why = f"its output was dropped and is needed by {task.stage}" if state is State.STALE else f"its output was dropped; it is made again if {task.stage} turns out to need it"
+            if verdicts[maker].state is State.FRESH or (
+                state is State.STALE and verdicts[maker].state is State.UNDECIDED
+            ):
+                why = (
+                    f"its output was dropped and is needed by {task.stage}"
+                    if state is State.STALE
+                    else f"its output was dropped; it is made again if {task.stage} turns out to need it"
+                )
                 verdicts[maker] = Verdict(maker, state, (why,))
 
 
@@ -247,11 +272,14 @@ def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterab
     why += [forced] if forced else []
     if why:
         return Verdict(task, State.STALE, tuple(why))
-    return Verdict(task, State.UNDECIDED, (f"waits for {stages}; if its content comes out equal, nothing is done here",))
+    return Verdict(
+        task, State.UNDECIDED, (f"waits for {stages}; if its content comes out equal, nothing is done here",)
+    )
 
 
 def _notes(context: Context, book: Book) -> tuple[str, ...]:
-    """Sequence-wide constants that were taken from other files than the capture has now, and views that are not matched."""
+    """Sequence-wide constants that were taken from other files than the capture has now, and views that are not
+    matched."""
     found = []
     for s in STAGES:
         if not s.sequence_wide:
@@ -260,18 +288,30 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
         old = {t.view: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
         changed = [context.views.names[v] for v, d in now.items() if v in old and old[v] is not None and old[v] != d]
         if changed:
-            found.append(f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from {s.name}` takes it anew")
+            found.append(
+                f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from"
+                f" {s.name}` takes it anew"
+            )
     found += _changed_sources(context)
     for path in context.paths.values():
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:
-            found.append(f"camera path {path.name}: {', '.join(idle)} serve no frame of {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range")
+            found.append(
+                f"camera path {path.name}: {', '.join(idle)} serve no frame of"
+                f" {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range"
+            )
     found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
     if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
         found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
     if "depth" not in context.unneeded() and len(context.views.sources) == 1:
         (view,), depth = context.views.sources, context.settings.depth
-        found += cone_notes(context.rig, view, subject_distance(context.rig, view, depth.subject_distance), resolve_method(depth, context.facts), context.paths)
+        found += cone_notes(
+            context.rig,
+            view,
+            subject_distance(context.rig, view, depth.subject_distance),
+            resolve_method(depth, context.facts),
+            context.paths,
+        )
     found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
     if NETWORK not in context.unneeded():
         found += network_weights.notes(context.settings.network)
@@ -279,11 +319,15 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
 
 
 def _changed_sources(context: Context) -> list[str]:
-    """A sentence about files that are not what was imported; what was made from them stays as it is until they are imported again."""
+    """A sentence about files that are not what was imported; what was made from them stays as it is until they are
+    imported again."""
     capture = context.capture
     streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
     changed = list(dict.fromkeys(f.path for s in streams if s is not None for f in s.files if f.touched))
     if not changed:
         return []
     more = f" and {len(changed) - 1} more source files" if len(changed) > 1 else ""
-    return [f"{changed[0]}{more} changed or went away since the import (size or time differ); what was made from the old content stays until `posegaussian import` takes the new one"]
+    return [
+        f"{changed[0]}{more} changed or went away since the import (size or time differ); what was made from the old"
+        " content stays until `posegaussian import` takes the new one"
+    ]

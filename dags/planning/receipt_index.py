@@ -21,7 +21,8 @@ class Book:
     problems: dict[Task, str] = field(default_factory=dict)
     """Receipts whose files are gone or of another size."""
     held: frozenset[Product] = frozenset()
-    """Products that must be there when the run is over, because an export reads them: made again where they were dropped."""
+    """Products that must be there when the run is over, because an export reads them: made again where they were
+    dropped."""
     needed: dict[Task, str] = field(default_factory=dict)
     """Tasks whose dropped output must be made again, and for whom."""
     kept: dict[Task, Receipt] = field(default_factory=dict)
@@ -37,7 +38,9 @@ class Book:
             book.receipts[task] = r
             bad = missing_files(context.sequence, r, look)
             if bad:
-                book.problems[task] = f"shard {bad[0]} is missing or of another size" + (f", and {len(bad) - 1} more" if len(bad) > 1 else "")
+                book.problems[task] = f"shard {bad[0]} is missing or of another size" + (
+                    f", and {len(bad) - 1} more" if len(bad) > 1 else ""
+                )
             if held and any(o.dropped and Product(o.array, r.partition, o.view) in held for o in r.outputs):
                 book.call_back(task, "the export")
         return book

@@ -46,12 +46,15 @@ def visible_gpus() -> list[str]:
         return [d for d in os.environ["CUDA_VISIBLE_DEVICES"].split(",") if d.strip()]
     if not shutil.which("nvidia-smi"):
         return []
-    listed = subprocess.run(["nvidia-smi", "--query-gpu=index", "--format=csv,noheader"], capture_output=True, text=True, check=False)
+    listed = subprocess.run(
+        ["nvidia-smi", "--query-gpu=index", "--format=csv,noheader"], capture_output=True, text=True, check=False
+    )
     return listed.stdout.split() if listed.returncode == 0 else []
 
 
 def gpu_workers(gpus: int | str) -> dict[str, str]:
-    """{worker: the device it sees} of `run.gpus`; a worker beyond the devices there are stands in for one and sees none."""
+    """{worker: the device it sees} of `run.gpus`; a worker beyond the devices there are stands in for one and sees
+    none."""
     devices = visible_gpus()
     count = len(devices) if gpus == "auto" else int(gpus)
     return {f"gpu-{i}": devices[i] if i < len(devices) else "" for i in range(count)}
@@ -108,16 +111,33 @@ def _refusals(stage: Stage, context: Context, path: str | None, pools: Mapping[s
         return [f"{who} needs a worker without a GPU, and there is none; start one with `dask worker SCHEDULER`"]
     said = []
     if name == GPU and needs.gpu > pool.devices:
-        said.append(f"{who} asks for {needs.gpu} GPUs a task, the best equipped worker has {pool.devices}; use --scheduler tcp://HOST:PORT with workers started with --resources GPU={needs.gpu}, or run.gpus=0 to run it on the CPU workers")
+        said.append(
+            f"{who} asks for {needs.gpu} GPUs a task, the best equipped worker has {pool.devices}; use --scheduler"
+            f" tcp://HOST:PORT with workers started with --resources GPU={needs.gpu}, or run.gpus=0 to run it on the"
+            " CPU workers"
+        )
     if pool.ram is not None and needs.ram > pool.ram:
-        said.append(f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)}; use fewer run.workers (now {pool.workers}), raise run.memory, {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size")
+        said.append(
+            f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)};"
+            f" use fewer run.workers (now {pool.workers}), raise run.memory,"
+            f" {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size"
+        )
     return said
 
 
 def _shorter(stage: Stage, context: Context, path: str | None, ram: int) -> str:
     """The partition length at which a task would fit, where there is one."""
-    fits = [n for n in range(1, context.grid.length) if needs_of(context, stage, path, n).ram <= ram] if "time" in stage.over else []
-    return f"cut the sequence into partitions of {fits[-1]} frames (`posegaussian reshard {context.sequence.name} --frames {fits[-1]}`), " if fits else ""
+    fits = (
+        [n for n in range(1, context.grid.length) if needs_of(context, stage, path, n).ram <= ram]
+        if "time" in stage.over
+        else []
+    )
+    return (
+        f"cut the sequence into partitions of {fits[-1]} frames (`posegaussian reshard {context.sequence.name} --frames"
+        f" {fits[-1]}`), "
+        if fits
+        else ""
+    )
 
 
 def _megabytes(size: int) -> str:

@@ -24,7 +24,9 @@ class Results:
         self._outputs: dict[str, dict[tuple[int, int | None], Output]] = {}
         for task, receipt in Book.open(context).receipts.items():
             for output in receipt.outputs:
-                self._outputs.setdefault(output.array, {})[task.partition if task.partition is not None else 0, output.view] = output
+                self._outputs.setdefault(output.array, {})[
+                    task.partition if task.partition is not None else 0, output.view
+                ] = output
 
     def has(self, array: str) -> bool:
         """Whether any partition of an array is finished."""
@@ -37,7 +39,10 @@ class Results:
             raise ShardMissing(f"array {array} of sequence {self.context.sequence.name} was never made; run first")
         for p in self.context.grid.touched(frames):
             if (p, view) in outputs and outputs[p, view].dropped:
-                raise ShardMissing(f"array {array} of sequence {self.context.sequence.name}, partition {p}, was dropped to save space; set keep: {{{array}: always}} and `run --force` the stage that makes it")
+                raise ShardMissing(
+                    f"array {array} of sequence {self.context.sequence.name}, partition {p}, was dropped to save space;"
+                    f" set keep: {{{array}: always}} and `run --force` the stage that makes it"
+                )
         return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view)
 
     def iterate(self, array: str, view: int | None = None) -> Iterator[tuple[int, np.ndarray]]:
@@ -49,10 +54,17 @@ class Results:
     def table(self, template: str, path: str) -> list[dict[str, Any]]:
         """All rows of a table, with the partition's order kept."""
         assert template in PRODUCERS, f"no stage writes {template}"
-        return self.rows(o for _, o in sorted(self._outputs.get(template.format(path=path), {}).items(), key=lambda kv: kv[0][0]))
+        return self.rows(
+            o for _, o in sorted(self._outputs.get(template.format(path=path), {}).items(), key=lambda kv: kv[0][0])
+        )
 
     def rows(self, outputs: Iterable[Output]) -> list[dict[str, Any]]:
         """All rows of some outputs of a table, one after the other."""
         import pyarrow.parquet as pq
 
-        return [row for o in outputs for f in o.files for row in pq.read_table(self.context.sequence.place(f.key)).to_pylist()]
+        return [
+            row
+            for o in outputs
+            for f in o.files
+            for row in pq.read_table(self.context.sequence.place(f.key)).to_pylist()
+        ]

@@ -7,11 +7,11 @@
 | never | once no task of the run will read them any more, whether it succeeded or not, and also if none ever did |
 
 The receipt stays with the content digests, so everything made from dropped bytes stays fresh. Default is
-`run.keep: everything`: the next thing people do after a run is to export another path, look at a contact sheet or change a
-rendering setting, and each of these reads the pictures and Gaussians of every frame; a first-time user with a short
-sequence would recompute nearly all of it by surprise. Disk is the smaller trouble there, and `plan` says before the start
-what it costs. `run.keep: as_declared` is for the night with a hundred sequences, `keep: {ARRAY: ...}` for single arrays,
-and `posegaussian gc` drops afterwards what a run could have dropped.
+`run.keep: everything`: the next thing people do after a run is to export another path, look at a contact sheet or
+change a rendering setting, and each of these reads the pictures and Gaussians of every frame; a first-time user with a
+short sequence would recompute nearly all of it by surprise. Disk is the smaller trouble there, and `plan` says before
+the start what it costs. `run.keep: as_declared` is for the night with a hundred sequences, `keep: {ARRAY: ...}` for
+single arrays, and `posegaussian gc` drops afterwards what a run could have dropped.
 """
 
 from __future__ import annotations
@@ -42,7 +42,11 @@ def policy(settings: Any, spec: ArraySpec, declared: bool = False) -> Keep:
 
 def droppable(settings: Any, declared: bool = False) -> dict[str, Keep]:
     """{declared array: until_done or never} of the arrays that may be dropped at all."""
-    found = {name: policy(settings, spec, declared) for name, (stage, spec) in PRODUCERS.items() if isinstance(spec, ArraySpec) and not stage.sequence_wide}
+    found = {
+        name: policy(settings, spec, declared)
+        for name, (stage, spec) in PRODUCERS.items()
+        if isinstance(spec, ArraySpec) and not stage.sequence_wide
+    }
     return {name: keep for name, keep in found.items() if keep != "always"}
 
 

@@ -25,9 +25,14 @@ class Selection:
             if name not in known:
                 raise ConfigError(f"no stage {name!r}; the stages are {', '.join(known)}")
         if self.only and (left := self.force - self.only):
-            raise ConfigError(f"--force {' '.join(sorted(left))} is left out by --only {' '.join(sorted(self.only))}; name it in both, or in neither")
+            raise ConfigError(
+                f"--force {' '.join(sorted(left))} is left out by --only {' '.join(sorted(self.only))}; name it in"
+                " both, or in neither"
+            )
         if self.only and self.start and not any(self.forced(name) for name in self.only):
-            raise ConfigError(f"--from {self.start} is left out by --only {' '.join(sorted(self.only))}: no stage is in both")
+            raise ConfigError(
+                f"--from {self.start} is left out by --only {' '.join(sorted(self.only))}: no stage is in both"
+            )
 
     def forced(self, stage: str) -> str | None:
         """The option that reruns a stage though it is fresh, or None."""

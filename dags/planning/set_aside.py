@@ -1,4 +1,5 @@
-"""What a run is about to replace: put aside within a budget of bytes, so that going back to a setting computes nothing."""
+"""What a run is about to replace: put aside within a budget of bytes, so that going back to a setting computes
+nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ def replaced(plan: Plan, lost: Collection[str] = ()) -> Iterator[Receipt]:
     """
     for task, receipt in plan.book.receipts.items():
         verdict = plan.verdicts.get(task)
-        goes = verdict.state is not State.FRESH if verdict is not None else any(o.array in lost for o in receipt.outputs)
+        goes = (
+            verdict.state is not State.FRESH if verdict is not None else any(o.array in lost for o in receipt.outputs)
+        )
         whole = task not in plan.book.problems and not any(o.dropped for o in receipt.outputs)
         if goes and whole and plan.selection.forced(task.stage) is None and plan.selection.allows(task.stage):
             yield receipt
@@ -30,7 +33,9 @@ def destroyed(plan: Plan) -> set[str]:
     """Arrays that are replaced or shortened for these settings: of other partitions, too, results go with them."""
     context, found = plan.context, set()
     for stage in STAGES:
-        if stage.name in plan.unneeded or not any(v.state is not State.FRESH for v in plan.verdicts.values() if v.task.stage == stage.name):
+        if stage.name in plan.unneeded or not any(
+            v.state is not State.FRESH for v in plan.verdicts.values() if v.task.stage == stage.name
+        ):
             continue
         for spec in (w for w in stage.writes_for(context.facts) if isinstance(w, ArraySpec)):
             for path in context.paths if "path" in stage.over else [""]:
@@ -40,7 +45,8 @@ def destroyed(plan: Plan) -> set[str]:
 
 
 def put_aside(plan: Plan, room: int) -> None:
-    """Link what the run replaces beside the sequence, and delete of all that lies there what was not used for the longest time, down to `room` bytes."""
+    """Link what the run replaces beside the sequence, and delete of all that lies there what was not used for the
+    longest time, down to `room` bytes."""
     sequence = plan.context.sequence
     for task, receipt in plan.book.receipts.items():
         if plan.selection.forced(task.stage) is not None:  # whoever forces a stage does not trust what it made

@@ -35,7 +35,8 @@ def partition_shape(context: Context, path: str | None = None) -> dict[str, int]
 
 
 RESERVED = 576 * 2**20
-"""Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
+"""Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after
+the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
 
 
 def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:
@@ -46,7 +47,8 @@ def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:
 
 
 def load(context: Context, task: Task, frames: int | None = None) -> Load:
-    """What one task is expected to take, from its declarations and the shape of its partition, or of one of `frames` frames."""
+    """What one task is expected to take, from its declarations and the shape of its partition, or of one of `frames`
+    frames."""
     stage = stage_named(task.stage)
     if frames is None:
         frames = len(context.grid.bounds(task.partition)) if task.partition is not None else 0
@@ -62,7 +64,8 @@ def load(context: Context, task: Task, frames: int | None = None) -> Load:
 
 
 def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:
-    """What one task of a stage needs over a whole partition, or over one of `frames` frames; the memory is its whole process's."""
+    """What one task of a stage needs over a whole partition, or over one of `frames` frames; the memory is its whole
+    process's."""
     shape = partition_shape(context, path) | ({} if frames is None else {"frame": frames})
     needs = stage.needs(shape, context.params(stage))
     return dataclasses.replace(needs, ram=needs.ram + RESERVED)

@@ -97,7 +97,9 @@ def inputs(context: Context, task: Task) -> tuple[Input, ...]:
         span = context.grid.span(task.partition, halo) if spec.per_frame and task.partition is not None else range(0)
         views = selected_views(context, read, task) if spec.per_view else (None,)
         partitions = list(context.grid.touched(span)) if spec.per_frame else [None]
-        found.append(Input(read, spec, name, span, views, tuple([Product(name, p, v) for p in partitions for v in views])))
+        found.append(
+            Input(read, spec, name, span, views, tuple([Product(name, p, v) for p in partitions for v in views]))
+        )
     context.memo["inputs"] = (task, tuple(found))  # a plan asks several times in a row; keeping all would cost memory
     return tuple(found)
 
@@ -121,7 +123,11 @@ def source_spans(context: Context, task: Task) -> dict[str, range]:
     """{source: frame indices that a task works on}, halo included; all of them for a task of the whole sequence."""
     stage = next(s for s in STAGES if s.name == task.stage)
     params, every = context.params(stage), range(context.grid.frames)
-    return {r.array: every if task.partition is None else context.grid.span(task.partition, r.halo_for(params)) for r in stage.reads_for(params, context.facts) if r.is_source}
+    return {
+        r.array: every if task.partition is None else context.grid.span(task.partition, r.halo_for(params))
+        for r in stage.reads_for(params, context.facts)
+        if r.is_source
+    }
 
 
 def path_frames(context: Context, task: Task) -> range:
@@ -136,18 +142,29 @@ def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
     if read.views == "own":
         assert task.view is not None, f"{task.stage} reads its own view of {read.array} but does not run over views"
         return (task.view,)
-    return {"sources": context.views.sources, "held_out": context.views.held_out, "all": tuple(range(len(context.rig)))}[read.views]
+    return {
+        "sources": context.views.sources,
+        "held_out": context.views.held_out,
+        "all": tuple(range(len(context.rig))),
+    }[read.views]
 
 
 def producer(product: Product, task: Task) -> Task:
     """The task that writes a product, for a reader of the same sequence and path."""
     declared = product.array.replace(task.path, "{path}") if task.path else product.array
     stage, _ = PRODUCERS[declared]
-    return Task(task.sequence, stage.name, product.partition if "time" in stage.over else None, product.view if "view" in stage.over else None, task.path if "path" in stage.over else None)
+    return Task(
+        task.sequence,
+        stage.name,
+        product.partition if "time" in stage.over else None,
+        product.view if "view" in stage.over else None,
+        task.path if "path" in stage.over else None,
+    )
 
 
 def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
-    """Tasks that must be done before this one, each once: what it reads, and the survey while an effect waits for its word."""
+    """Tasks that must be done before this one, each once: what it reads, and the survey while an effect waits for
+    its word."""
     read = [producer(p, task) for i in inputs(context, task) for p in i.products]
     return tuple(dict.fromkeys([*read, *deciding(context, task.stage)]))
 

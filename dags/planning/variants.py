@@ -72,7 +72,9 @@ def share(context: Context, sources: Iterable[Sequence]) -> int:
         for r in scan_receipts(source):
             found.setdefault((Task(here.name, r.stage, r.partition, r.view, r.path), r.fingerprint), (source, r))
     total = 0
-    while taken := _take_equal(make_plan(context), found):  # what a survey says may decide what the next ones are compared with
+    while taken := _take_equal(
+        make_plan(context), found
+    ):  # what a survey says may decide what the next ones are compared with
         total += taken
     return total
 

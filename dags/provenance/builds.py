@@ -16,11 +16,34 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
 
-from posegaussian.dags.provenance.code_digest import PACKAGE, ROOT, STARTED, check_started, closure, here_is, module_file, read_started
+from posegaussian.dags.provenance.code_digest import (
+    PACKAGE,
+    ROOT,
+    STARTED,
+    check_started,
+    closure,
+    here_is,
+    module_file,
+    read_started,
+)
 from posegaussian.storage.model.errors import OtherCode
 from posegaussian.storage.model.spec import digest
 
-LIBRARIES = {name: name for name in ("numpy", "zarr", "numcodecs", "torch", "av", "numba", "llvmlite", "OpenImageIO", "pyarrow", "safetensors")} | {
+LIBRARIES = {
+    name: name
+    for name in (
+        "numpy",
+        "zarr",
+        "numcodecs",
+        "torch",
+        "av",
+        "numba",
+        "llvmlite",
+        "OpenImageIO",
+        "pyarrow",
+        "safetensors",
+    )
+} | {
     "opencv-contrib-python-headless": "cv2",
     "ai-edge-litert": "ai_edge_litert",
 }
@@ -45,7 +68,8 @@ class Build:
 
 @lru_cache(maxsize=1)
 def here() -> Build:
-    """What this process imported, or will: taken once. Raises OtherCode when one of its files was edited since it began."""
+    """What this process imported, or will: taken once. Raises OtherCode when one of its files was edited since it
+    began."""
     executor = [file for name, _ in closure(EXECUTOR, folders=("dags",)) if (file := module_file(name)) is not None]
     files = sorted({*executor, *(f for f in STARTED if f.relative_to(ROOT).parts[0] != "dags")})
     code = {f.relative_to(ROOT).as_posix(): hashlib.blake2b(read_started(f), digest_size=8).hexdigest() for f in files}
@@ -102,7 +126,9 @@ def check_imports() -> None:
     for library, name in LIBRARIES.items():
         loaded = str(getattr(sys.modules.get(name), "__version__", "")).partition("+")[0]
         if not libraries()[library].startswith(loaded):
-            raise OtherCode(f"{library} {libraries()[library]} is installed, but {here_is()} has {loaded} in memory; start it again")
+            raise OtherCode(
+                f"{library} {libraries()[library]} is installed, but {here_is()} has {loaded} in memory; start it again"
+            )
     _loaded = count
 
 

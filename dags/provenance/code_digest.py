@@ -1,7 +1,8 @@
 """The code digest of a kernel: what its module and every helper it imports do, not how they are written down.
 
 The digest covers the syntax trees, without docstrings and comments, of the transitive imports of the kernel's module
-within `stages` and of the data types of `storage` they use. The declaration language and the scheduler are not part of it.
+within `stages` and of the data types of `storage` they use. The declaration language and the scheduler are not part of
+it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ FOLDERS = ("stages", "storage")
 """Folders whose modules count."""
 
 APART = {"posegaussian.stages.contract.declaration", "posegaussian.stages.contract.timing"}
-"""Modules that declare and do not compute: changing the contract's wording, or how times are taken, changes no result."""
+"""Modules that declare and do not compute: changing the contract's wording, or how times are taken, changes no
+result."""
 
 
 Stamp = tuple[int, int]
@@ -77,12 +79,17 @@ def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:
 
 def _is_text(statement: ast.stmt) -> bool:
     """Whether a statement is a string that stands for itself: a docstring."""
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str)
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
 
 
 @lru_cache(maxsize=4096)
 def _parsed(file: str, stamp: Stamp) -> tuple[str, tuple[str, ...]]:
-    """(digest of the syntax tree without docstrings and without where our modules lie, dotted names the module imports)."""
+    """(digest of the syntax tree without docstrings and without where our modules lie, dotted names the module
+    imports)."""
     tree = ast.parse(read_started(Path(file)), file)
     imports: list[str] = []
     for block in _blocks(tree):
@@ -105,7 +112,8 @@ def read_started(file: Path) -> bytes:
 
 
 def check_started(file: Path) -> None:
-    """Raise OtherCode for a file of ours that was edited or removed since this process began, so that nobody knows what it imported."""
+    """Raise OtherCode for a file of ours that was edited or removed since this process began, so that nobody knows
+    what it imported."""
     was = STARTED.get(file)
     try:
         now = stamp_of(file)
@@ -124,8 +132,8 @@ def here_is() -> str:
 def parsed(file: Path) -> tuple[str, tuple[str, ...]]:
     """(digest of a file's syntax tree, dotted names it imports).
 
-    Of this process's own files as they were when it began, even if they are edited later: it goes on with what it imported.
-    Raises OtherCode for one that was edited before it was ever read. Others are read again when they changed.
+    Of this process's own files as they were when it began, even if they are edited later: it goes on with what it
+    imported. Raises OtherCode for one that was edited before it was ever read. Others are read again when they changed.
     """
     return _parsed(str(file), STARTED.get(file) or stamp_of(file))
 
@@ -133,7 +141,8 @@ def parsed(file: Path) -> tuple[str, tuple[str, ...]]:
 def closure(module: str, root: Path = ROOT, folders: tuple[str, ...] = FOLDERS) -> Iterator[tuple[str, str]]:
     """(module, digest) of a module and of everything it imports within some of our folders, each once.
 
-    A module is known by what it and the modules it imports hold, not by their names: one that only moved has the same digest.
+    A module is known by what it and the modules it imports hold, not by their names: one that only moved has the same
+    digest.
     """
     seen: set[str] = set()
     todo = [module]

@@ -14,7 +14,8 @@ from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 
 PATIENCE = 60.0
-"""Seconds to wait for another run that is making the arrays of a sequence, a matter of moments; longer where the lease of a run that died would outlast it."""
+"""Seconds to wait for another run that is making the arrays of a sequence, a matter of moments; longer where the
+lease of a run that died would outlast it."""
 
 
 def enter(plan: Plan, terms: Terms) -> Lease:
@@ -47,7 +48,10 @@ def make_arrays(plan: Plan, terms: Terms) -> None:
 def _refuse_resharded(sequence: Sequence) -> None:
     now = Sequence(sequence.root).partition_frames
     if now != sequence.partition_frames:
-        raise ArchiveError(f"sequence {sequence.name} was cut into partitions of {now} frames since this run was planned with {sequence.partition_frames}; run again")
+        raise ArchiveError(
+            f"sequence {sequence.name} was cut into partitions of {now} frames since this run was planned with"
+            f" {sequence.partition_frames}; run again"
+        )
 
 
 def _refuse_replacing(plan: Plan, terms: Terms) -> None:
@@ -58,4 +62,8 @@ def _refuse_replacing(plan: Plan, terms: Terms) -> None:
     for spec, shape, path in needed_arrays(plan):
         if sequence.destroys(spec, shape, path):
             name = spec.name.format(path=path)
-            raise LeaseHeld(f"{name} of sequence {sequence.name} must be replaced for these settings, but {there[0].sentence(time.time())} works on the sequence; let it end, or use another archive", there[0])
+            raise LeaseHeld(
+                f"{name} of sequence {sequence.name} must be replaced for these settings, but"
+                f" {there[0].sentence(time.time())} works on the sequence; let it end, or use another archive",
+                there[0],
+            )

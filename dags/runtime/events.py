@@ -1,6 +1,7 @@
 """What a plan says and what happens in a run, as data: one stream of typed events.
 
-Progress, the run log (and from it the ledger) and machines that read `--json` subscribe; the runner prints nothing itself.
+Progress, the run log (and from it the ledger) and machines that read `--json` subscribe; the runner prints nothing
+itself.
 `record` is the one JSON form of an event; docs/ledger.md documents it field by field.
 """
 
@@ -102,7 +103,8 @@ class TaskFresh:
 
 @dataclass(frozen=True)
 class TaskNeeded:
-    """A task that was settled runs after all: its output was dropped and is needed, or what it read came out different."""
+    """A task that was settled runs after all: its output was dropped and is needed, or what it read came out
+    different."""
 
     task: Task
     by: Task
@@ -184,7 +186,24 @@ class RunEnded:
     """Fresh tasks whose results were taken over from an earlier run with these settings."""
 
 
-Event = TaskPlanned | StageUnneeded | EffectPlanned | SequenceRefused | RunStarted | EffectsDecided | TaskStarted | TaskFresh | TaskNeeded | TaskDone | TaskRetried | TaskFailed | TaskBlocked | TaskLeftOut | Notice | RunEnded
+Event = (
+    TaskPlanned
+    | StageUnneeded
+    | EffectPlanned
+    | SequenceRefused
+    | RunStarted
+    | EffectsDecided
+    | TaskStarted
+    | TaskFresh
+    | TaskNeeded
+    | TaskDone
+    | TaskRetried
+    | TaskFailed
+    | TaskBlocked
+    | TaskLeftOut
+    | Notice
+    | RunEnded
+)
 Listener = Callable[[Event], None]
 
 FACTS = ("started", "seconds", "cpu_seconds", "host", "worker", "device", "peak_rss", "modules")
@@ -203,7 +222,8 @@ def event_kinds() -> dict[str, type]:
 
 
 def record(event: Event) -> dict[str, Any]:
-    """One event as plain JSON types: `event` is its name; a task is spread over sequence, stage, partition, view and path.
+    """One event as plain JSON types: `event` is its name; a task is spread over sequence, stage, partition, view and
+    path.
 
     The tasks of a run are counted by stage; of a receipt the fingerprint, bytes, warnings and FACTS are kept.
     """
@@ -219,7 +239,12 @@ def _plain(name: str, value: Any) -> dict[str, Any]:
         return value._asdict() if name == "task" else {name: value._asdict()}
     if isinstance(value, Receipt):
         size = sum(f.size for o in value.outputs for f in o.files)
-        return {"fingerprint": value.fingerprint, "bytes": size, "warnings": list(value.warnings), **{k: value.facts.get(k) for k in FACTS}}
+        return {
+            "fingerprint": value.fingerprint,
+            "bytes": size,
+            "warnings": list(value.warnings),
+            **{k: value.facts.get(k) for k in FACTS},
+        }
     if name == "tasks":
         return {"tasks": len(value), "stages": dict(Counter(t.stage for t in value))}
     return {name: dict(value) if isinstance(value, Mapping) else list(value) if isinstance(value, tuple) else value}

@@ -10,7 +10,15 @@ from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.retention import Readers, droppable, kept_outputs, lost_source
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime import run_registry
-from posegaussian.dags.runtime.events import Event, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskNeeded
+from posegaussian.dags.runtime.events import (
+    Event,
+    TaskBlocked,
+    TaskDone,
+    TaskFailed,
+    TaskFresh,
+    TaskLeftOut,
+    TaskNeeded,
+)
 from posegaussian.storage.archive.deletion import bytes_of, drop_outputs
 from posegaussian.storage.model.errors import NotWritten
 
@@ -30,7 +38,9 @@ class Keeper:
             keeps = droppable(plan.context.settings)
             lost = lost_source(plan.context) if keeps else None
             if lost is not None:
-                self._refused.append(f"{name}: nothing is dropped, because {lost} is not there and dropped bytes could not be made again")
+                self._refused.append(
+                    f"{name}: nothing is dropped, because {lost} is not there and dropped bytes could not be made again"
+                )
             self.readers[name] = Readers(plan, {} if lost is not None else keeps)
 
     def __call__(self, event: Event) -> None:
@@ -49,7 +59,10 @@ class Keeper:
     @property
     def sentences(self) -> list[str]:
         """What the user should know after the run."""
-        dropped = f"dropped {number(self.outputs, 'output')} that no task needs any more, {self.bytes / 1e6:.1f} MB; they are made again where something needs them (run.keep, keep)"
+        dropped = (
+            f"dropped {number(self.outputs, 'output')} that no task needs any more, {self.bytes / 1e6:.1f} MB; they are"
+            " made again where something needs them (run.keep, keep)"
+        )
         return [*self._refused, *([dropped] if self.outputs else [])]
 
     def sweep(self) -> None:
@@ -78,7 +91,9 @@ class Keeper:
         try:
             after = drop_outputs(plan.context.sequence, before, outputs)
         except NotWritten as e:  # a receipt has to say so first
-            self._refused = list(dict.fromkeys([*self._refused, f"{maker.sequence}: not all that could go was dropped: {e}"]))
+            self._refused = list(
+                dict.fromkeys([*self._refused, f"{maker.sequence}: not all that could go was dropped: {e}"])
+            )
             return
         plan.book.receipts[maker] = after
         gone = [a for b, a in zip(before.outputs, after.outputs, strict=True) if a.dropped and not b.dropped]

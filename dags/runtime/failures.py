@@ -13,7 +13,16 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, NotWritten, OtherCode, SchedulerLost, ShardCorrupt, ShardMissing, UserError
+from posegaussian.storage.model.errors import (
+    LeaseHeld,
+    LeaseLost,
+    NotWritten,
+    OtherCode,
+    SchedulerLost,
+    ShardCorrupt,
+    ShardMissing,
+    UserError,
+)
 
 if TYPE_CHECKING:
     from posegaussian.dags.runtime.events import TaskFailed
@@ -37,7 +46,8 @@ class Kind(Enum):
     CORRUPT = "damaged input"
     """It read a shard that is missing or damaged: the shard is made again, then it is tried once more."""
     UNFIT = "other code"
-    """No worker has the code and the libraries of the run: it fails at once, what comes of it would not be what was asked for."""
+    """No worker has the code and the libraries of the run: it fails at once, what comes of it would not be what was
+    asked for."""
     UNREACHED = "scheduler lost"
     """Nobody is there any more who could run it: the run ends, the next one goes on."""
     SPARED = "spared"
@@ -65,7 +75,20 @@ class TaskTimedOut(Exception):
 NOT_TRANSIENT = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 """System errors that do not pass by waiting."""
 
-NOT_TRANSIENT_NUMBERS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOENT)
+NOT_TRANSIENT_NUMBERS = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EROFS,
+    errno.ENAMETOOLONG,
+    errno.EINVAL,
+    errno.EFBIG,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EISDIR,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.ENOENT,
+)
 """Disk or quota full, read-only, forbidden, names and values no system accepts: these do not pass by waiting either."""
 
 TRANSIENT_WORDS = ("cuda error: unknown error", "cuda driver error: unknown error")
@@ -92,7 +115,11 @@ def classify(error: BaseException) -> Kind:
     if isinstance(error, TaskTimedOut):
         return Kind.TIMEOUT
     words = str(error).lower()
-    if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError" or any(w in words for w in MEMORY_WORDS):
+    if (
+        isinstance(error, MemoryError)
+        or type(error).__name__ == "OutOfMemoryError"
+        or any(w in words for w in MEMORY_WORDS)
+    ):
         return Kind.MEMORY
     if isinstance(error, NOT_TRANSIENT) or (isinstance(error, OSError) and error.errno in NOT_TRANSIENT_NUMBERS):
         return Kind.DETERMINISTIC
@@ -112,7 +139,10 @@ def failure(error: BaseException) -> Failure:
 
 ADVICE = {
     Kind.TRANSIENT: "it was tried {attempts} times; look at the disk, the network or the device, then run again",
-    Kind.MEMORY: "it was tried once more alone; give it more memory with fewer run.workers or a larger run.memory, or less to do with a smaller frames.size, or import with a smaller partition.frames",
+    Kind.MEMORY: (
+        "it was tried once more alone; give it more memory with fewer run.workers or a larger run.memory, or less to do"
+        " with a smaller frames.size, or import with a smaller partition.frames"
+    ),
     Kind.TIMEOUT: "raise run.timeout, or import with a smaller partition.frames",
 }
 """What the user can do about a failure that stayed, by its class."""
@@ -123,11 +153,16 @@ def with_advice(failure: Failure, attempts: int) -> Failure:
     advice = ADVICE.get(failure.kind)
     if advice is None:
         return failure
-    return Failure(f"{failure.error}; {advice.format(attempts=attempts)}", failure.details, failure.kind, failure.holder)
+    return Failure(
+        f"{failure.error}; {advice.format(attempts=attempts)}", failure.details, failure.kind, failure.holder
+    )
 
 
-def failures_table(failures: Iterable[TaskFailed], refused: Iterable[str], cameras: Mapping[str, tuple[str, ...]]) -> Table:
-    """One row a failed task or a refused sequence: where, of which class, why. `cameras` names the views of each sequence."""
+def failures_table(
+    failures: Iterable[TaskFailed], refused: Iterable[str], cameras: Mapping[str, tuple[str, ...]]
+) -> Table:
+    """One row a failed task or a refused sequence: where, of which class, why. `cameras` names the views of each
+    sequence."""
     table = Table(title="what failed", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in ("sequence", "task", "class", "why"):
         table.add_column(column, overflow="fold")

@@ -136,7 +136,10 @@ class Flight:
 
     def _until_due(self) -> float | None:
         """Seconds until something waits no longer; None when nothing waits."""
-        waits = [*([max(0.0, self.delayed[0][0] - time.monotonic())] if self.delayed else []), *([self.held.due] if self.held else [])]
+        waits = [
+            *([max(0.0, self.delayed[0][0] - time.monotonic())] if self.delayed else []),
+            *([self.held.due] if self.held else []),
+        ]
         return min(waits, default=None)
 
     def _hand_out(self) -> None:
@@ -180,7 +183,9 @@ class Flight:
             heapq.heappush(self.suspects[flown.pool], (flown.priority, task, flown.order))
             self.tell(TaskRetried(task, result.error, result.kind.value, 0.0))
         elif result.kind in (Kind.TRANSIENT, Kind.LOST) and attempts <= self.rules.retries:
-            pause = min(self.rules.backoff * 2 ** (attempts - 1), LONGEST_PAUSE) if result.kind is Kind.TRANSIENT else 0.0
+            pause = (
+                min(self.rules.backoff * 2 ** (attempts - 1), LONGEST_PAUSE) if result.kind is Kind.TRANSIENT else 0.0
+            )
             heapq.heappush(self.delayed, (time.monotonic() + pause, flown.priority, task, flown.order))
             self.tell(TaskRetried(task, result.error, result.kind.value, pause))
         else:

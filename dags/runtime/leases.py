@@ -31,7 +31,8 @@ class _Held:
 
 
 class HeldTasks:
-    """What is waited for; a lease that ended, because its task is done, failed or given up, frees the task for this run."""
+    """What is waited for; a lease that ended, because its task is done, failed or given up, frees the task for this
+    run."""
 
     def __init__(self, lease: float) -> None:
         """`lease`: seconds a lease holds without renewal."""
@@ -82,4 +83,7 @@ class HeldTasks:
             tasks = [t for t, h in self._tasks.items() if h.holder.run == run]
             first, more = tasks[0], len(tasks) - 1
             what = f"{first.sequence} {first.label()}" + (f" and {number(more, 'other task')}" if more else "")
-            yield f"waiting for {self._tasks[first].holder.sentence(time.time())}, which works on {what}; what it gives up is done here"
+            yield (
+                f"waiting for {self._tasks[first].holder.sentence(time.time())}, which works on {what}; what it gives"
+                " up is done here"
+            )

@@ -21,8 +21,9 @@ CLEAR = Path("/proc/self/clear_refs")
 class Peak:
     """Peak resident memory of this process while a block runs, bytes, in `bytes` afterwards.
 
-    The process's own record of its peak is cumulative, so a small task after a large one would be charged with the large
-    one's. On Linux the record is reset at the start (proc(5), clear_refs 5) and is exact; elsewhere a thread samples.
+    The process's own record of its peak is cumulative, so a small task after a large one would be charged with the
+    large one's. On Linux the record is reset at the start (proc(5), clear_refs 5) and is exact; elsewhere a thread
+    samples.
     """
 
     def __init__(self) -> None:
@@ -40,10 +41,14 @@ class Peak:
             self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """End."""
         if self._thread is None:
-            self.bytes = next(int(line.split()[1]) * 1024 for line in STATUS.read_text().splitlines() if line.startswith("VmHWM:"))
+            self.bytes = next(
+                int(line.split()[1]) * 1024 for line in STATUS.read_text().splitlines() if line.startswith("VmHWM:")
+            )
             return
         self._stop.set()
         self._thread.join()
@@ -60,7 +65,8 @@ class Peak:
 class Stopwatch:
     """Called with a module's name it is a context that measures that module.
 
-    A module begun within another one stops the outer one's clock meanwhile, so the sum is never more than the time that passed.
+    A module begun within another one stops the outer one's clock meanwhile, so the sum is never more than the time that
+    passed.
     """
 
     def __init__(self) -> None:

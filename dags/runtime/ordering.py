@@ -36,7 +36,14 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
             assert not output.dropped, f"{task.label()} was ordered before {product} was made again"
             files[product.view] = (*files[product.view], *output.files)
             maker = producer(product, task)
-            promises.append(Promise(ReceiptKey(maker.stage, maker.partition, maker.view, maker.path), product.array, product.view, output.digest))
+            promises.append(
+                Promise(
+                    ReceiptKey(maker.stage, maker.partition, maker.view, maker.path),
+                    product.array,
+                    product.view,
+                    output.digest,
+                )
+            )
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     spans = source_spans(context, task)
     every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
@@ -84,7 +91,8 @@ def _path(context: Context, task: Task) -> CameraPath | None:
 
 
 def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:
-    """(spec, shape, camera path or "") of every array of every stage that has something to do and waits for no effect's decision."""
+    """(spec, shape, camera path or "") of every array of every stage that has something to do and waits for no
+    effect's decision."""
     context = plan.context
     for stage in STAGES:
         if stage.name in plan.unneeded or stage.name in context.waits:
@@ -99,7 +107,8 @@ def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]
 
 
 def prepare(plan: Plan) -> None:
-    """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the pictures."""
+    """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the
+    pictures."""
     sequence = plan.context.sequence
     for spec, shape, path in needed_arrays(plan):
         sequence.ensure_array(spec, shape, path)
@@ -109,7 +118,8 @@ def prepare(plan: Plan) -> None:
 
 
 def lacks_cameras(plan: Plan) -> bool:
-    """Whether cameras or times that `prepare` writes beside the pictures are not there: `verify --repair` takes damaged ones away."""
+    """Whether cameras or times that `prepare` writes beside the pictures are not there: `verify --repair` takes
+    damaged ones away."""
     names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(plan.context))
     return not all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
 
@@ -123,7 +133,17 @@ def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], st
     }
     for name, cameras in context.paths.items():
         prefix = f"rendering/{name}"
-        found[f"{prefix}/intrinsics"] = (cameras.intrinsics, ("frame", "camera", "row", "column"), "px", "Our pixel centres.")
-        found[f"{prefix}/world_to_camera"] = (cameras.world_to_camera, ("frame", "camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        found[f"{prefix}/intrinsics"] = (
+            cameras.intrinsics,
+            ("frame", "camera", "row", "column"),
+            "px",
+            "Our pixel centres.",
+        )
+        found[f"{prefix}/world_to_camera"] = (
+            cameras.world_to_camera,
+            ("frame", "camera", "row", "column"),
+            "m",
+            "Rigid motion, OpenCV axes.",
+        )
         found[f"{prefix}/served"] = (cameras.served, ("frame", "camera"), "1", "Whether the camera serves the frame.")
     return found

@@ -35,4 +35,7 @@ def others(sequence: Sequence) -> list[Holder]:
 def refuse_busy(sequence: Sequence, command: str) -> None:
     """Raise LeaseHeld while any run works on a sequence, for commands that need it to themselves."""
     for _, holder in living(folder(sequence)):
-        raise LeaseHeld(f"{command}: sequence {sequence.name} is worked on by {holder.sentence(time.time())}; let it end first", holder)
+        raise LeaseHeld(
+            f"{command}: sequence {sequence.name} is worked on by {holder.sentence(time.time())}; let it end first",
+            holder,
+        )

@@ -1,4 +1,5 @@
-"""The run loop: judge tasks as their inputs become known, hand the stale ones to a back end, let failures fail alone."""
+"""The run loop: judge tasks as their inputs become known, hand the stale ones to a back end, let failures fail
+alone."""
 
 from __future__ import annotations
 
@@ -45,7 +46,15 @@ DEPTH = {s.name: i for i, s in enumerate(STAGES)}
 class Run:
     """One run over some sequences."""
 
-    def __init__(self, plans: Sequence[Plan], selection: Selection, backend: Backend, listeners: Iterable[Listener], threads: int = 1, rules: Rules | None = None) -> None:
+    def __init__(
+        self,
+        plans: Sequence[Plan],
+        selection: Selection,
+        backend: Backend,
+        listeners: Iterable[Listener],
+        threads: int = 1,
+        rules: Rules | None = None,
+    ) -> None:
         """Nothing is touched before `go`."""
         self.plans = {p.context.sequence.name: p for p in plans}
         self.selection, self.backend, self.listeners, self.threads = selection, backend, tuple(listeners), threads
@@ -97,12 +106,18 @@ class Run:
             for presence in self.presences:
                 presence.drop()
         counts = Counter(self.ended.values())
-        ended = RunEnded(**{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")}, seconds=time.perf_counter() - start, interrupted=interrupted, taken=self.taken)
+        ended = RunEnded(
+            **{k: counts[k] for k in ("done", "fresh", "failed", "blocked", "left_out")},
+            seconds=time.perf_counter() - start,
+            interrupted=interrupted,
+            taken=self.taken,
+        )
         self.tell(ended)
         return ended
 
     def _fix_code(self) -> None:
-        """Read all code now: of a file that is edited later nobody could say what a worker imported. Raises OtherCode."""
+        """Read all code now: of a file that is edited later nobody could say what a worker imported. Raises
+        OtherCode."""
         try:
             builds.here()
             for stage in STAGES:
@@ -112,7 +127,8 @@ class Run:
             raise
 
     def _enter(self, plan: Plan) -> None:
-        """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other sequences go on."""
+        """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other
+        sequences go on."""
         first = next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)
         if first is not None:
             try:
@@ -184,12 +200,15 @@ class Run:
             self.flight.add((-DEPTH[task.stage], self.order[task]), task, order)
 
     def _take_over(self, plan: Plan, task: Task, parts: dict[str, Any]) -> bool:
-        """Put what an earlier run made of the same in the task's place; False where there is none, or another run has the task in hand."""
+        """Put what an earlier run made of the same in the task's place; False where there is none, or another run
+        has the task in hand."""
         if kept_result(plan.context, task, self.selection, parts) is None:
             return False
         terms = self.rules.terms
         try:
-            receipt = set_aside.take(plan.context.sequence, ReceiptKey(*task[1:]), digest(parts), terms.run, terms.lease)
+            receipt = set_aside.take(
+                plan.context.sequence, ReceiptKey(*task[1:]), digest(parts), terms.run, terms.lease
+            )
         except (LeaseHeld, LeaseLost):
             return False
         if receipt is None:
@@ -231,7 +250,8 @@ class Run:
                 self._reopen(dependent, task)
 
     def _mend(self, task: Task) -> bool:
-        """A task read a damaged shard: have what is damaged made again, then the task once more; returns whether that can be done."""
+        """A task read a damaged shard: have what is damaged made again, then the task once more; returns whether
+        that can be done."""
         if task in self.mended:
             return False
         plan = self.plans[task.sequence]
@@ -258,7 +278,8 @@ class Run:
             self._block(dependent, task)
 
     def _abandon(self, why: Failure) -> None:
-        """No worker can be reached any more: what was in flight failed, or else what comes next, and the rest is blocked by it."""
+        """No worker can be reached any more: what was in flight failed, or else what comes next, and the rest is
+        blocked by it."""
         left = [t for t in self.order if t not in self.ended and self.selection.allows(t.stage)]
         failed = [t for t in left if t in self.flight.flying] or left[:1]
         for task in failed:
@@ -280,7 +301,8 @@ class Run:
                 self._push(task)
 
     def _call_back(self, task: Task, producers: Sequence[Task]) -> None:
-        """A stale task reads what was dropped: have that made again first, or block the task where --only forbids it."""
+        """A stale task reads what was dropped: have that made again first, or block the task where --only forbids
+        it."""
         forbidden = [p for p in producers if not self.selection.allows(p.stage)]
         if forbidden:
             self._block(task, forbidden[0])
@@ -292,7 +314,8 @@ class Run:
                 self._reopen(producer, task)
 
     def _reopen(self, task: Task, by: Task) -> None:
-        """A settled task may have to run after all: what is not settled behind it waits for it, and it waits for readers a worker has in hand."""
+        """A settled task may have to run after all: what is not settled behind it waits for it, and it waits for
+        readers a worker has in hand."""
         del self.ended[task]
         self.before[task] = self.plans[task.sequence].book.receipts[task]
         self.tell(TaskNeeded(task, by))

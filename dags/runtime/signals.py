@@ -24,16 +24,20 @@ SAID_S = 2.0
 
 
 @contextmanager
-def interruptible(say: Callable[[str], None], kill: Callable[[], None], stop: Callable[[], None] | None = None) -> Iterator[None]:
-    """Within, the first Ctrl-C (or SIGTERM) raises KeyboardInterrupt in the main thread, and the second ends everything.
+def interruptible(
+    say: Callable[[str], None], kill: Callable[[], None], stop: Callable[[], None] | None = None
+) -> Iterator[None]:
+    """Within, the first Ctrl-C (or SIGTERM) raises KeyboardInterrupt in the main thread, and the second ends
+    everything.
 
-    A thread listens as well: Python runs signal handlers between two steps of the main thread only, and a kernel may spend
-    long in one C call. Outside of the main thread nothing is changed.
+    A thread listens as well: Python runs signal handlers between two steps of the main thread only, and a kernel may
+    spend long in one C call. Outside of the main thread nothing is changed.
 
     Args:
         say: takes the sentence shown at the first one.
         kill: ends what would outlive this process, at the second one.
-        stop: called at the first one instead of raising, for work that must not be torn apart and looks by itself whether to end.
+        stop: called at the first one instead of raising, for work that must not be torn apart and looks by itself
+            whether to end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -60,8 +64,8 @@ def interruptible(say: Callable[[str], None], kill: Callable[[], None], stop: Ca
 class _First:
     """The first Ctrl-C: raised once where the run can hear it.
 
-    Python drops an exception raised in a destructor or in a callback of the garbage collector, wherever a signal happens to
-    find the main thread; it tells `sys.unraisablehook` so, and then the interrupt is raised again.
+    Python drops an exception raised in a destructor or in a callback of the garbage collector, wherever a signal
+    happens to find the main thread; it tells `sys.unraisablehook` so, and then the interrupt is raised again.
     """
 
     def __init__(self, stop: Callable[[], None] | None) -> None:

@@ -9,15 +9,22 @@ import sys
 def environment(threads: int) -> dict[str, str]:
     """Variables to set before the libraries are imported."""
     n = str(threads)
-    names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OPENIMAGEIO_THREADS")
+    names = (
+        "OMP_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "OPENCV_FOR_THREADS_NUM",
+        "OPENIMAGEIO_THREADS",
+    )
     return {**dict.fromkeys(names, n), "ZARR_ASYNC__CONCURRENCY": "4", "ZARR_THREADING__MAX_WORKERS": "4"}
 
 
 def allocator() -> dict[str, str]:
     """Variables that make glibc keep what was freed, to set before a worker process is spawned.
 
-    Kernels allocate and free pictures all the time. Dask's own setting gives memory back above 64 KiB at once, and a run
-    then spends nearly as much time in page faults as in computing.
+    Kernels allocate and free pictures all the time. Dask's own setting gives memory back above 64 KiB at once, and a
+    run then spends nearly as much time in page faults as in computing.
     """
     return {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
 

@@ -13,7 +13,8 @@ from typing import Any
 from posegaussian.dags.runtime.failures import TaskTimedOut
 
 GRACE = 5.0
-"""Seconds from the exception to the end of the process: a kernel inside one long C call hears the exception only after it."""
+"""Seconds from the exception to the end of the process: a kernel inside one long C call hears the exception only
+after it."""
 
 
 def worker_name() -> str:

@@ -82,11 +82,13 @@ class Order:
     source_spans: dict[str, range]
     """Frame indices that the task works on, by declared source."""
     footage: tuple[int, np.ndarray, np.ndarray]
-    """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture of them [n, V]."""
+    """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture
+    of them [n, V]."""
     estimator: DetectionParams | None
     """Whose pose estimator a stage that declares it gets."""
     models: dict[str, str]
-    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with them."""
+    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with
+    them."""
     survey_sources: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int

@@ -32,7 +32,15 @@ from posegaussian.stages.contract.io import Block
 from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.lease import Lease
-from posegaussian.storage.archive.receipts import Output, Receipt, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
+from posegaussian.storage.archive.receipts import (
+    Output,
+    Receipt,
+    lease_file,
+    missing_files,
+    read_receipt,
+    remove_receipt,
+    write_receipt,
+)
 from posegaussian.storage.archive.shards import read_array, write_array, write_table
 from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.model.capture import Capture
@@ -69,7 +77,10 @@ class StoreInputs:
 
     def _reading(self, array: str) -> Reading:
         if array not in self._order.readings:
-            raise KeyError(f"{self._order.stage} does not declare that it reads {array} under these settings; it declares {', '.join(self._order.readings) or 'nothing'}")
+            raise KeyError(
+                f"{self._order.stage} does not declare that it reads {array} under these settings; it declares"
+                f" {', '.join(self._order.readings) or 'nothing'}"
+            )
         return self._order.readings[array]
 
     def span(self, array: str) -> range:
@@ -88,7 +99,10 @@ class StoreInputs:
         """[len(span), ...]; only views the stage declared can be read."""
         r = self._reading(array)
         if view not in r.files:
-            raise KeyError(f"{self._order.stage} may not read view {view} of {array}; it declared {sorted(v for v in r.files if v is not None) or 'no views'}")
+            raise KeyError(
+                f"{self._order.stage} may not read view {view} of {array}; it declared"
+                f" {sorted(v for v in r.files if v is not None) or 'no views'}"
+            )
         return read_array(Sequence(self._order.root), r.name, r.dims, r.span, view, r.files[view])
 
     def source(self, kind: str) -> Any:
@@ -96,7 +110,9 @@ class StoreInputs:
         stage = stage_named(self._order.stage)
         declared = [r.array for r in stage.reads_for(self._order.params, self.facts) if r.is_source]
         if kind not in declared:
-            raise KeyError(f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}")
+            raise KeyError(
+                f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}"
+            )
         if kind == "estimator" and self._order.estimator is not None:
             self._as_planned(kind, estimator_digest(self._order.estimator))
             return estimator_of(self._order.estimator)
@@ -108,19 +124,25 @@ class StoreInputs:
     def _as_planned(self, kind: str, found: str) -> None:
         """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
         if found != self._order.models[kind]:
-            raise OtherCode(f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same files there, then run again")
+            raise OtherCode(
+                f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same"
+                " files there, then run again"
+            )
 
 
 def execute(order: Order) -> Receipt:
     """Run one task and return its receipt, which is on disk by then.
 
     Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
-    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when code
-    it imported is not what it was when this process began.
+    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when
+    code it imported is not what it was when this process began.
     """
     sequence = Sequence(order.root)
     terms = order.terms
-    with Lease.take(lease_file(sequence, order.key), terms.run, worker_name(), terms.lease) as lease, time_limit(terms.timeout, lease.give_up):
+    with (
+        Lease.take(lease_file(sequence, order.key), terms.run, worker_name(), terms.lease) as lease,
+        time_limit(terms.timeout, lease.give_up),
+    ):
         return _made_meanwhile(sequence, order) or _make(sequence, order, lease)
 
 
@@ -145,15 +167,33 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     noted: dict[str, Any] = {}
     inputs = StoreInputs(order)
     with Peak() as peak:
-        outputs = [_write(sequence, stage, order, block, lease) for block in _noting(stage, _checked(stage, kernel(inputs, order.params), order, warnings), noted)]
+        outputs = [
+            _write(sequence, stage, order, block, lease)
+            for block in _noting(stage, _checked(stage, kernel(inputs, order.params), order, warnings), noted)
+        ]
     _complete(stage, order, outputs)
     _inputs_unchanged(sequence, order)
     facts = _facts(order, started, time.perf_counter() - clock, time.process_time() - cpu)
-    facts |= {"peak_rss": peak.bytes, "projected_ram": order.load.ram, "raw_bytes": order.load.raw_bytes, "work": order.load.work}
+    facts |= {
+        "peak_rss": peak.bytes,
+        "projected_ram": order.load.ram,
+        "raw_bytes": order.load.raw_bytes,
+        "work": order.load.work,
+    }
     facts |= {"noted": noted} if noted else {}
     facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
-    receipt = Receipt(order.stage, order.partition, order.view, order.path_name, digest(order.parts), order.parts, tuple(outputs), tuple(warnings), facts)
+    receipt = Receipt(
+        order.stage,
+        order.partition,
+        order.view,
+        order.path_name,
+        digest(order.parts),
+        order.parts,
+        tuple(outputs),
+        tuple(warnings),
+        facts,
+    )
     builds.check_imports()
     lease.check()
     write_receipt(sequence, receipt)
@@ -161,12 +201,16 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
 
 
 def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
-    """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is touched."""
+    """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is
+    touched."""
     receipts = {p.key: read_receipt(sequence, p.key) for p in order.promises}
     for p in order.promises:
         receipt = receipts[p.key]
         if receipt is None or receipt.present.get((p.array, p.view)) != p.digest:
-            raise ArchiveError(f"{p.array} was replaced or dropped by another run while {order.stage} read it; two runs with different settings share this archive: let one end, then run again")
+            raise ArchiveError(
+                f"{p.array} was replaced or dropped by another run while {order.stage} read it; two runs with different"
+                " settings share this archive: let one end, then run again"
+            )
 
 
 def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
@@ -196,7 +240,9 @@ def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: 
     path = order.path_name or ""
     if isinstance(spec, TableSpec):
         return write_table(sequence, spec, path, order.partition, block.data, lease.check)
-    return write_array(sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data), lease.check)
+    return write_array(
+        sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data), lease.check
+    )
 
 
 def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:

@@ -73,7 +73,8 @@ class Session:
     voice: Voice = Voice.NORMAL
     """How much is said."""
     options: tuple[str, ...] = ()
-    """The options that led here, as words of a command: another command with them sees the same archive and settings."""
+    """The options that led here, as words of a command: another command with them sees the same archive and
+    settings."""
 
     @classmethod
     def open(cls, config: Path | None, assignments: Sequence[str], archive: str | None, console: Console) -> Session:
@@ -89,10 +90,13 @@ class Session:
         return Archive.open(self.archive_url)
 
     def names(self, globs: Sequence[str]) -> list[str]:
-        """Names of the sequences that any glob matches; all without globs. Raises ArchiveError when a glob matches none."""
+        """Names of the sequences that any glob matches; all without globs. Raises ArchiveError when a glob matches
+        none."""
         known = self.archive.names()
         if not known:
-            raise ArchiveError(f"archive {self.archive.root} has no sequence yet; `posegaussian import LAYOUT FOLDER` registers one")
+            raise ArchiveError(
+                f"archive {self.archive.root} has no sequence yet; `posegaussian import LAYOUT FOLDER` registers one"
+            )
         for g in globs:
             if not fnmatch.filter(known, g):
                 raise ArchiveError(f"no sequence matches {g!r}; archive {self.archive.root} has {', '.join(known)}")
@@ -109,7 +113,13 @@ class Session:
         """One sequence under its settings."""
         return make_context(self.archive.sequence(name), self.configuration.for_sequence(name), paths)
 
-    def plan(self, name: str, selection: Selection, paths: tuple[str, ...] = (), held: Callable[[Context], frozenset[Product]] | None = None) -> Plan:
+    def plan(
+        self,
+        name: str,
+        selection: Selection,
+        paths: tuple[str, ...] = (),
+        held: Callable[[Context], frozenset[Product]] | None = None,
+    ) -> Plan:
         """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
         context = self.context(name, paths)
         return make_plan(context, selection, held(context) if held else frozenset())
@@ -131,10 +141,14 @@ class Session:
             return UnreachedBackend(local_pools(run), e)
 
     def refusals(self, plans: Sequence[Plan]) -> list[str]:
-        """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a scheduler given by address nothing is known before it is asked."""
+        """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a
+        scheduler given by address nothing is known before it is asked."""
         run = self.configuration.default.run
         todo = [p for p in plans if not p.all_fresh]
-        return [*(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []), *(forecast.refusals(todo, self.archive, self.history) if todo else [])]
+        return [
+            *(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []),
+            *(forecast.refusals(todo, self.archive, self.history) if todo else []),
+        ]
 
     @cached_property
     def history(self) -> forecast.History:
@@ -155,10 +169,11 @@ class Session:
         return Rules(Terms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
 
     def run(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> Outcome:
-        """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to date.
+        """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to
+        date.
 
-        A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and when
-        the disk does not hold what the run would write.
+        A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and
+        when the disk does not hold what the run would write.
         """
         too_much = forecast.refusals(plans, self.archive, self.history)
         if too_much:
@@ -188,8 +203,22 @@ class Session:
             for listener in listeners:
                 listener(SequenceRefused(name, error))
         for p in plans:
-            self.say((f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is waited for" for other in run_registry.others(p.context.sequence)), "yellow")
-        run = Run(plans, selection, backend, listeners, self.configuration.default.run.threads, self._rules(stamp, self.room(plans).bytes))
+            self.say(
+                (
+                    f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is"
+                    " waited for"
+                    for other in run_registry.others(p.context.sequence)
+                ),
+                "yellow",
+            )
+        run = Run(
+            plans,
+            selection,
+            backend,
+            listeners,
+            self.configuration.default.run.threads,
+            self._rules(stamp, self.room(plans).bytes),
+        )
         with interruptible(lambda line: self.say([line]), backend.kill):
             ended = run.go()
         self.say(keeper.sentences)
@@ -199,7 +228,8 @@ class Session:
         return Outcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
 
     def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
-        """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk does not take."""
+        """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk
+        does not take."""
         from posegaussian.storage.archive.ledger import rebuild
 
         unwritten = []
@@ -228,7 +258,9 @@ class Session:
             write_atomically(folder / "log.txt", "\n".join(lines).encode())
 
     @one_moment()
-    def usable(self, names: Sequence[str], paths: tuple[str, ...], selection: Selection) -> tuple[list[Plan], list[str]]:
+    def usable(
+        self, names: Sequence[str], paths: tuple[str, ...], selection: Selection
+    ) -> tuple[list[Plan], list[str]]:
         """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
         plans, errors = [], []
         for name in names:
@@ -242,14 +274,19 @@ class Session:
             raise ConfigError("\n".join(errors))
         return plans, errors
 
-    def run_and_report(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = (), say_next: bool = False) -> int:
-        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was refused, 130 interrupted.
+    def run_and_report(
+        self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = (), say_next: bool = False
+    ) -> int:
+        """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was
+        refused, 130 interrupted.
 
         `say_next`: end with where the results lie and what to type next.
         """
         self.hint(held_out.told(p.context for p in plans))
         for p in plans:
-            self.detail(f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items())
+            self.detail(
+                f"{p.context.sequence.name}: {stage} not needed: {reason}" for stage, reason in p.unneeded.items()
+            )
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
             for p in plans:
@@ -270,7 +307,13 @@ class Session:
         self.detail(outcome.spending.sentences())
         self._report_failures(outcome, selection, {p.context.sequence.name: p.context.views.names for p in plans})
         taken = f" ({ended.taken} of them taken over from earlier runs with these settings)" if ended.taken else ""
-        self.say([f"{ended.done} done, {ended.fresh} fresh{taken}, {ended.failed} failed, {ended.blocked} blocked" + (f", {ended.left_out} left out by --only" if ended.left_out else "") + f" in {ended.seconds:.1f} s"])
+        self.say(
+            [
+                f"{ended.done} done, {ended.fresh} fresh{taken}, {ended.failed} failed, {ended.blocked} blocked"
+                + (f", {ended.left_out} left out by --only" if ended.left_out else "")
+                + f" in {ended.seconds:.1f} s"
+            ]
+        )
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
             return STATUS
@@ -279,17 +322,32 @@ class Session:
         return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
     def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
-        """A table of what failed, where, of which class and why; then who works on what was left, and the command that retries the rest."""
+        """A table of what failed, where, of which class and why; then who works on what was left, and the command
+        that retries the rest."""
         failures, refused = outcome.collector.failures, outcome.refused
         if failures or refused:
             self.console.print(failures_table(failures, refused, cameras))
         self.say(tables.grouped(outcome.collector.blocked_sentences(cameras)), "red")
         held = [f for f in failures if f.kind == Kind.HELD.value]
         if held:
-            self.say([f"{number(len(held), 'task')} left to another run, which works there now; run again when it has ended"])
-        names = dict.fromkeys([f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused])
+            self.say(
+                [f"{number(len(held), 'task')} left to another run, which works there now; run again when it has ended"]
+            )
+        names = dict.fromkeys(
+            [f.task.sequence for f in failures if f not in held] + [r.partition(":")[0] for r in refused]
+        )
         if names:
-            self.say([" ".join(["retry with:", retry_command(self.archive, names, outcome.folder.name), *(f"--only {s}" for s in sorted(selection.only))])])
+            self.say(
+                [
+                    " ".join(
+                        [
+                            "retry with:",
+                            retry_command(self.archive, names, outcome.folder.name),
+                            *(f"--only {s}" for s in sorted(selection.only)),
+                        ]
+                    )
+                ]
+            )
 
     def hint(self, lines: Iterable[str]) -> None:
         """Print sentences unless asked to be quiet."""

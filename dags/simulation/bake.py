@@ -1,8 +1,10 @@
-"""Baking bodies: `python -m posegaussian.dags.simulation.bake FOLDER` makes the files of `stages/simulator/subjects/` from the package `anny`.
+"""Baking bodies: `python -m posegaussian.dags.simulation.bake FOLDER` makes the files of `stages/simulator/subjects/`
+from the package `anny`.
 
-Only this file needs anny and torch (extra `[bake]`); simulating needs neither. Anny's code is Apache-2.0, its mesh and its
-shapes are MakeHuman's and CC0, so the baked files may be shipped. The topologies that fetch data for non-commercial use are
-refused. A baked body stands at rest, feet at z = 0, facing +x, left is +y, metres; its fingers are slightly bent and closed.
+Only this file needs anny and torch (extra `[bake]`); simulating needs neither. Anny's code is Apache-2.0, its mesh and
+its shapes are MakeHuman's and CC0, so the baked files may be shipped. The topologies that fetch data for non-commercial
+use are refused. A baked body stands at rest, feet at z = 0, facing +x, left is +y, metres; its fingers are slightly
+bent and closed.
 """
 
 from __future__ import annotations
@@ -28,7 +30,15 @@ PHENOTYPES: dict[str, dict[str, float]] = {
     "fatima": {"gender": 1.0, "age": 0.64, "muscle": 0.45, "weight": 0.85, "height": 0.36, "african": 1.0},
     "gao": {"gender": 0.0, "age": 0.70, "muscle": 0.55, "weight": 0.8, "height": 0.44, "asian": 1.0},
     "hana": {"gender": 1.0, "age": 0.42, "muscle": 0.5, "weight": 0.4, "height": 0.5, "asian": 1.0},
-    "ines": {"gender": 1.0, "age": 0.60, "muscle": 0.75, "weight": 0.4, "height": 0.42, "caucasian": 0.6, "african": 0.4},
+    "ines": {
+        "gender": 1.0,
+        "age": 0.60,
+        "muscle": 0.75,
+        "weight": 0.4,
+        "height": 0.42,
+        "caucasian": 0.6,
+        "african": 0.4,
+    },
 }
 """Anny's phenotype of every subject; what is not named is 0.5, ancestries 0."""
 _ANCESTRIES = ("african", "asian", "caucasian")
@@ -37,7 +47,10 @@ _ANCESTRIES = ("african", "asian", "caucasian")
 def refuse_non_commercial(topology: str) -> None:
     """Raise ValueError for a topology whose data may not be used commercially."""
     if any(name in topology.lower() for name in NON_COMMERCIAL):
-        raise ValueError(f"topology {topology!r} fetches data for non-commercial use only; baked bodies ship with this project, use 'anny'")
+        raise ValueError(
+            f"topology {topology!r} fetches data for non-commercial use only; baked bodies ship with this project, use"
+            " 'anny'"
+        )
 
 
 def _bone_of(label: str) -> str:
@@ -52,7 +65,14 @@ def _bone_of(label: str) -> str:
             return side + bone
     if stem.startswith("neck"):
         return "neck"
-    return {"head": "head", "eye": "head", "spine04": "waist", "spine03": "waist", "spine02": "chest", "spine01": "chest"}.get(stem, "pelvis")
+    return {
+        "head": "head",
+        "eye": "head",
+        "spine04": "waist",
+        "spine03": "waist",
+        "spine02": "chest",
+        "spine01": "chest",
+    }.get(stem, "pelvis")
 
 
 _PIVOTS = {
@@ -72,8 +92,16 @@ def _axis_turn(axis: np.ndarray, angle: float) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
-def _relaxed_hands(vertices: np.ndarray, weights: np.ndarray, heads: dict[str, np.ndarray], labels: list[str], bend: float = 0.30, close: float = 0.75) -> np.ndarray:
-    """Vertices with every finger bent by `bend` rad a joint and turned by `close` of the way towards the middle finger."""
+def _relaxed_hands(
+    vertices: np.ndarray,
+    weights: np.ndarray,
+    heads: dict[str, np.ndarray],
+    labels: list[str],
+    bend: float = 0.30,
+    close: float = 0.75,
+) -> np.ndarray:
+    """Vertices with every finger bent by `bend` rad a joint and turned by `close` of the way towards the middle
+    finger."""
     out = vertices.copy()
     for side in "LR":
         middle = heads[f"finger3-2.{side}"] - heads[f"finger3-1.{side}"]
@@ -122,7 +150,8 @@ def _quantised(vertices: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def bake(folder: Path, topology: str = "anny") -> None:
-    """Write `body.npz` (what all subjects share) and one NAME.npz a subject. Raises ValueError for a refused topology."""
+    """Write `body.npz` (what all subjects share) and one NAME.npz a subject. Raises ValueError for a refused
+    topology."""
     refuse_non_commercial(topology)
     import anny
     import torch
@@ -134,7 +163,14 @@ def bake(folder: Path, topology: str = "anny") -> None:
     faces, corners, keep = _outside(model)
     index, share = _merged_weights(weights[keep], labels)
     with whole_file(folder / "body.npz") as partial, open(partial, "wb") as f:
-        np.savez_compressed(f, faces=faces.astype(np.uint16), corners=corners.astype(np.uint16), uv=np.rint(model.texture_coordinates.numpy() * 65535).astype(np.uint16), bones=index, weights=share)
+        np.savez_compressed(
+            f,
+            faces=faces.astype(np.uint16),
+            corners=corners.astype(np.uint16),
+            uv=np.rint(model.texture_coordinates.numpy() * 65535).astype(np.uint16),
+            bones=index,
+            weights=share,
+        )
     regressor = KeypointsRegressor.coco(model)
     pose = torch.eye(4, dtype=model.dtype)[None, None].repeat(1, model.bone_count, 1, 1)
     for name, given in PHENOTYPES.items():
@@ -146,9 +182,15 @@ def bake(folder: Path, topology: str = "anny") -> None:
         v = _relaxed_hands(v, weights, heads, labels)[keep]
         floor = np.array([0.0, 0.0, v[:, 2].min()])
         pivots = np.stack([_pivot(bone, heads) for bone in BONES])
-        joints = np.stack([face[j.removeprefix("=")] if j.startswith("=") else pivots[BONES.index(j)] for j in JOINT_BONES])
+        joints = np.stack(
+            [face[j.removeprefix("=")] if j.startswith("=") else pivots[BONES.index(j)] for j in JOINT_BONES]
+        )
         with whole_file(folder / f"{name}.npz") as partial, open(partial, "wb") as f:
-            arrays: dict[str, Any] = {**_quantised(_to_ours(v - floor)), "pivots": _to_ours(pivots - floor), "joints": _to_ours(joints - floor)}
+            arrays: dict[str, Any] = {
+                **_quantised(_to_ours(v - floor)),
+                "pivots": _to_ours(pivots - floor),
+                "joints": _to_ours(joints - floor),
+            }
             np.savez_compressed(f, **arrays)
         print(f"{name}: {np.ptp(v[:, 2]):.2f} m")
 

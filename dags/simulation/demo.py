@@ -41,11 +41,17 @@ def film(folder: Path, size: int, frames: int, console: Console) -> None:
 def run_demo(output: Path, size: int, frames: int, scheduler: str | None, console: Console) -> int:
     """Film, import, run, export; prints where everything lies. Returns the exit status."""
     start = time.perf_counter()
-    session = Session.open(SETTINGS, [f"run.scheduler={scheduler}"] if scheduler else [], str(output / "archive"), console)
+    session = Session.open(
+        SETTINGS, [f"run.scheduler={scheduler}"] if scheduler else [], str(output / "archive"), console
+    )
     settings = session.configuration.for_sequence(NAME)
     capture_folder = output / f"capture_{size}px_{frames}f"
     if not (capture_folder / "cameras.json").is_file():
-        console.print(f"filming {frames} frames of a walking person with {8 + len(settings.views.held_out)} cameras at {size} x {size} px", markup=False)
+        console.print(
+            f"filming {frames} frames of a walking person with {8 + len(settings.views.held_out)} cameras at {size} x"
+            f" {size} px",
+            markup=False,
+        )
         film(capture_folder, size, frames, console)
     from posegaussian.storage.archive.store import Archive
 
@@ -74,4 +80,6 @@ def summary(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         if row["value"] is not None:  # a measure that something is missing for
             values[row["region"], row["measure"]].append(row["value"])
-    return "held-out views: " + ", ".join(f"{region} {measure} {sum(v) / len(v):.3f}" for (region, measure), v in sorted(values.items()))
+    return "held-out views: " + ", ".join(
+        f"{region} {measure} {sum(v) / len(v):.3f}" for (region, measure), v in sorted(values.items())
+    )

@@ -1,4 +1,5 @@
-"""`posegaussian simulate`: a scene file becomes a capture on disk, registered like any other, with its truth beside it."""
+"""`posegaussian simulate`: a scene file becomes a capture on disk, registered like any other, with its truth beside
+it."""
 
 from __future__ import annotations
 
@@ -49,7 +50,10 @@ def scene_file(text: str) -> Path:
     shipped = SCENES / f"{text}.yaml"
     if shipped.is_file():
         return shipped
-    raise ConfigError(f"there is no scene {text}: neither a file nor one of those that ship, {', '.join(sorted(f.stem for f in SCENES.glob('*.yaml')))}")
+    raise ConfigError(
+        f"there is no scene {text}: neither a file nor one of those that ship,"
+        f" {', '.join(sorted(f.stem for f in SCENES.glob('*.yaml')))}"
+    )
 
 
 def read_scene(path: Path) -> Scene:
@@ -76,7 +80,11 @@ def _in_file(values: Any, location: Location) -> Location:
     out: list[str | int] = []
     node = values
     for n, part in enumerate(location):
-        inside = part in node if isinstance(node, Mapping) else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        inside = (
+            part in node
+            if isinstance(node, Mapping)
+            else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        )
         if inside:
             out.append(part)
             node = node[part]
@@ -118,11 +126,20 @@ def _text(path: Path) -> str:
     return read_bytes(path, "scan", largest=None).decode("utf-8", "replace")
 
 
-def simulate(session: Session, scene_path: Path, name: str, console: Console, output: Path | None = None, threads: int | None = None, replace: bool = False) -> Sequence:
+def simulate(
+    session: Session,
+    scene_path: Path,
+    name: str,
+    console: Console,
+    output: Path | None = None,
+    threads: int | None = None,
+    replace: bool = False,
+) -> Sequence:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
     Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, CalibrationError for
-    cameras that cannot be, NotWritten where the disk is full, and ArchiveError where the name is that of a capture from elsewhere, unless that is to be replaced.
+    cameras that cannot be, NotWritten where the disk is full, and ArchiveError where the name is that of a capture from
+    elsewhere, unless that is to be replaced.
     """
     scene = read_scene(scene_path)
     archive = Archive.open(session.archive_url, create=True)
@@ -145,7 +162,13 @@ def simulate(session: Session, scene_path: Path, name: str, console: Console, ou
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):
         console.print(line, markup=False, soft_wrap=True)
-    console.print(f"sequence {name}: {pictures} pictures of {staged.sources} cameras{f' and {len(held_out)} held out' if held_out else ''} in {seconds:.1f} s, {1000 * seconds / pictures:.0f} ms each, in {folder}", markup=False, soft_wrap=True)
+    console.print(
+        f"sequence {name}: {pictures} pictures of {staged.sources}"
+        f" cameras{f' and {len(held_out)} held out' if held_out else ''} in {seconds:.1f} s,"
+        f" {1000 * seconds / pictures:.0f} ms each, in {folder}",
+        markup=False,
+        soft_wrap=True,
+    )
     console.print(f"next: posegaussian run --archive {archive.root} --sequence {name}", markup=False, soft_wrap=True)
     return made
 
@@ -160,23 +183,35 @@ def stage_scene(scene: Scene, folder: Path) -> Staged:
 def effects_plan(name: str, scene: Scene, rulings: tuple[Ruling, ...]) -> Table:
     """Every effect: what was measured, on or off, why, and what it costs a picture of this size."""
     table = Table(title=f"{name}: effects of the scene", title_justify="left")
-    for column, justify, fold in (("effect", "left", False), ("state", "left", False), ("why", "left", True), ("ms a picture", "right", False)):
+    for column, justify, fold in (
+        ("effect", "left", False),
+        ("state", "left", False),
+        ("why", "left", True),
+        ("ms a picture", "right", False),
+    ):
         table.add_column(column, justify=justify, overflow="fold", no_wrap=not fold)  # type: ignore[arg-type]
     area = 1.0 if isinstance(scene.rig, Listed) else scene.rig.size[0] * scene.rig.size[1] / 512**2
     for r in rulings:
         e, d = r.effect.effect, r.decision
         switched = "" if r.params is None else " (auto)" if r.params.switch == "auto" else " (forced)"
-        why = d.reason if d.measured is None else f"{d.reason} ({e.measure} {d.measured:.3g}, bound {d.bound:g} {e.unit})"
-        table.add_row(e.name, f"{'on' if d.on else 'off'}{switched}", escape(why), f"{'spends' if d.on else 'saves'} {r.effect.milliseconds * area:.3g}")
+        why = (
+            d.reason if d.measured is None else f"{d.reason} ({e.measure} {d.measured:.3g}, bound {d.bound:g} {e.unit})"
+        )
+        table.add_row(
+            e.name,
+            f"{'on' if d.on else 'off'}{switched}",
+            escape(why),
+            f"{'spends' if d.on else 'saves'} {r.effect.milliseconds * area:.3g}",
+        )
     return table
 
 
 def film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str, np.ndarray]:
     """Shoot every picture and write the capture; returns the truth that goes into the archive.
 
-    Pictures do not depend on each other, so neither order nor threads change a byte. Memory holds the joints and SHOTS_AT_ONCE
-    pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them. A folder that was
-    not there before goes again where filming does not come to its end. Raises NotWritten.
+    Pictures do not depend on each other, so neither order nor threads change a byte. Memory holds the joints and
+    SHOTS_AT_ONCE pictures; the truth's pictures are kept in files without a name in `folder` until nobody needs them. A
+    folder that was not there before goes again where filming does not come to its end. Raises NotWritten.
     """
     new = not folder.exists()
     try:
@@ -202,10 +237,19 @@ def _film(scene: Scene, staged: Staged, folder: Path, threads: int) -> dict[str,
                 shots: list[Shot] = list(pool.map(lambda f, v=v: take.shoot(int(f), v), part))
                 _keep(truth, shots, v, staged.sources)
                 found += [s.joints2d for s in shots if s.joints2d is not None]
-                color, mask, depth = (np.stack([getattr(s, k) for s in shots])[:, None] for k in ("color", "mask", "depth"))
+                color, mask, depth = (
+                    np.stack([getattr(s, k) for s in shots])[:, None] for k in ("color", "mask", "depth")
+                )
                 write_capture(folder, rig.subset([v]), color, mask, None, depth, scene.frame_rate, part)
             if found:
-                write_capture(folder, rig.subset([v]), None, joints2d=np.stack(found)[:, None], frame_rate=scene.frame_rate, numbers=numbers)
+                write_capture(
+                    folder,
+                    rig.subset([v]),
+                    None,
+                    joints2d=np.stack(found)[:, None],
+                    frame_rate=scene.frame_rate,
+                    numbers=numbers,
+                )
     write_capture(folder, rig, None, frame_rate=scene.frame_rate, held_out=rig.names[staged.sources :])
     return truth
 
@@ -220,8 +264,15 @@ def _room(frames: int, staged: Staged, folder: Path) -> dict[str, np.ndarray]:
 
     out = {"normal": pictures(views, np.float16, 3), "mask": pictures(views, np.uint8)}
     if held_out:
-        out |= {"held_out/color": pictures(held_out, np.uint8, 3), "held_out/depth": pictures(held_out, np.float32), "held_out/mask": pictures(held_out, np.uint8)}
-    return out | {"joints2d": np.zeros((frames, views, joints, 3), np.float32), "joints3d": np.zeros((frames, joints, 4), np.float32)}
+        out |= {
+            "held_out/color": pictures(held_out, np.uint8, 3),
+            "held_out/depth": pictures(held_out, np.float32),
+            "held_out/mask": pictures(held_out, np.uint8),
+        }
+    return out | {
+        "joints2d": np.zeros((frames, views, joints, 3), np.float32),
+        "joints3d": np.zeros((frames, joints, 4), np.float32),
+    }
 
 
 def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int, sources: int) -> None:
@@ -238,18 +289,34 @@ def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int, sources: i
 
 
 _TRUTH: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
-    ("normal", ("frame", "view", "y", "x", "xyz"), "1", "Unit normal of what is seen, camera axes, facing the camera; 0 = no surface."),
+    (
+        "normal",
+        ("frame", "view", "y", "x", "xyz"),
+        "1",
+        "Unit normal of what is seen, camera axes, facing the camera; 0 = no surface.",
+    ),
     ("mask", ("frame", "view", "y", "x"), "1", "0..255 covered share of the pixel."),
-    ("joints2d", ("frame", "view", "joint", "uvs"), "px", "Exact COCO-17 in the pictures as filmed; 1 where the joint's own limb is seen there."),
+    (
+        "joints2d",
+        ("frame", "view", "joint", "uvs"),
+        "px",
+        "Exact COCO-17 in the pictures as filmed; 1 where the joint's own limb is seen there.",
+    ),
     ("joints3d", ("frame", "joint", "xyzs"), "m", "Exact COCO-17 in the world."),
     ("held_out/color", ("frame", "camera", "y", "x", "rgb"), "1", "SRGB; on black, or before the scene's background."),
-    ("held_out/depth", ("frame", "camera", "y", "x"), "m", "Along the optical axis at the pixel centre; 0 = no surface."),
+    (
+        "held_out/depth",
+        ("frame", "camera", "y", "x"),
+        "m",
+        "Along the optical axis at the pixel centre; 0 = no surface.",
+    ),
     ("held_out/mask", ("frame", "camera", "y", "x"), "1", "0..255 covered share of the pixel."),
 )
 
 
 def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray]) -> None:
-    """Write `truth/*` of all views as filmed, and `truth/held_out/*`; depth of the views comes with the capture itself."""
+    """Write `truth/*` of all views as filmed, and `truth/held_out/*`; depth of the views comes with the capture
+    itself."""
     for name, dims, unit, meaning in _TRUTH:
         if name in truth and (not name.startswith("joints") or truth["joints3d"].any()):
             chunk = (1, 1, *truth[name].shape[2:]) if "x" in dims else truth[name].shape
@@ -257,5 +324,13 @@ def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray
     sequence.put_rig("truth", staged.take.rig)
     if staged.sources < len(staged.written):
         held_out = staged.take.rig.subset(range(staged.sources, len(staged.written)))
-        sequence.put("truth/held_out/intrinsics", held_out.intrinsics, ("camera", "row", "column"), "px", "Our pixel centres.")
-        sequence.put("truth/held_out/world_to_camera", held_out.world_to_camera, ("camera", "row", "column"), "m", "Rigid motion, OpenCV axes.")
+        sequence.put(
+            "truth/held_out/intrinsics", held_out.intrinsics, ("camera", "row", "column"), "px", "Our pixel centres."
+        )
+        sequence.put(
+            "truth/held_out/world_to_camera",
+            held_out.world_to_camera,
+            ("camera", "row", "column"),
+            "m",
+            "Rigid motion, OpenCV axes.",
+        )

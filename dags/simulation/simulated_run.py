@@ -32,7 +32,8 @@ ALL = Selection()
 
 
 def film_capture(scene: Scene, folder: Path, threads: int = 1) -> tuple[Staged, dict[str, np.ndarray]]:
-    """Film a scene into `folder/capture`; the staged scene, and the truth that `posegaussian.dags.simulation.simulate.film` gives."""
+    """Film a scene into `folder/capture`; the staged scene, and the truth that
+    `posegaussian.dags.simulation.simulate.film` gives."""
     staged = stage_scene(scene, folder)
     return staged, film(scene, staged, folder / CAPTURE, threads)
 
@@ -43,11 +44,17 @@ def held_out_setting(staged: Staged) -> str:
 
 
 def run_capture(
-    folder: Path, settings: tuple[str, ...], selection: Selection = ALL, archive: str = ARCHIVE, threads: int = 1, after_each: Callable[[], None] | None = None
+    folder: Path,
+    settings: tuple[str, ...],
+    selection: Selection = ALL,
+    archive: str = ARCHIVE,
+    threads: int = 1,
+    after_each: Callable[[], None] | None = None,
 ) -> tuple[Results, Counter[str]]:
     """Run the capture of `folder` under `settings` into an archive there; what does not depend on them stays fresh.
 
-    Returns the results, and CPU seconds by stage of what ran. Raises as `posegaussian.dags.runtime.executors.inline_run.run_here` does.
+    Returns the results, and CPU seconds by stage of what ran. Raises as
+    `posegaussian.dags.runtime.executors.inline_run.run_here` does.
     """
     url = str(folder / archive)
     session = Session(load_configuration(None, list(settings), folder=folder), url, Console(quiet=True))
@@ -61,7 +68,8 @@ def run_capture(
 
 
 def depths(results: Results) -> dict[str, float]:
-    """Errors over the true surface of all source views and frames together: EPE px, its median, share under 1 px, mm, their median, coverage.
+    """Errors over the true surface of all source views and frames together: EPE px, its median, share under 1 px, mm,
+    their median, coverage.
 
     Pixels without depth count 16 px and nothing in mm.
     """
@@ -72,11 +80,20 @@ def depths(results: Results) -> dict[str, float]:
     errors, millimetres, covered = [], [], []
     for view in context.views.sources:
         pair = nearest_pair(context.rig, view, context.views.sources)
-        depth, truth, mask = (results.read(a, frames, view) for a in (depth_array(context.facts), "truth/depth", "frames/mask"))
+        depth, truth, mask = (
+            results.read(a, frames, view) for a in (depth_array(context.facts), "truth/depth", "frames/mask")
+        )
         for d, t, m in zip(depth, truth, mask, strict=True):
             surface = (m > 127) & (t > 0)
             errors.append(disparity_error(d, t, pair)[surface])
             covered.append(d[surface] > 0)
             millimetres.append(1000 * np.abs(d - t)[surface & (d > 0)])
     epe, mm = np.concatenate(errors), np.concatenate(millimetres)
-    return {"EPE": float(epe.mean()), "EPE median": float(np.median(epe)), "1 px": float((epe < 1).mean()), "mm": float(mm.mean()), "mm median": float(np.median(mm)), "coverage": float(np.concatenate(covered).mean())}
+    return {
+        "EPE": float(epe.mean()),
+        "EPE median": float(np.median(epe)),
+        "1 px": float((epe < 1).mean()),
+        "mm": float(mm.mean()),
+        "mm median": float(np.median(mm)),
+        "coverage": float(np.concatenate(covered).mean()),
+    }

@@ -18,7 +18,11 @@ HEAD, LINE = 84, 24
 """Height of the title and of one line of the list, px."""
 INK, FAINT, GRID, FRONT, OTHER = (40, 32, 24), (110, 104, 98), (226, 222, 218), (45, 60, 215), (176, 160, 140)
 """Colours as (blue, green, red)."""
-TITLES = {"psnr box": "PSNR in the mask's box, dB (higher is better)", "ssim box": "SSIM in the mask's box (higher is better)", "epe": "EPE of the depth, px (lower is better)"}
+TITLES = {
+    "psnr box": "PSNR in the mask's box, dB (higher is better)",
+    "ssim box": "SSIM in the mask's box (higher is better)",
+    "epe": "EPE of the depth, px (lower is better)",
+}
 """Panels, in order; one whose measure is missing is left out."""
 LOGARITHMIC = 6.0
 """Ratio of the dearest to the cheapest level above which seconds are drawn on a logarithmic axis."""
@@ -43,8 +47,12 @@ def draw(file: Path, levels: Sequence[Level], what: str, where: str) -> None:
         _panel(panel, cost, [level.quality[m] for level in levels], front(levels, m), TITLES[m])
     y = HEAD + HEIGHT + LINE
     for i, (level, on_front) in enumerate(zip(levels, front(levels, measures[0]), strict=True)):
-        text = f"{i + 1:>2}  {level.label()}:  {level.total:.3g} s a frame,  " + ",  ".join(f"{m} {level.quality[m]:.4g}" for m in measures)
-        _write(page, text + (f"   (front of {measures[0]})" if on_front else ""), (48, y), 0.5, INK if on_front else FAINT)
+        text = f"{i + 1:>2}  {level.label()}:  {level.total:.3g} s a frame,  " + ",  ".join(
+            f"{m} {level.quality[m]:.4g}" for m in measures
+        )
+        _write(
+            page, text + (f"   (front of {measures[0]})" if on_front else ""), (48, y), 0.5, INK if on_front else FAINT
+        )
         cv2.circle(page, (32, y - 5), 6, FRONT if on_front else OTHER, -1, cv2.LINE_AA)
         y += LINE
     write_png(file, np.ascontiguousarray(page[..., ::-1]))
@@ -60,10 +68,17 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
 
 def log_ticks(low: float, high: float) -> list[float]:
     """1, 2 and 5 times powers of ten within [low, high]."""
-    return [v for e in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1) for k in (1, 2, 5) if low <= (v := k * 10.0**e) <= high]
+    return [
+        v
+        for e in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        for k in (1, 2, 5)
+        if low <= (v := k * 10.0**e) <= high
+    ]
 
 
-def _panel(panel: np.ndarray, cost: Sequence[float], value: Sequence[float], on_front: Sequence[bool], title: str) -> None:
+def _panel(
+    panel: np.ndarray, cost: Sequence[float], value: Sequence[float], on_front: Sequence[bool], title: str
+) -> None:
     """One plot: axes, grid, front, points."""
     import cv2
 
@@ -71,7 +86,11 @@ def _panel(panel: np.ndarray, cost: Sequence[float], value: Sequence[float], on_
     x_range, y_range = _widened(cost, logarithmic), _widened(value, False)
 
     def place(x: float, y: float) -> tuple[int, int]:
-        share = (math.log(x / x_range[0]) / math.log(x_range[1] / x_range[0])) if logarithmic else (x - x_range[0]) / (x_range[1] - x_range[0])
+        share = (
+            (math.log(x / x_range[0]) / math.log(x_range[1] / x_range[0]))
+            if logarithmic
+            else (x - x_range[0]) / (x_range[1] - x_range[0])
+        )
         height = (y - y_range[0]) / (y_range[1] - y_range[0])
         return round(LEFT + share * (WIDTH - LEFT - RIGHT)), round(HEIGHT - UNDER - height * (HEIGHT - ABOVE - UNDER))
 
@@ -85,7 +104,13 @@ def _panel(panel: np.ndarray, cost: Sequence[float], value: Sequence[float], on_
         _write(panel, f"{t:.6g}", (LEFT - 10, y + 5), 0.48, right=True)
     cv2.rectangle(panel, (LEFT, ABOVE), (WIDTH - RIGHT, HEIGHT - UNDER), INK, 1)
     _write(panel, title, (LEFT, ABOVE - 12), 0.52, bold=True)
-    _write(panel, "seconds a frame, all stages" + (" (logarithmic)" if logarithmic else ""), ((LEFT + WIDTH - RIGHT) // 2, HEIGHT - 18), 0.5, centred=True)
+    _write(
+        panel,
+        "seconds a frame, all stages" + (" (logarithmic)" if logarithmic else ""),
+        ((LEFT + WIDTH - RIGHT) // 2, HEIGHT - 18),
+        0.5,
+        centred=True,
+    )
     points = [place(c, v) for c, v in zip(cost, value, strict=True)]
     line = sorted(p for p, f in zip(points, on_front, strict=True) if f)
     if len(line) > 1:
@@ -113,13 +138,28 @@ def labels(points: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     found = []
     for x, y in points:
         spots = [(x + dx, y + dy) for dx, dy in around]
-        best = max(spots, key=lambda s: min(min((math.hypot(s[0] - a, s[1] - 5 - b) for a, b in taken if (a, b) != (x, y)), default=99.0), 15.0) - 0.01 * spots.index(s))
+        best = max(
+            spots,
+            key=lambda s: (
+                min(min((math.hypot(s[0] - a, s[1] - 5 - b) for a, b in taken if (a, b) != (x, y)), default=99.0), 15.0)
+                - 0.01 * spots.index(s)
+            ),
+        )
         taken.append((best[0], best[1] - 5))
         found.append(best)
     return found
 
 
-def _write(page: np.ndarray, text: str, at: tuple[int, int], size: float, color: tuple[int, int, int] = INK, bold: bool = False, centred: bool = False, right: bool = False) -> None:
+def _write(
+    page: np.ndarray,
+    text: str,
+    at: tuple[int, int],
+    size: float,
+    color: tuple[int, int, int] = INK,
+    bold: bool = False,
+    centred: bool = False,
+    right: bool = False,
+) -> None:
     """One line of text; `at` is its lower left corner, its lower middle or its lower right."""
     import cv2
 

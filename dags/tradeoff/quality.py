@@ -1,8 +1,8 @@
 """Quality of finished pictures against held-out truth, all measured at one size: that of a reference.
 
-A small picture compared with small truth hides what a large one would show. So every level's pictures are enlarged to the
-reference's size (bicubic; depth to the nearest pixel) and compared there; at the reference's own size this is the metrics
-stage's measure, bit by bit.
+A small picture compared with small truth hides what a large one would show. So every level's pictures are enlarged to
+the reference's size (bicubic; depth to the nearest pixel) and compared there; at the reference's own size this is the
+metrics stage's measure, bit by bit.
 """
 
 from __future__ import annotations
@@ -52,7 +52,11 @@ def _pictures(context: Context, reference: Context, frames: range) -> Iterator[t
             if path.served[frame, c] and reference.valid[frame, view]:
                 picture = _enlarged(rendered[j, c, :h, :w], int(wide), int(high), smooth=True)
                 values = measure(picture, truth[j, :high, :wide], mask[j, :high, :wide], wanted)
-                yield from ((f"{measure_name} {region}", value) for (region, measure_name), value in values.items() if isinstance(value, float))
+                yield from (
+                    (f"{measure_name} {region}", value)
+                    for (region, measure_name), value in values.items()
+                    if isinstance(value, float)
+                )
 
 
 def _depths(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
@@ -80,4 +84,10 @@ def _enlarged(picture: np.ndarray, width: int, height: int, smooth: bool) -> np.
         return picture
     import cv2
 
-    return np.asarray(cv2.resize(np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_CUBIC if smooth else cv2.INTER_NEAREST_EXACT))
+    return np.asarray(
+        cv2.resize(
+            np.ascontiguousarray(picture),
+            (width, height),
+            interpolation=cv2.INTER_CUBIC if smooth else cv2.INTER_NEAREST_EXACT,
+        )
+    )

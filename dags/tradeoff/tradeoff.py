@@ -47,8 +47,14 @@ QUALITIES = {"psnr box": "dB", "psnr full": "dB", "ssim box": "1", "ssim full": 
 
 
 def declared_knobs() -> dict[str, list[Any]]:
-    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels, and {`effects.NAME`: off, on}."""
-    settings = {f"{s.name}.{key}": levels for s in STAGES for key, f in s.params.model_fields.items() if (levels := extra(f).get("quality_levels"))}
+    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels, and {`effects.NAME`: off,
+    on}."""
+    settings = {
+        f"{s.name}.{key}": levels
+        for s in STAGES
+        for key, f in s.params.model_fields.items()
+        if (levels := extra(f).get("quality_levels"))
+    }
     return settings | {f"effects.{name}": ["off", "on"] for name in effects.declared()}
 
 
@@ -67,7 +73,9 @@ def chosen_levels(context: Context, names: Sequence[str], texts: Sequence[str]) 
     for text in texts:
         name, separator, values = text.partition("=")
         if not separator or name not in chosen:
-            raise ConfigError(f"--levels {text}: write it as KNOB=LEVEL,LEVEL for a knob named by --knob ({', '.join(chosen)})")
+            raise ConfigError(
+                f"--levels {text}: write it as KNOB=LEVEL,LEVEL for a knob named by --knob ({', '.join(chosen)})"
+            )
         chosen[name] = [parse_value(v) for v in values.split(",")]
     if "frames.size" in chosen:
         chosen["frames.size"] = _sizes(context, chosen["frames.size"])
@@ -80,9 +88,17 @@ def _sizes(context: Context, levels: Sequence[Any]) -> list[int | None]:
     own = context.settings.frames.size
     out: list[int | None] = []
     for level in levels:
-        px = longest if level is None else round(level * longest) if isinstance(level, float) and 0 < level <= 1 else level
+        px = (
+            longest
+            if level is None
+            else round(level * longest)
+            if isinstance(level, float) and 0 < level <= 1
+            else level
+        )
         if not isinstance(px, int) or px < 1:
-            raise ConfigError(f"--levels frames.size={level}: a size in px, or a share of the longest side up to 1.0, is expected")
+            raise ConfigError(
+                f"--levels frames.size={level}: a size in px, or a share of the longest side up to 1.0, is expected"
+            )
         same = own is not None and min(own, longest) == min(px, longest)
         out.append(own if same else None if px >= longest else px)
     return out
@@ -97,11 +113,14 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
     try:
         return Settings.model_validate({**merge(context.settings.model_dump(), partial), "keep": {}})
     except ValidationError as e:
-        raise ConfigError("; ".join(f"--levels {'.'.join(map(str, f['loc']))}: {f['msg']}, got {f['input']!r}" for f in e.errors())) from e
+        raise ConfigError(
+            "; ".join(f"--levels {'.'.join(map(str, f['loc']))}: {f['msg']}, got {f['input']!r}" for f in e.errors())
+        ) from e
 
 
 def _settled(origin: ArchiveSequence, settings: Any, values: dict[str, Any]) -> Context:
-    """A variant that has taken over all it can; what a survey says may settle more, so the context is made until nothing comes."""
+    """A variant that has taken over all it can; what a survey says may settle more, so the context is made until
+    nothing comes."""
     while True:
         context = variant(origin, settings, values, PATH)
         if not share(context, others(origin)):
@@ -117,7 +136,8 @@ class Clock:
         self.times: dict[tuple[str, str], list[float]] = defaultdict(list)
 
     def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
-        """Run what is not fresh and what is forced; note the seconds of every stage that ran whole. Raises UserError when a task fails."""
+        """Run what is not fresh and what is forced; note the seconds of every stage that ran whole. Raises UserError
+        when a task fails."""
         from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
 
         selection = Selection(frozenset(s.name for s in STAGES if s.name != MEASURES), None, force)
@@ -134,28 +154,37 @@ class Clock:
                 self.times[stage, level.identities[stage]].append(sum(of_tasks.values()))
 
     def measure(self, levels: Sequence[Level], repeats: int) -> None:
-        """Run every level once, then what differs between them until it has `repeats` times; fills in seconds a frame."""
+        """Run every level once, then what differs between them until it has `repeats` times; fills in seconds a
+        frame."""
         for i, level in enumerate(levels):
             self.session.say([f"level {i + 1} of {len(levels)}: {level.label()}"])
             share(level.context, others(_origin(level.context)))
             self.run(level)
-        differing = {s for level in levels for s in level.identities if len({other.identities.get(s) for other in levels}) > 1}
+        differing = {
+            s for level in levels for s in level.identities if len({other.identities.get(s) for other in levels}) > 1
+        }
         for i in range(repeats):
             self.session.say([f"timing {', '.join(sorted(differing))}: {i + 1} of {repeats}"])
             for level in levels:
-                force = frozenset(s for s in differing & level.identities.keys() if len(self.times[s, level.identities[s]]) <= i)
+                force = frozenset(
+                    s for s in differing & level.identities.keys() if len(self.times[s, level.identities[s]]) <= i
+                )
                 if force:
                     self.run(level, force)
         for level in levels:
             level.seconds = self._seconds(level)
 
     def _seconds(self, level: Level) -> dict[str, float]:
-        """{stage: seconds a frame}: the median of the measured times, or the sum over the receipts of a stage taken over."""
+        """{stage: seconds a frame}: the median of the measured times, or the sum over the receipts of a stage taken
+        over."""
         once: dict[str, float] = defaultdict(float)
         for task, receipt in Book.open(level.context).receipts.items():
             once[task.stage] += receipt.facts.get("seconds", 0.0)
         frames = level.context.grid.frames
-        return {s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s]) / frames for s, i in level.identities.items()}
+        return {
+            s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s]) / frames
+            for s, i in level.identities.items()
+        }
 
 
 def _origin(context: Context) -> ArchiveSequence:
@@ -174,7 +203,9 @@ def identities(context: Context) -> dict[str, str]:
     return {stage: digest(parts) for stage, parts in found.items()}
 
 
-def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[str], repeats: int) -> tuple[list[Level], int]:
+def measured(
+    session: Session, name: str, knobs: Sequence[str], texts: Sequence[str], repeats: int
+) -> tuple[list[Level], int]:
     """Run and measure every combination of levels; (levels, longest side in px at which quality was measured).
 
     Raises UserError without held-out cameras, ConfigError for knobs, levels and settings that cannot be.
@@ -183,12 +214,18 @@ def measured(session: Session, name: str, knobs: Sequence[str], texts: Sequence[
 
     own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
     if not own.held_out:
-        raise UserError(f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for example --set 'views.held_out=[{own.capture.rig.names[-1]}]'")
+        raise UserError(
+            f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for"
+            f" example --set 'views.held_out=[{own.capture.rig.names[-1]}]'"
+        )
     origin = session.context(name, PATH)
     chosen = chosen_levels(origin, knobs, texts)
     combinations = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]
     if len(combinations) < 2:
-        raise ConfigError(f"tradeoff: {', '.join(f'{k}={v[0]}' for k, v in chosen.items())} is a single level on this capture; give more with --levels KNOB=LEVEL,LEVEL")
+        raise ConfigError(
+            f"tradeoff: {', '.join(f'{k}={v[0]}' for k, v in chosen.items())} is a single level on this capture; give"
+            " more with --levels KNOB=LEVEL,LEVEL"
+        )
     threads.limit(session.configuration.default.run.threads)
     levels = [Level(v, _settled(origin.sequence, _settings(origin, v), v)) for v in combinations]
     Clock(session).measure(levels, repeats)
@@ -206,13 +243,16 @@ def machine(threads_each: int) -> str:
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.is_file():
-        named = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        named = [
+            line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")
+        ]
         model = named[0] if named else model
     return f"{model}, {os.cpu_count()} cores, {number(threads_each, 'thread')} a task, host {platform.node()}"
 
 
 def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:
-    """One row a level: knobs, seconds a frame by stage and in all, quality, and whether it is on the front of `psnr box`."""
+    """One row a level: knobs, seconds a frame by stage and in all, quality, and whether it is on the front of `psnr
+    box`."""
     stages = [s.name for s in STAGES if any(s.name in level.seconds for level in levels)]
     names = [q for q in QUALITIES if all(q in level.quality for level in levels)]
     out = []
@@ -227,10 +267,21 @@ def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:
 def as_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
     """The rows as aligned text, cheapest first, numbered as in the picture; those on the front have a star."""
     columns = [c for c in found[0] if c != "front"]
-    heads = [["", *(c.removesuffix(" s/frame") for c in columns)], ["", *("s/frame" if c.endswith(" s/frame") else "" for c in columns)]]
-    cells = [[f"{i + 1}{'*' if row['front'] else ' '}", *(v if isinstance(v := row[c], str) else f"{v:.3f}" for c in columns)] for i, row in enumerate(found)]
+    heads = [
+        ["", *(c.removesuffix(" s/frame") for c in columns)],
+        ["", *("s/frame" if c.endswith(" s/frame") else "" for c in columns)],
+    ]
+    cells = [
+        [
+            f"{i + 1}{'*' if row['front'] else ' '}",
+            *(v if isinstance(v := row[c], str) else f"{v:.3f}" for c in columns),
+        ]
+        for i, row in enumerate(found)
+    ]
     widths = [max(len(line[i]) for line in [*heads, *cells]) for i in range(len(columns) + 1)]
-    lines = ["  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)).rstrip() for line in [*heads, *cells]]
+    lines = [
+        "  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)).rstrip() for line in [*heads, *cells]
+    ]
     return [*lines, "* on the Pareto front of total seconds and box PSNR"]
 
 
@@ -245,21 +296,40 @@ def write_parquet(file: Path, found: Sequence[Mapping[str, Any]], about: Mapping
     write_atomically(file, sink.getvalue().to_pybytes())
 
 
-def run_tradeoff(session: Session, sequence: str | None, knobs: Sequence[str], texts: Sequence[str], repeats: int, output: Path | None) -> list[Level]:
-    """The command: measure, print the table, write tradeoff.parquet and tradeoff.png; returns the levels, cheapest first."""
+def run_tradeoff(
+    session: Session,
+    sequence: str | None,
+    knobs: Sequence[str],
+    texts: Sequence[str],
+    repeats: int,
+    output: Path | None,
+) -> list[Level]:
+    """The command: measure, print the table, write tradeoff.parquet and tradeoff.png; returns the levels, cheapest
+    first."""
     from posegaussian.dags.tradeoff.figure import draw
 
     names = session.names([sequence] if sequence else ())
     if len(names) != 1:
-        raise ConfigError(f"tradeoff works on one sequence; say which with --sequence, the archive has {', '.join(names)}")
+        raise ConfigError(
+            f"tradeoff works on one sequence; say which with --sequence, the archive has {', '.join(names)}"
+        )
     levels, size = measured(session, names[0], knobs, texts, repeats)
     context = levels[0].context
     where = machine(session.configuration.default.run.threads)
-    what = f"{names[0]}: {context.grid.frames} frames, {len(context.views.sources)} source views, {len(context.views.held_out)} held-out pictures a frame, quality measured at {size} px"
+    what = (
+        f"{names[0]}: {context.grid.frames} frames, {len(context.views.sources)} source views,"
+        f" {len(context.views.held_out)} held-out pictures a frame, quality measured at {size} px"
+    )
     folder, found = output or Path(f"tradeoff-{names[0]}"), rows(levels)
     session.say([what, *as_lines(found)])
     session.say([f"times are medians of {repeats} on {where}"])
-    about = {"sequence": names[0], "machine": where, "repeats": str(repeats), "measured_at_px": str(size), "frames": str(context.grid.frames)}
+    about = {
+        "sequence": names[0],
+        "machine": where,
+        "repeats": str(repeats),
+        "measured_at_px": str(size),
+        "frames": str(context.grid.frames),
+    }
     write_parquet(folder / "tradeoff.parquet", found, about)
     draw(folder / "tradeoff.png", levels, what, f"medians of {repeats} on {where}")
     session.say([f"table: {folder / 'tradeoff.parquet'}", f"picture: {folder / 'tradeoff.png'}"])

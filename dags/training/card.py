@@ -1,4 +1,5 @@
-"""The card of trained weights: what they were trained on, for how long, how they measured, what they are not good for."""
+"""The card of trained weights: what they were trained on, for how long, how they measured, what they are not good
+for."""
 
 from __future__ import annotations
 
@@ -24,13 +25,16 @@ def name(config: TrainingConfig) -> str:
 
 
 def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows: Sequence[Mapping[str, Any]]) -> Card:
-    """The card at a step; `machines` is {machine: minutes}, `rows` the log, whose last validation is shown beside the first one."""
+    """The card at a step; `machines` is {machine: minutes}, `rows` the log, whose last validation is shown beside
+    the first one."""
     from posegaussian.stages.network.card import Card
 
     scenes, held = config.scenes, config.validation
     data = (
-        f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; "
-        f"crops of {config.crop} px, {number(config.batch, 'pair')} a step, over analytic depth of {' and '.join(config.methods)}; step {step} of {config.steps}"
+        f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at"
+        f" {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; crops of {config.crop} px,"
+        f" {number(config.batch, 'pair')} a step, over analytic depth of {' and '.join(config.methods)}; step {step} of"
+        f" {config.steps}"
     )
     start = f", continued from {config.start}" if config.start else ""
     return Card(
@@ -39,7 +43,10 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
         network=config.network().as_json(),
         iterations=config.iterations,
         data=data,
-        seeds=f"training scenes {scenes.first} to {scenes.end - 1}, validation scenes {held.first} to {held.end - 1}, training {config.seed}{start}",
+        seeds=(
+            f"training scenes {scenes.first} to {scenes.end - 1}, validation scenes {held.first} to {held.end - 1},"
+            f" training {config.seed}{start}"
+        ),
         minutes=round(sum(machines.values()), 1),
         machine="; ".join(f"{machine} ({minutes:.0f} min)" for machine, minutes in machines.items()),
         validation=_table([r for r in rows if r["kind"] == "validation"]),

@@ -44,7 +44,8 @@ def draw(file: Path, rows: Sequence[Mapping[str, Any]], config: TrainingConfig) 
 
 
 def curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Curve]]:
-    """{panel: {name: [(step, value)]}}: the training loss, averaged, and validated measures, those with one first word in one panel."""
+    """{panel: {name: [(step, value)]}}: the training loss, averaged, and validated measures, those with one first
+    word in one panel."""
     out: dict[str, dict[str, Curve]] = {}
     loss = [(float(r["step"]), float(r["loss"])) for r in rows if r["kind"] == "step" and r.get("loss") is not None]
     if loss:
@@ -59,13 +60,17 @@ def curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Curve]]:
     return out
 
 
-def _panel(cv2: Any, panel: np.ndarray, title: str, drawn: Mapping[str, Curve], last: float, border: float | None) -> None:
+def _panel(
+    cv2: Any, panel: np.ndarray, title: str, drawn: Mapping[str, Curve], last: float, border: float | None
+) -> None:
     values = [v for curve in drawn.values() for _, v in curve]
     margin = 0.06 * (max(values) - min(values)) or 0.05 * abs(values[0]) or 0.5
     low, high = min(values) - margin, max(values) + margin
 
     def place(step: float, value: float) -> tuple[int, int]:
-        return round(LEFT + step / last * (WIDTH - LEFT - RIGHT)), round(HEIGHT - UNDER - (value - low) / (high - low) * (HEIGHT - ABOVE - UNDER))
+        return round(LEFT + step / last * (WIDTH - LEFT - RIGHT)), round(
+            HEIGHT - UNDER - (value - low) / (high - low) * (HEIGHT - ABOVE - UNDER)
+        )
 
     for t in ticks(0.0, last):
         x, _ = place(t, low)

@@ -1,4 +1,5 @@
-"""Frames of a training: made ahead of the trainer by processes of their own, kept as files, read when their time comes."""
+"""Frames of a training: made ahead of the trainer by processes of their own, kept as files, read when their time
+comes."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ POLL_S = 0.2
 QUIET_SECONDS = 20.0
 """Pause between two lines that say what is waited for."""
 LEFT_S = 3600.0
-"""Age at which a half-written file is taken for what a kill left behind; another training may be writing a younger one."""
+"""Age at which a half-written file is taken for what a kill left behind; another training may be writing a younger
+one."""
 
 
 class FrameError(UserError):
@@ -76,7 +78,8 @@ class Item:
 
 
 class Producers:
-    """Processes that make frames into files, in the order in which they were asked for; with none, they are made here."""
+    """Processes that make frames into files, in the order in which they were asked for; with none, they are made
+    here."""
 
     def __init__(self, config: TrainingConfig, folder: Path, frames: str, count: int) -> None:
         """`folder` holds the files of this data key; `frames` is the module that makes frames."""
@@ -97,7 +100,8 @@ class Producers:
         return (self.folder / item.file).is_file()
 
     def order(self, items: Iterable[Item], first: bool = False) -> None:
-        """Ask for frames; those that are there or asked for already are not asked for twice. `first`: before all others."""
+        """Ask for frames; those that are there or asked for already are not asked for twice. `first`: before all
+        others."""
         under_way = {i.file for _, i in self.busy.values() if i is not None}
         wanted = {i.file: i for i in items if i.file not in under_way and not self.has(i)}
         queued = {i.file: i for i in self.queue}
@@ -151,7 +155,9 @@ class Producers:
         context = get_context("spawn")  # torch runs threads here: a fork could not be trusted
         os.environ.update(allocator())
         ours, theirs = context.Pipe()
-        process = context.Process(target=_produce, args=(theirs, self.config, self.folder, self.source), name="frames", daemon=True)
+        process = context.Process(
+            target=_produce, args=(theirs, self.config, self.folder, self.source), name="frames", daemon=True
+        )
         process.start()
         theirs.close()
         self.busy[ours] = (process, None)
@@ -170,7 +176,11 @@ class Producers:
         self.deaths[item] += 1
         if self.deaths[item] >= DEATHS:
             memory = process.exitcode == -signal.SIGKILL
-            why = f"killed, most likely as memory ran out: use fewer than {self.count} --workers" if memory else f"exit status {process.exitcode}; what it said stands above"
+            why = (
+                f"killed, most likely as memory ran out: use fewer than {self.count} --workers"
+                if memory
+                else f"exit status {process.exitcode}; what it said stands above"
+            )
             raise FrameError(f"{item} cannot be made: {DEATHS} processes died over it, the last one {why}")
         self.queue.appendleft(item)
 
@@ -183,13 +193,18 @@ class Producers:
         if not trace:
             raise FrameError(f"{item} cannot be made: {why}")
         write_atomically(file, trace.encode())
-        raise FrameError(f"{item} cannot be made: {why}; where it happened is in {file}. Leave that scene out with scenes.first and scenes.count, or mend its cause")
+        raise FrameError(
+            f"{item} cannot be made: {why}; where it happened is in {file}. Leave that scene out with scenes.first and"
+            " scenes.count, or mend its cause"
+        )
 
 
 class Frames:
     """The sliding window of frames at hand, and what is made ahead of it."""
 
-    def __init__(self, config: TrainingConfig, producers: Producers, range_of: Callable[[int], range], say: Callable[[str], None]) -> None:
+    def __init__(
+        self, config: TrainingConfig, producers: Producers, range_of: Callable[[int], range], say: Callable[[str], None]
+    ) -> None:
         """`range_of` tells the training frames of a step."""
         self.config, self.producers, self.range_of, self.say = config, producers, range_of, say
         self.limit = max(4, 2 * producers.count)
@@ -232,7 +247,8 @@ class Frames:
         return [Item.validation(self.config, i) for i in range(self.config.validation.count)]
 
     def _ask_ahead(self, step: int, needed: range) -> None:
-        """Ask for frames of later steps, and at the first step for those of validation too, so that nobody waits for them then."""
+        """Ask for frames of later steps, and at the first step for those of validation too, so that nobody waits for
+        them then."""
         first = self._scanned == 0
         self._scanned = max(self._scanned, step + 1)
         self._asked = {i for i in self._asked if i >= needed.start and i not in needed}
@@ -274,7 +290,8 @@ def read_frame(file: Path) -> Frame:
 
 
 def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tuple[str, str] | None:
-    """Make one frame into its file; (sentence, traceback) where that fails, without a traceback for what the user can mend."""
+    """Make one frame into its file; (sentence, traceback) where that fails, without a traceback for what the user
+    can mend."""
     try:
         module = importlib.import_module(frames)
         make = module.make_frame if item.kind == "training" else module.validation_frame
@@ -290,7 +307,9 @@ def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tupl
 
 def _produce(connection: Connection, config: TrainingConfig, folder: Path, frames: str) -> None:
     """The life of a process: one frame after another until the training is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it here too; the training alone decides what it means
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # a terminal sends it here too; the training alone decides what it means
     limit(1)
     try:
         while True:

@@ -75,7 +75,8 @@ def cores() -> int:
 
 
 def train(order: Order, say: Say, parts: Parts | None = None) -> None:
-    """Begin a training or go on with it, until it is done, the minutes are over or Ctrl-C is pressed; then a checkpoint holds all.
+    """Begin a training or go on with it, until it is done, the minutes are over or Ctrl-C is pressed; then a checkpoint
+    holds all.
 
     Raises:
         ConfigError: for a folder that holds a training of another configuration.
@@ -106,7 +107,9 @@ def train(order: Order, say: Say, parts: Parts | None = None) -> None:
 class Training:
     """One stretch of a training in one process."""
 
-    def __init__(self, order: Order, folder: RunFolder, parts: Parts, say: Say, stop: threading.Event, begin: float) -> None:
+    def __init__(
+        self, order: Order, folder: RunFolder, parts: Parts, say: Say, stop: threading.Event, begin: float
+    ) -> None:
         """Restore what the folder holds. `begin`: when the minutes began, of `time.monotonic`."""
         self.order, self.config, self.folder, self.say, self.stop = order, order.config, folder, say, stop
         self.begin = begin
@@ -132,7 +135,10 @@ class Training:
     def run(self) -> None:
         """All that there is to do, in order; whatever ends it early leaves a checkpoint."""
         config, trainer = self.config, self.trainer
-        self.say(f"step {trainer.step} of {config.steps} in {self.folder.root}, on {self.device} with {number(self.order.threads, 'thread')}, frames made by {number(self.order.workers, 'worker')}")
+        self.say(
+            f"step {trainer.step} of {config.steps} in {self.folder.root}, on {self.device} with"
+            f" {number(self.order.threads, 'thread')}, frames made by {number(self.order.workers, 'worker')}"
+        )
         try:
             self._go()
         except UserError:
@@ -171,7 +177,11 @@ class Training:
 
     def _validation_is_due(self) -> bool:
         step = self.trainer.step
-        return step > 0 and (step % self.config.validate_every == 0 or step >= self.config.steps) and not self.folder.validated_at(step)
+        return (
+            step > 0
+            and (step % self.config.validate_every == 0 or step >= self.config.steps)
+            and not self.folder.validated_at(step)
+        )
 
     def _validate(self) -> bool:
         """Measure, draw, write weights with their card; False where it was stopped before."""
@@ -200,9 +210,16 @@ class Training:
 
     def _restore(self, data: bytes, facts: dict[str, Any]) -> None:
         self.trainer.restore(unpacked(data))
-        changed = [f"{k} {v} -> {self.facts['circumstances'].get(k)}" for k, v in facts["circumstances"].items() if v != self.facts["circumstances"].get(k)]
+        changed = [
+            f"{k} {v} -> {self.facts['circumstances'].get(k)}"
+            for k, v in facts["circumstances"].items()
+            if v != self.facts["circumstances"].get(k)
+        ]
         if changed:
-            self.say(f"going on with {', '.join(changed)}: fine, but the last bits may differ from those of a training that never stopped")
+            self.say(
+                f"going on with {', '.join(changed)}: fine, but the last bits may differ from those of a training that"
+                " never stopped"
+            )
         self.facts["machines"] = facts["machines"]
 
     def _machines(self) -> dict[str, float]:
@@ -221,14 +238,20 @@ class Training:
     def _say_bytes(self) -> None:
         """What frames take on the disk, once a first window of them is there."""
         held = sum(a.nbytes for f in self.frames.held.values() for a in f.values())
-        every = {Item.training(self.config, i) for i in range(min(self.frames.range_of(self.config.steps - 1).stop, self.config.scene_frames()))}
+        every = {
+            Item.training(self.config, i)
+            for i in range(min(self.frames.range_of(self.config.steps - 1).stop, self.config.scene_frames()))
+        }
         there = sum(self.producers.has(i) for i in every)
         still = (len(every) - there) * held / max(1, len(self.frames.held))
         free = shutil.disk_usage(self.producers.folder).free
         rest = f"; the rest will take about {gigabytes(still)} of {gigabytes(free)} that are free" if still else ""
         self.say(f"frames: {there} of {len(every)} are there{rest}; those at hand take {gigabytes(held)} of memory")
         if still > free:
-            self.say(f"the disk of {self.producers.folder} will be full before the last step: free it, train on fewer scenes, or name another place with --frames")
+            self.say(
+                f"the disk of {self.producers.folder} will be full before the last step: free it, train on fewer"
+                " scenes, or name another place with --frames"
+            )
 
     def _say_progress(self, numbers: dict[str, float]) -> None:
         now = time.monotonic()
@@ -237,20 +260,36 @@ class Training:
         step = self.trainer.step
         rate = (step - self.said_step) / (now - self.said_at)
         left = min((self.config.steps - step) / rate, self.deadline - now) / 60.0
-        measured = "".join(f", {name} {numbers[key]:.3g}{unit}" for key, name, unit in (("loss", "loss", ""), ("epe", "EPE", " px")) if key in numbers)
+        measured = "".join(
+            f", {name} {numbers[key]:.3g}{unit}"
+            for key, name, unit in (("loss", "loss", ""), ("epe", "EPE", " px"))
+            if key in numbers
+        )
         skipped = f", {self.skipped} steps skipped" if self.skipped else ""
         phase = self.config.phase(step - 1)
-        self.say(f"step {step} of {self.config.steps} ({phase}){measured}, {rate:.2f} steps/s, {self.frames.ahead} frames ahead{skipped}, {max(0.0, left):.0f} min left")
+        self.say(
+            f"step {step} of {self.config.steps} ({phase}){measured}, {rate:.2f} steps/s, {self.frames.ahead} frames"
+            f" ahead{skipped}, {max(0.0, left):.0f} min left"
+        )
         self.said_at, self.said_step = now, step
 
     def _say_end(self) -> None:
         step, minutes = self.trainer.step, (time.monotonic() - self.begin) / 60.0
         if step >= self.config.steps and self.folder.validated_at(step):
-            self.say(f"done: {step} steps, {sum(self._machines().values()):.1f} minutes in all; {self.folder.weights_file}")
+            self.say(
+                f"done: {step} steps, {sum(self._machines().values()):.1f} minutes in all; {self.folder.weights_file}"
+            )
         elif not self.stop.is_set():
             last = max((r["step"] for r in self.folder.rows if r["kind"] == "validation"), default=None)
-            weights = f"{self.folder.weights_file.name} is of step {last}" if last else f"weights are written from step {min(self.config.validate_every, self.config.steps)} on"
-            self.say(f"stopped after {minutes:.1f} minutes at step {step} of {self.config.steps} ({weights}); the same command goes on from there")
+            weights = (
+                f"{self.folder.weights_file.name} is of step {last}"
+                if last
+                else f"weights are written from step {min(self.config.validate_every, self.config.steps)} on"
+            )
+            self.say(
+                f"stopped after {minutes:.1f} minutes at step {step} of {self.config.steps} ({weights}); the same"
+                " command goes on from there"
+            )
 
 
 def producers(config: TrainingConfig, frames: Path, parts: Parts, count: int) -> Producers:
@@ -270,5 +309,9 @@ def chosen_device(wanted: str) -> str:
 def _processor() -> str:
     """The processor's name, where the system tells it."""
     info = Path("/proc/cpuinfo")
-    names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")] if info.is_file() else []
+    names = (
+        [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        if info.is_file()
+        else []
+    )
     return names[0] if names else platform.processor() or platform.machine()

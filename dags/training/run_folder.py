@@ -1,4 +1,5 @@
-"""The folder of a training: its configuration, log, checkpoints, frames, weights and picture; one training at a time."""
+"""The folder of a training: its configuration, log, checkpoints, frames, weights and picture; one training at a
+time."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from posegaussian.storage.model.errors import ConfigError, UserError
 
 @contextlib.contextmanager
 def locked(file: Path, held: str) -> Iterator[None]:
-    """Within, this process alone holds a file, which is made; a kill frees it. Raises UserError with the sentence `held` where another one does."""
+    """Within, this process alone holds a file, which is made; a kill frees it. Raises UserError with the sentence
+    `held` where another one does."""
     with refusals(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         handle = file.open("w")
@@ -53,7 +55,9 @@ class RunFolder:
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Within, this process alone trains here; a kill frees the folder. Raises UserError where another one does."""
-        with locked(self.root / ".lock", f"another training is running in {self.root}; wait for it or choose another --output"):
+        with locked(
+            self.root / ".lock", f"another training is running in {self.root}; wait for it or choose another --output"
+        ):
             try:
                 yield
             finally:
@@ -70,11 +74,16 @@ class RunFolder:
         said = []
         if kept := steps_kept(self.checkpoints):
             if not self.config_file.is_file():
-                raise ConfigError(f"{self.root} holds checkpoints and no config.yaml; bring it back, or choose another --output")
+                raise ConfigError(
+                    f"{self.root} holds checkpoints and no config.yaml; bring it back, or choose another --output"
+                )
             changes = differences(load(self.config_file).values, new)
             if wrong := forbidden(changes):
                 told = "; ".join(f"{key}: {change}" for key, change in wrong.items())
-                raise ConfigError(f"{self.root} holds a training at step {kept[0]} with another configuration ({told}); choose another --output for the new one, or take these back to go on")
+                raise ConfigError(
+                    f"{self.root} holds a training at step {kept[0]} with another configuration ({told}); choose"
+                    " another --output for the new one, or take these back to go on"
+                )
             said = [f"{key}: {change}, from here on" for key, change in changes.items()]
         write_atomically(self.config_file, yaml.safe_dump(new, sort_keys=False).encode())
         return said
@@ -114,7 +123,11 @@ class RunFolder:
 def log_row(kind: str, step: int, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """A row of the log, of kind `step` or `validation`, after so many steps; what is not finite becomes null."""
     plain = {k: v if isinstance(v, str | int | None) else float(v) for k, v in numbers.items()}
-    return {"kind": kind, "step": step, **{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()}}
+    return {
+        "kind": kind,
+        "step": step,
+        **{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()},
+    }
 
 
 def _line(row: Mapping[str, Any]) -> str:

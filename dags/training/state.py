@@ -1,4 +1,5 @@
-"""A trainer's state as bytes and back: tensors as safetensors, everything around them as JSON. Equal states give equal bytes.
+"""A trainer's state as bytes and back: tensors as safetensors, everything around them as JSON. Equal states give equal
+bytes.
 
 No pickle: a checkpoint may come from somebody else. JSON keeps Python's numbers exactly, not-finite ones too.
 """
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 
 
 def packed(state: Any) -> bytes:
-    """Nested dicts, lists and tuples of tensors, numbers, texts and None as bytes. Raises TypeError naming what is none of these."""
+    """Nested dicts, lists and tuples of tensors, numbers, texts and None as bytes. Raises TypeError naming what is
+    none of these."""
     from safetensors.torch import save
 
     tensors: dict[str, torch.Tensor] = {}
@@ -29,7 +31,9 @@ def unpacked(data: bytes) -> Any:
 
     with reader_of("of a checkpoint", "state"):
         length = int.from_bytes(data[:8], "little")  # of the header, by the format's definition
-        skeleton = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["state"])  # whole numbers of random generators are long
+        skeleton = json.loads(
+            json.loads(data[8 : 8 + length])["__metadata__"]["state"]
+        )  # whole numbers of random generators are long
         return _put_together(skeleton, load(data))
 
 
@@ -38,7 +42,9 @@ def _taken_apart(node: Any, path: str, tensors: dict[str, torch.Tensor]) -> Any:
 
     if isinstance(node, torch.Tensor):
         name = f"{len(tensors):06d}"
-        tensors[name] = node.detach().to("cpu", copy=True).contiguous()  # a copy: tensors may share memory, files must not
+        tensors[name] = (
+            node.detach().to("cpu", copy=True).contiguous()
+        )  # a copy: tensors may share memory, files must not
         return {"tensor": name}
     if isinstance(node, dict):
         if wrong := [k for k in node if type(k) not in (str, int)]:
@@ -49,7 +55,9 @@ def _taken_apart(node: Any, path: str, tensors: dict[str, torch.Tensor]) -> Any:
         return {kind: [_taken_apart(v, f"{path}.{n}", tensors) for n, v in enumerate(node)]}
     if node is None or type(node) in (bool, int, float, str):
         return node
-    raise TypeError(f"{path} is a {type(node).__name__}; a state holds tensors, numbers, texts and None in dicts, lists and tuples")
+    raise TypeError(
+        f"{path} is a {type(node).__name__}; a state holds tensors, numbers, texts and None in dicts, lists and tuples"
+    )
 
 
 def _put_together(node: Any, tensors: dict[str, torch.Tensor]) -> Any:

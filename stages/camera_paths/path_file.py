@@ -1,7 +1,8 @@
 """Camera paths from a JSON file of named cameras.
 
-`{"pixel_center": "integer" | "half", "cameras": [{"name", "width", "height", "K", "R", "t", "frame"?}]}`: world to camera,
-OpenCV axes, metres. With `frame`, a source frame number, a camera serves that frame only, without it every frame.
+`{"pixel_center": "integer" | "half", "cameras": [{"name", "width", "height", "K", "R", "t", "frame"?}]}`: world to
+camera, OpenCV axes, metres. With `frame`, a source frame number, a camera serves that frame only, without it every
+frame.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ FORM = '{"pixel_center": "integer" or "half", "cameras": [{"name", "width", "hei
 def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
     """The cameras of a path file over the frames [F] of a sequence, in order of first mention.
 
-    A frame that a camera does not serve has `served` False and the pose of the camera's last entry. Raises UserError for a
-    file that cannot be read or parsed (with the line), for missing or unknown keys, numbers that are not finite, rotations
-    off a rigid one by more than 1e-3, a camera twice in one frame, two sizes of one name, and when no frame is served.
+    A frame that a camera does not serve has `served` False and the pose of the camera's last entry. Raises UserError
+    for a file that cannot be read or parsed (with the line), for missing or unknown keys, numbers that are not finite,
+    rotations off a rigid one by more than 1e-3, a camera twice in one frame, two sizes of one name, and when no frame
+    is served.
     """
     document = _parse(file)
     unknown = sorted(set(document) - {"pixel_center", "cameras"})
@@ -33,7 +35,10 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
     centre = document.get("pixel_center")
     if centre not in ("integer", "half"):
         said = "is missing" if centre is None else f"is {centre!r}"
-        raise UserError(f'{file}: "pixel_center" {said}; write "integer" if the centre of the top-left pixel is (0, 0) as in OpenCV, "half" if it is (0.5, 0.5)')
+        raise UserError(
+            f'{file}: "pixel_center" {said}; write "integer" if the centre of the top-left pixel is (0, 0) as in'
+            ' OpenCV, "half" if it is (0.5, 0.5)'
+        )
     entries = document.get("cameras")
     if not isinstance(entries, list) or not entries:
         raise UserError(f'{file}: "cameras" must be a list of at least one camera; the form is {FORM}')
@@ -41,17 +46,28 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
     names = tuple(dict.fromkeys(c["name"] for c in cameras))
     row = {int(n): i for i, n in enumerate(source_frames)}
     shape = (len(source_frames), len(names))
-    served, k, pose, size = np.zeros(shape, bool), np.zeros((*shape, 3, 3)), np.zeros((*shape, 4, 4)), np.zeros((len(names), 2), np.int64)
+    served, k, pose, size = (
+        np.zeros(shape, bool),
+        np.zeros((*shape, 3, 3)),
+        np.zeros((*shape, 4, 4)),
+        np.zeros((len(names), 2), np.int64),
+    )
     seen: set[tuple[str, int | None]] = set()
     for camera in cameras:
         name, frame, c = camera["name"], camera["frame"], names.index(camera["name"])
         every = {f for n, f in seen if n == name}
         if frame in every or (every and (frame is None or None in every)):
             when = "every frame" if frame is None else f"frame {frame}"
-            raise UserError(f"{file}: camera {name!r} serves {when} and occurs there more than once; names are unique for each frame")
+            raise UserError(
+                f"{file}: camera {name!r} serves {when} and occurs there more than once; names are unique for each"
+                " frame"
+            )
         seen.add((name, frame))
         if size[c].any() and (size[c] != camera["size"]).any():
-            raise UserError(f"{file}: camera {name!r} is {size[c][0]}x{size[c][1]} px and {camera['size'][0]}x{camera['size'][1]} px; one name has one size")
+            raise UserError(
+                f"{file}: camera {name!r} is {size[c][0]}x{size[c][1]} px and {camera['size'][0]}x{camera['size'][1]}"
+                " px; one name has one size"
+            )
         size[c] = camera["size"]
         frames = slice(None) if frame is None else [row[frame]] if frame in row else []
         served[frames, c], k[frames, c], pose[frames, c] = True, camera["intrinsics"], camera["world_to_camera"]
@@ -60,7 +76,10 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
         k[~served[:, c], c], pose[~served[:, c], c] = camera["intrinsics"], camera["world_to_camera"]
     if not served.any():
         wanted = sorted({c["frame"] for c in cameras})
-        raise UserError(f'{file}: "frame" {wanted[0]}..{wanted[-1]} is not among the sequence\'s source frames {source_frames[0]}..{source_frames[-1]}; see frames.range')
+        raise UserError(
+            f'{file}: "frame" {wanted[0]}..{wanted[-1]} is not among the sequence\'s source frames'
+            f" {source_frames[0]}..{source_frames[-1]}; see frames.range"
+        )
     return CameraPath("file", names, k, pose, size, served)
 
 
@@ -79,22 +98,47 @@ def _camera(file: str, index: int, entry: Any, integer: bool) -> dict[str, Any]:
     label = f"{file}: camera {name!r}" if name else f"{file}: cameras[{index}]"
     missing, unknown = [k for k in REQUIRED if k not in entry], [k for k in entry if k not in (*REQUIRED, "frame")]
     if missing or unknown:
-        raise UserError(f"{label}: {'missing ' + ', '.join(missing) if missing else 'unknown key ' + ', '.join(unknown)}; the keys are {', '.join(REQUIRED)} and frame")
+        raise UserError(
+            f"{label}: {'missing ' + ', '.join(missing) if missing else 'unknown key ' + ', '.join(unknown)}; the keys"
+            f" are {', '.join(REQUIRED)} and frame"
+        )
     if not isinstance(name, str) or not name.strip() or name in (".", "..") or any(ch in name for ch in "/\\\0"):
-        raise UserError(f"{label}: the name must be a text without slashes, because it names the folder of its pictures")
+        raise UserError(
+            f"{label}: the name must be a text without slashes, because it names the folder of its pictures"
+        )
     frame = entry.get("frame")
     if frame is not None and (isinstance(frame, bool) or not isinstance(frame, int)):
         raise UserError(f"{label}: frame {frame!r} must be a source frame number; leave it out to serve every frame")
     width, height = (_side(label, key, entry[key]) for key in ("width", "height"))
-    intrinsics, r, t = _numbers(label, "K", entry["K"], (3, 3)), _numbers(label, "R", entry["R"], (3, 3)), _numbers(label, "t", entry["t"], (3,))
-    if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0 or np.abs(intrinsics[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9:
-        raise UserError(f"{label}: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px with positive fx and fy, got {entry['K']}")
+    intrinsics, r, t = (
+        _numbers(label, "K", entry["K"], (3, 3)),
+        _numbers(label, "R", entry["R"], (3, 3)),
+        _numbers(label, "t", entry["t"], (3,)),
+    )
+    if (
+        intrinsics[0, 0] <= 0
+        or intrinsics[1, 1] <= 0
+        or np.abs(intrinsics[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9
+    ):
+        raise UserError(
+            f"{label}: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px with positive fx and fy, got"
+            f" {entry['K']}"
+        )
     off = float(np.abs(r @ r.T - np.eye(3)).max())
     if off > 1e-3 or np.linalg.det(r) < 0:
-        raise UserError(f"{label}: R is off a rotation by {off:.2g} (bound 1e-3), determinant {np.linalg.det(r):.3f}; it must turn world axes into OpenCV camera axes")
+        raise UserError(
+            f"{label}: R is off a rotation by {off:.2g} (bound 1e-3), determinant {np.linalg.det(r):.3f}; it must turn"
+            " world axes into OpenCV camera axes"
+        )
     k = from_integer_centres(intrinsics) if integer else intrinsics
     check_camera(f"{name!r} of {file}", k, np.zeros(8), t, np.array([width, height]))
-    return {"name": name, "frame": frame, "size": np.array([width, height]), "intrinsics": k, "world_to_camera": rigid(r, t)}
+    return {
+        "name": name,
+        "frame": frame,
+        "size": np.array([width, height]),
+        "intrinsics": k,
+        "world_to_camera": rigid(r, t),
+    }
 
 
 def _side(label: str, key: str, value: Any) -> int:

@@ -1,8 +1,9 @@
 """Camera paths: where pictures are rendered from, over the frames of a sequence.
 
-`between`, `orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead, one
-for each step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited too: the far
-side then shows what no camera saw, which is nothing. `between` stays where cameras stand side by side, and `sway` near a
+`between`, `orbit` and `arc` are one camera that moves with the frames; a sequence of one frame gets 48 cameras instead,
+one for each step. All other cameras stand still. A person filmed from one side only, or by one camera, can be orbited
+too: the far side then shows what no camera saw, which is nothing. `between` stays where cameras stand side by side, and
+`sway` near a
 camera: what a single source view has to show.
 """
 
@@ -30,15 +31,25 @@ RISE = 1 / 3
 LOOP = 96
 """Frames of one swing, about."""
 HALF_TURN = 1e-3
-"""Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the way."""
+"""Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the
+way."""
 
 
-def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, distance: float | None = None, max_angle: float = MAX_ANGLE) -> CameraPath:
-    """The target cameras of `between`, `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, `sway [CAM [DEGREES]]`, or a file whose name ends in .json.
+def make_path(
+    text: str,
+    rig: Rig,
+    views: Views,
+    source_frames: np.ndarray,
+    distance: float | None = None,
+    max_angle: float = MAX_ANGLE,
+) -> CameraPath:
+    """The target cameras of `between`, `held_out`, `orbit`, `arc CAM_A CAM_B`, `still CAM`, `sway [CAM [DEGREES]]`, or
+    a file whose name ends in .json.
 
-    Names with spaces are quoted. `rig` holds the cameras of the frames grid, `source_frames` [F] the source frame numbers
-    of the sequence; `distance` is metres from a single source camera to the subject, where they are known, `max_angle` degrees between
-    neighbours that depth can match. Raises UserError for a text that is none of these, for unknown cameras and for faults of the file.
+    Names with spaces are quoted. `rig` holds the cameras of the frames grid, `source_frames` [F] the source frame
+    numbers of the sequence; `distance` is metres from a single source camera to the subject, where they are known,
+    `max_angle` degrees between neighbours that depth can match. Raises UserError for a text that is none of these, for
+    unknown cameras and for faults of the file.
     """
     frames = len(source_frames)
     if text.strip().endswith(".json"):
@@ -52,15 +63,23 @@ def make_path(text: str, rig: Rig, views: Views, source_frames: np.ndarray, dist
     if kind not in wanted:
         near = difflib.get_close_matches(kind, wanted, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UserError(f'camera path {text!r} is none of "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]" and a .json file{hint}')
+        raise UserError(
+            f'camera path {text!r} is none of "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway'
+            f' [CAM [DEGREES]]" and a .json file{hint}'
+        )
     if kind == "sway" and len(cameras) < 3:
         return _sway(rig, views, cameras, text, frames, distance)
     if len(cameras) not in wanted[kind]:
-        raise UserError(f"camera path {text!r}: {kind} takes {' or '.join(map(str, wanted[kind]))} camera names, got {len(cameras)}")
+        raise UserError(
+            f"camera path {text!r}: {kind} takes {' or '.join(map(str, wanted[kind]))} camera names, got {len(cameras)}"
+        )
     indices = [_camera(name, text, rig) for name in cameras]
     if kind == "held_out":
         if not views.held_out:
-            raise UserError("camera path 'held_out': no camera is held out; name some in views.held_out, or render orbit, arc, still or a file")
+            raise UserError(
+                "camera path 'held_out': no camera is held out; name some in views.held_out, or render orbit, arc,"
+                " still or a file"
+            )
         return _standing(kind, list(views.held_out), rig, frames)
     if kind == "still":
         return _standing(kind, indices, rig, frames)
@@ -90,11 +109,14 @@ def _moving(kind: str, intrinsics: np.ndarray, poses: np.ndarray, size: np.ndarr
         return CameraPath(kind, (kind,), intrinsics[:, None], poses[:, None], size[None], np.ones((frames, 1), bool))
     steps = len(poses)
     names = tuple(f"{kind}_{s:02d}" for s in range(steps))
-    return CameraPath(kind, names, intrinsics[None], poses[None], np.repeat(size[None], steps, axis=0), np.ones((1, steps), bool))
+    return CameraPath(
+        kind, names, intrinsics[None], poses[None], np.repeat(size[None], steps, axis=0), np.ones((1, steps), bool)
+    )
 
 
 def _orbit(rig: Rig, frames: int) -> CameraPath:
-    """Once around the point nearest to all optical axes, starting beside the first camera, right-handed about the rig's up.
+    """Once around the point nearest to all optical axes, starting beside the first camera, right-handed about the rig's
+    up.
 
     Radius and height are the cameras' means about that axis, the focal length is their mean, the principal point is the
     middle of a picture of the most common size. The last frame stops one step short of the first: a loop has no double.
@@ -105,7 +127,10 @@ def _orbit(rig: Rig, frames: int) -> CameraPath:
     flat = offset - height[:, None] * up
     radius = float(np.linalg.norm(flat, axis=1).mean())
     if radius < 1e-3 * max(1.0, float(np.abs(height).max())):
-        raise UserError("camera path 'orbit': all cameras stand straight above or below the subject, so there is no radius; render still, arc or a .json file")
+        raise UserError(
+            "camera path 'orbit': all cameras stand straight above or below the subject, so there is no radius; render"
+            " still, arc or a .json file"
+        )
     first = flat[np.argmax(np.linalg.norm(flat, axis=1) > 1e-3 * radius)]
     side = first / np.linalg.norm(first)
     steps = frames if frames > 1 else STEPS
@@ -127,21 +152,31 @@ def _common_size(rig: Rig) -> np.ndarray:
 def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> CameraPath:
     """Along the source cameras that stand side by side, upright and with the subject in the middle of the picture.
 
-    All the way around where they do, at even speed, the last frame one step short of the first; else from one end of the
-    stretch to the other and back, slowly at the ends. Height, distance and focal length go from camera to camera without a kink, and
-    never beyond both. Raises UserError where no two source cameras can be matched.
+    All the way around where they do, at even speed, the last frame one step short of the first; else from one end of
+    the stretch to the other and back, slowly at the ends. Height, distance and focal length go from camera to camera
+    without a kink, and never beyond both. Raises UserError where no two source cameras can be matched.
     """
     stretch = best_stretch(rig, views.sources, max_angle)
     if stretch is None:
-        raise UserError(f"camera path 'between': no two of the source cameras {', '.join(rig.names[v] for v in views.sources)} can be matched (see `posegaussian inspect`), so nothing lies between; render sway, orbit, arc, still or a .json file")
+        raise UserError(
+            f"camera path 'between': no two of the source cameras {', '.join(rig.names[v] for v in views.sources)} can"
+            " be matched (see `posegaussian inspect`), so nothing lies between; render sway, orbit, arc, still or a"
+            " .json file"
+        )
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps
     subject, up, height, flat = around(rig)
     size = _common_size(rig.subset(stretch.views))
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1)
-    azimuth, (rise, radius, length) = _along(rig, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal)
+    azimuth, (rise, radius, length) = _along(
+        rig, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal
+    )
     side, on = directions(rig, stretch.views[0])
-    centres = subject + radius[:, None] * (np.cos(azimuth)[:, None] * side + np.sin(azimuth)[:, None] * on) + rise[:, None] * up
+    centres = (
+        subject
+        + radius[:, None] * (np.cos(azimuth)[:, None] * side + np.sin(azimuth)[:, None] * on)
+        + rise[:, None] * up
+    )
     k = np.zeros((steps, 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = length
     k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
@@ -149,7 +184,8 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
 
 
 def _along(rig: Rig, stretch: Stretch, share: np.ndarray, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Azimuth [S] from the stretch's first camera at shares [S] of the way, and what each of `values` [V] is there: a camera's own beside it, a smooth step between two."""
+    """Azimuth [S] from the stretch's first camera at shares [S] of the way, and what each of `values` [V] is there:
+    a camera's own beside it, a smooth step between two."""
     order = [*stretch.views, stretch.views[0]] if stretch.closed else list(stretch.views)
     subject, (side, on) = around(rig)[0], directions(rig, order[0])
     offset = rig.centres[order] - subject
@@ -172,39 +208,51 @@ def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.n
 
 
 def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, distance: float | None) -> CameraPath:
-    """A source camera that swings about the subject on its axis, sideways by some degrees and less up and down, a lying eight that begins at the camera itself.
+    """A source camera that swings about the subject on its axis, sideways by some degrees and less up and down, a lying
+    eight that begins at the camera itself.
 
-    It is turned as a whole about the point `distance` ahead, or as deep as the source cameras look where that is not given, so the subject stays where it is in the picture.
-    A whole number of swings fills the sequence, so that it can be played in a loop.
+    It is turned as a whole about the point `distance` ahead, or as deep as the source cameras look where that is not
+    given, so the subject stays where it is in the picture. A whole number of swings fills the sequence, so that it can
+    be played in a loop.
     """
     view = _camera(words[0], text, rig) if words else views.sources[0]
     try:
         swing = float(words[1]) if len(words) > 1 else SWAY
     except ValueError:
-        raise UserError(f"camera path {text!r}: {words[1]!r} is no number of degrees, as in 'sway {words[0]} 5'") from None
+        raise UserError(
+            f"camera path {text!r}: {words[1]!r} is no number of degrees, as in 'sway {words[0]} 5'"
+        ) from None
     if not 0 < swing <= 90:
         raise UserError(f"camera path {text!r}: {swing:g} degrees are not between 0 and 90")
     r, t = rig.rotations[view], rig.world_to_camera[view, :3, 3]
-    depth = distance if distance is not None and len(views.sources) == 1 else float(r[2] @ (look_at_point(rig.subset(views.sources)) - rig.centres[view]))
+    depth = (
+        distance
+        if distance is not None and len(views.sources) == 1
+        else float(r[2] @ (look_at_point(rig.subset(views.sources)) - rig.centres[view]))
+    )
     if depth <= 0:
         raise UserError(f"camera path {text!r}: the point where the source cameras look lies behind {rig.names[view]}")
     steps = frames if frames > 1 else STEPS
     phase = 2 * np.pi * max(1, round(steps / LOOP)) * np.arange(steps) / steps
     pivot = np.array([0.0, 0.0, depth])
     poses = []
-    for sideways, upwards in zip(np.deg2rad(swing) * np.sin(phase), np.deg2rad(swing) * RISE * np.sin(2 * phase), strict=True):
+    for sideways, upwards in zip(
+        np.deg2rad(swing) * np.sin(phase), np.deg2rad(swing) * RISE * np.sin(2 * phase), strict=True
+    ):
         turn = _rotation(np.array([0.0, sideways, 0.0])) @ _rotation(np.array([upwards, 0.0, 0.0]))
         poses.append(rigid(turn @ r, turn @ (t - pivot) + pivot))
-    return _moving("sway", np.repeat(rig.intrinsics[view][None], steps, axis=0), np.stack(poses), rig.size[view], frames)
+    return _moving(
+        "sway", np.repeat(rig.intrinsics[view][None], steps, axis=0), np.stack(poses), rig.size[view], frames
+    )
 
 
 def _arc(rig: Rig, a: int, b: int, frames: int) -> CameraPath:
     """From camera a to camera b about the point nearest to all optical axes; both end points are exact.
 
     Orientations are slerped. The subject's position in camera axes is interpolated too, its direction and its distance
-    apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's and
-    the subject stays where it is in the picture, whatever the origin of the world. Translations are never interpolated.
-    The intrinsics are interpolated linearly; the size is the larger one on each axis.
+    apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's
+    and the subject stays where it is in the picture, whatever the origin of the world. Translations are never
+    interpolated. The intrinsics are interpolated linearly; the size is the larger one on each axis.
     """
     subject = look_at_point(rig)
     ra, rb = rig.rotations[a], rig.rotations[b]
@@ -233,8 +281,12 @@ def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 def _rotation_vector(rotation: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """[3] axis times angle of a rotation matrix, angle in [0, pi]; of a half turn, the axis that has `up` on its side."""
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]) / 2
+    """[3] axis times angle of a rotation matrix, angle in [0, pi]; of a half turn, the axis that has `up` on its
+    side."""
+    skew = (
+        np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+        / 2
+    )
     angle = float(np.arctan2(np.linalg.norm(skew), (np.trace(rotation) - 1) / 2))
     if angle < 1e-12:
         return np.zeros(3)

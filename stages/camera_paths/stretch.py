@@ -1,4 +1,5 @@
-"""Where cameras stand side by side: the stretch around the subject in which every picture lies between two that depth can match."""
+"""Where cameras stand side by side: the stretch around the subject in which every picture lies between two that
+depth can match."""
 
 from __future__ import annotations
 
@@ -45,11 +46,12 @@ class _Chain:
 
 
 def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> Stretch | None:
-    """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two can be matched.
+    """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two
+    can be matched.
 
-    Groups are what usable pairs (`posegaussian.stages.geometry.pairs`) hold together. Within one the stretch goes all the way around where
-    it can, else as far as it can, and by the sum of squared angles: past every camera between, but not up and down
-    between two rows of them.
+    Groups are what usable pairs (`posegaussian.stages.geometry.pairs`) hold together. Within one the stretch goes all
+    the way around where it can, else as far as it can, and by the sum of squared angles: past every camera between, but
+    not up and down between two rows of them.
     """
     angles: dict[tuple[int, int], float] = {}
     for report in pair_report(rig, sources, max_angle):
@@ -69,7 +71,11 @@ def stretch_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Map
     if stretch is None or not beside:
         return []
     order = " - ".join(rig.names[v] for v in stretch.views)
-    return [f"camera path {p} stays where pictures lie between two cameras that depth can match, {order}; it does not pass {', '.join(beside)} (for these: --path orbit, or 'arc CAM_A CAM_B')" for p in passed]
+    return [
+        f"camera path {p} stays where pictures lie between two cameras that depth can match, {order}; it does not pass"
+        f" {', '.join(beside)} (for these: --path orbit, or 'arc CAM_A CAM_B')"
+        for p in passed
+    ]
 
 
 def around(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -126,16 +132,25 @@ def _of_group(group: list[int], angles: Angles, azimuth: np.ndarray) -> tuple[in
         views = min(rings, key=lambda c: (round(c.cost, 1), min(c.views), c.views)).views
         first = views.index(min(views))
         views = views[first:] + views[:first]
-        return len(group), Stretch(views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)), 360.0)
+        return len(group), Stretch(
+            views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)), 360.0
+        )
     longest = min(arcs, key=lambda c: (-round(c.azimuth, 3), round(c.cost, 1), c.views))
     if len(longest.views) < 2:
         return len(group), None
-    return len(group), Stretch(longest.views, False, max(angles[a, b] for a, b in pairwise(longest.views)), float(np.degrees(longest.azimuth)))
+    return len(group), Stretch(
+        longest.views, False, max(angles[a, b] for a, b in pairwise(longest.views)), float(np.degrees(longest.azimuth))
+    )
 
 
 def _chains(start: int, group: list[int], angles: Angles, azimuth: np.ndarray) -> list[_Chain]:
-    """The most even way from `start` to every camera of the group that can be reached with growing azimuth, less than once around."""
-    ahead = {v: float((azimuth[v] - azimuth[start]) % TURN) for v in group if v != start and np.isfinite(azimuth[[v, start]]).all()}
+    """The most even way from `start` to every camera of the group that can be reached with growing azimuth, less
+    than once around."""
+    ahead = {
+        v: float((azimuth[v] - azimuth[start]) % TURN)
+        for v in group
+        if v != start and np.isfinite(azimuth[[v, start]]).all()
+    }
     best = {start: _Chain(0.0, 0.0, (start,))}
     for v in sorted(ahead, key=lambda v: (ahead[v], v)):
         ways = [

@@ -23,7 +23,8 @@ Facts = frozenset[str]
 
 
 class Params(BaseModel):
-    """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of fingerprints."""
+    """Settings of one stage. Unknown keys are errors; a volatile field cannot change a result and stays out of
+    fingerprints."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
@@ -33,7 +34,9 @@ class Params(BaseModel):
         """YAML's `yes` and `on` are truth values, and Python would take them for 1."""
         annotation = cls.model_fields[info.field_name].annotation if info.field_name else None
         if isinstance(value, bool) and annotation is not bool:
-            raise ValueError(f"a {getattr(annotation, '__name__', annotation)} is expected, got the truth value {value}")
+            raise ValueError(
+                f"a {getattr(annotation, '__name__', annotation)} is expected, got the truth value {value}"
+            )
         return value
 
     def hashed(self) -> dict[str, Any]:
@@ -42,9 +45,22 @@ class Params(BaseModel):
         return self.model_dump(mode="json", exclude=volatile)
 
 
-def setting(default: Any, description: str, *, unit: str = "1", volatile: bool = False, quality_levels: list[Any] | None = None, **bounds: Any) -> Any:
+def setting(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "1",
+    volatile: bool = False,
+    quality_levels: list[Any] | None = None,
+    **bounds: Any,
+) -> Any:
     """A documented parameter: its unit, its bounds (ge, le, gt, lt), its quality levels from cheap to dear."""
-    return Field(default, description=description, json_schema_extra={"unit": unit, "volatile": volatile, "quality_levels": quality_levels}, **bounds)
+    return Field(
+        default,
+        description=description,
+        json_schema_extra={"unit": unit, "volatile": volatile, "quality_levels": quality_levels},
+        **bounds,
+    )
 
 
 def extra(info: FieldInfo) -> dict[str, Any]:
@@ -73,7 +89,13 @@ class Read:
     """Whether it is a source file of the capture, read through a lazy reader."""
 
     @classmethod
-    def source(cls, kind: str, views: ViewSelection = "own", when: Callable[[Any, Facts], bool] = always, halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)) -> Read:
+    def source(
+        cls,
+        kind: str,
+        views: ViewSelection = "own",
+        when: Callable[[Any, Facts], bool] = always,
+        halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0),
+    ) -> Read:
         """A source of the capture: pictures, masks, joints, joints3d, depth or depth_maps; or the pose estimator."""
         return cls(kind, views=views, halo=halo, when=when, is_source=True)
 
@@ -142,8 +164,8 @@ class Evidence:
 class Effect:
     """Something computed only where a measure calls for it: while it is on, its name is among the facts of its stages.
 
-    The first stage in the flow that declares it decides. What a stage reads with an effect off, it or what it reads must
-    also read with the effect on: while a decision waits for the survey, work is ordered as if the effect were on.
+    The first stage in the flow that declares it decides. What a stage reads with an effect off, it or what it reads
+    must also read with the effect on: while a decision waits for the survey, work is ordered as if the effect were on.
     """
 
     name: str
@@ -230,10 +252,12 @@ class Stage:
     tolerance: Tolerance | None = None
     """None: serial and distributed results are equal byte by byte."""
     optional: bool = False
-    """Whether its settings may leave it out: while it is needed, its name is among the facts, so that later stages read its outputs in place of others."""
+    """Whether its settings may leave it out: while it is needed, its name is among the facts, so that later stages
+    read its outputs in place of others."""
     sequence_wide: bool = False
     """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
-    whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than half. An output made only when asked for has `when` = its name, one made with it that name, too."""
+    whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than
+    half. An output made only when asked for has `when` = its name, one made with it that name, too."""
     longest: int | None = None
     """Longer side, px, of the cameras it sees, whatever `frames.size` says; None: those of `frames/*`."""
 

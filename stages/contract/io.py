@@ -70,7 +70,8 @@ class JointReader(Protocol):
     """Name of the joint set (`posegaussian.storage.model.joint_sets.JOINT_SETS`)."""
 
     def read(self, view: int, number: int) -> np.ndarray:
-        """[people, J, 3] float64 (u, v, score) in the captured picture's pixels, our pixel centres; zero people is valid.
+        """[people, J, 3] float64 (u, v, score) in the captured picture's pixels, our pixel centres; zero people is
+        valid.
 
         A missing joint has score 0.
         """
@@ -101,7 +102,8 @@ class DepthMapReader(DepthReader, Protocol):
 
 
 class Inputs(Protocol):
-    """Everything one task may see. Arrays are read through the store's digests, so what is read is what is fingerprinted."""
+    """Everything one task may see. Arrays are read through the store's digests, so what is read is what is
+    fingerprinted."""
 
     partition: range
     """Frame indices (of the sequence) this task produces; empty for stages that do not run over time."""
@@ -122,21 +124,28 @@ class Inputs(Protocol):
     captured_to_calibrated: np.ndarray
     """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
     path: CameraPath | None
-    """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what it reads."""
+    """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what
+    it reads."""
     facts: frozenset[str]
-    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames, linear_light; joints2d: given or estimated, `detected`: estimated, `segmented`: the estimator segments people),
-    the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's outputs those that are asked for."""
+    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames,
+    linear_light; joints2d: given or estimated, `detected`: estimated, `segmented`: the estimator segments people),
+    the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's
+    outputs those that are asked for."""
     joint_set: str | None
-    """Joint set of `pose/joints2d` and `pose/joints3d` (`posegaussian.storage.model.joint_sets`); None where the capture has no joints."""
+    """Joint set of `pose/joints2d` and `pose/joints3d` (`posegaussian.storage.model.joint_sets`); None where the
+    capture has no joints."""
 
     def span(self, array: str) -> range:
-        """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence; of a source those that may be asked for."""
+        """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence; of a source
+        those that may be asked for."""
 
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views."""
 
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
-        """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`, of an array or a source."""
+        """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`, of
+        an array or a source."""
 
     def source(self, kind: str) -> Any:
-        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d", "depth" or "depth_maps"; or the pose "estimator"."""
+        """The lazy reader of a source: "pictures", "masks", "joints", "joints3d", "depth" or "depth_maps"; or the
+        pose "estimator"."""

@@ -1,4 +1,5 @@
-"""What kernels of several modules are given beside `posegaussian.stages.contract.io.Inputs`: somebody who takes their times.
+"""What kernels of several modules are given beside `posegaussian.stages.contract.io.Inputs`: somebody who takes their
+times.
 
 Apart from the other inputs, so that taking times is no part of any stage's code digest.
 """
@@ -15,7 +16,8 @@ class TimedInputs(Inputs, Protocol):
     """Inputs of a kernel that says what its modules take."""
 
     def timed(self, module: str) -> AbstractContextManager[None]:
-        """Wall time within counts for a module of the kernel, by name; where modules are nested, for the innermost alone.
+        """Wall time within counts for a module of the kernel, by name; where modules are nested, for the innermost
+        alone.
 
         For the kernel's own thread, around work and never around a `yield`. Times go beside the result, never into it.
         """

@@ -1,4 +1,5 @@
-"""When matches are checked from the other side: where one view of a pair sees what the other cannot. When limbs bound the search: where joints fit the pictures."""
+"""When matches are checked from the other side: where one view of a pair sees what the other cannot. When limbs
+bound the search: where joints fit the pictures."""
 
 from __future__ import annotations
 
@@ -10,10 +11,12 @@ from posegaussian.stages.geometry.subject import PERSON_RADIUS, look_at_point
 
 
 def hidden_width(evidence: Evidence) -> float:
-    """Measure in px of `frames/*`: how wide a strip behind an arm one view sees and its partner does not, in the widest pair used.
+    """Measure in px of `frames/*`: how wide a strip behind an arm one view sees and its partner does not, in the widest
+    pair used.
 
-    A surface a body's radius in front of another shifts against it by f B (1/z - 1/(z + r)) between two pictures; what it
-    uncovers in one of them is that wide. f in px, B the baseline of a view and one of its `pairs` nearest neighbours within
+    A surface a body's radius in front of another shifts against it by f B (1/z - 1/(z + r)) between two pictures; what
+    it uncovers in one of them is that wide. f in px, B the baseline of a view and one of its `pairs` nearest neighbours
+    within
     `max_angle` degrees at the point the cameras look at, z its distance.
     """
     rig = evidence.rig.subset(evidence.sources)
@@ -24,7 +27,11 @@ def hidden_width(evidence: Evidence) -> float:
     angle = np.rad2deg(np.arccos(cosine)) + np.diag(np.full(len(rig), np.inf))
     widest = 0.0
     for v in range(len(rig)):
-        partners = [w for w in np.argsort(angle[v], kind="stable")[: evidence.params.pairs] if angle[v, w] <= evidence.params.max_angle]
+        partners = [
+            w
+            for w in np.argsort(angle[v], kind="stable")[: evidence.params.pairs]
+            if angle[v, w] <= evidence.params.max_angle
+        ]
         focal = float(np.sqrt(rig.intrinsics[v, 0, 0] * rig.intrinsics[v, 1, 1]))
         shift = focal * (1.0 / distance[v] - 1.0 / (distance[v] + PERSON_RADIUS))
         widest = max([widest, *(shift * float(np.linalg.norm(rig.centres[v] - rig.centres[w])) for w in partners)])
@@ -41,15 +48,27 @@ def _nothing_matched(evidence: Evidence) -> str | None:
 def _check(evidence: Evidence, bound: float) -> Decision:
     width = hidden_width(evidence)
     if not width:
-        return Decision(False, 0.0, bound, f"no two source views are within {evidence.params.max_angle:g} degrees (depth.max_angle): nothing is matched")
-    return Decision(bool(width > bound), width, bound, f"behind an arm, a view sees strips of up to {width:.1f} px that its partner does not")
+        return Decision(
+            False,
+            0.0,
+            bound,
+            f"no two source views are within {evidence.params.max_angle:g} degrees (depth.max_angle): nothing is"
+            " matched",
+        )
+    return Decision(
+        bool(width > bound),
+        width,
+        bound,
+        f"behind an arm, a view sees strips of up to {width:.1f} px that its partner does not",
+    )
 
 
 LEFT_RIGHT_CHECK = Effect(
     "left_right_check",
     "Drop matches that the other view of the pair contradicts.",
     "widest strip hidden from one view of a pair",
-    # Low on purpose: with cameras 4 degrees apart (0.4 px hidden, 48 px pictures) the check still takes a fifth of the error away.
+    # Low on purpose: with cameras 4 degrees apart (0.4 px hidden, 48 px pictures) the check still takes a fifth of the
+    # error away.
     0.1,
     "px",
     _check,
@@ -68,10 +87,21 @@ def _trusted_joints(evidence: Evidence, bound: float) -> Decision | None:
         return None
     distances, shares, compared = evidence.noted["survey/joint_fit"].T
     if compared.mean() < FEWEST:
-        return Decision(False, None, bound, f"{compared.mean():.1f} joints a view and frame are triangulated, too few for limbs ({FEWEST} needed)")
+        return Decision(
+            False,
+            None,
+            bound,
+            f"{compared.mean():.1f} joints a view and frame are triangulated, too few for limbs ({FEWEST} needed)",
+        )
     weights = compared / compared.sum()
     share = float(shares @ weights)
-    return Decision(bool(share > bound), share, bound, f"joints lie {float(distances @ weights):.2%} of the longer side from the triangulated ones, {share:.0%} of them within 1.5 %")
+    return Decision(
+        bool(share > bound),
+        share,
+        bound,
+        f"joints lie {float(distances @ weights):.2%} of the longer side from the triangulated ones, {share:.0%} of"
+        " them within 1.5 %",
+    )
 
 
 def _no_limbs(evidence: Evidence) -> str | None:

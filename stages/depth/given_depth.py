@@ -1,28 +1,39 @@
-"""Depth maps that came with the capture, made fit to carry Gaussians: noise is smoothed, what straddles two surfaces goes, edges are trusted less."""
+"""Depth maps that came with the capture, made fit to carry Gaussians: noise is smoothed, what straddles two surfaces
+goes, edges are trusted less."""
 
 from __future__ import annotations
 
 import numpy as np
 
 JUMP = 8.0
-"""A step of more than this many pixel footprints z/f between neighbours is an edge between surfaces (a slope of 83 degrees)."""
+"""A step of more than this many pixel footprints z/f between neighbours is an edge between surfaces (a slope of 83
+degrees)."""
 EDGE = 0.5
 """Confidence of a pixel beside such an edge, where sensors and networks err."""
 
 
 NOISY = 0.5
-"""Noise from pixel to pixel, in pixel footprints, above which a map is smoothed: normals and sizes of Gaussians follow from differences of neighbours."""
+"""Noise from pixel to pixel, in pixel footprints, above which a map is smoothed: normals and sizes of Gaussians
+follow from differences of neighbours."""
 SPREAD, REACH = 3.0, 7
 """Of the smoothing: depths that count, in standard deviations of the noise, and its diameter in px."""
 
 
-def given_depth(depth: np.ndarray, focal: float, depth_range: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
+def given_depth(
+    depth: np.ndarray, focal: float, depth_range: tuple[float, float] | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Depth and confidence [h, w] float32 of one depth map [h, w] float32 m, 0 where there is none; `focal` px.
 
-    Where depth is noisy from pixel to pixel it is smoothed within surfaces (bilaterally, in inverse depth). A pixel between two surfaces (nearer than its neighbour on one side and farther than that on the other, both by a jump) belongs to neither
-    and goes, as does what lies outside `depth_range`. Confidence is 1, 1/2 beside an edge, and 0 where there is no depth.
+    Where depth is noisy from pixel to pixel it is smoothed within surfaces (bilaterally, in inverse depth). A pixel
+    between two surfaces (nearer than its neighbour on one side and farther than that on the other, both by a jump)
+    belongs to neither and goes, as does what lies outside `depth_range`. Confidence is 1, 1/2 beside an edge, and 0
+    where there is no depth.
     """
-    z = depth if depth_range is None else np.where((depth >= depth_range[0]) & (depth <= depth_range[1]), depth, np.float32(0))
+    z = (
+        depth
+        if depth_range is None
+        else np.where((depth >= depth_range[0]) & (depth <= depth_range[1]), depth, np.float32(0))
+    )
     z = _smoothed(z, focal)
     flying = np.zeros(z.shape, bool)
     for axis in (0, 1):
@@ -37,7 +48,8 @@ def given_depth(depth: np.ndarray, focal: float, depth_range: tuple[float, float
 
 
 def _smoothed(z: np.ndarray, focal: float) -> np.ndarray:
-    """The same map where its noise is below NOISY; else the mean, in inverse depth, of those around that are within SPREAD of the noise."""
+    """The same map where its noise is below NOISY; else the mean, in inverse depth, of those around that are within
+    SPREAD of the noise."""
     import cv2
 
     inverse = np.where(z > 0, 1 / np.where(z > 0, z, 1), 0).astype(np.float32)
@@ -50,7 +62,8 @@ def _smoothed(z: np.ndarray, focal: float) -> np.ndarray:
 
 
 def pixel_noise(values: np.ndarray) -> float:
-    """Standard deviation of what changes from pixel to pixel [h, w], from the median of second differences; 0 is no value, and edges do not count."""
+    """Standard deviation of what changes from pixel to pixel [h, w], from the median of second differences; 0 is no
+    value, and edges do not count."""
     left, middle, right = values[:, :-2], values[:, 1:-1], values[:, 2:]
     known = (left > 0) & (middle > 0) & (right > 0)
     if not known.any():
@@ -60,7 +73,8 @@ def pixel_noise(values: np.ndarray) -> float:
 
 
 def _steps(z: np.ndarray, axis: int, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """[h, w] int8 twice: whether the depth jumps up (1) or down (-1) from the pixel before, and to the pixel after, along an axis; 0 beside no surface."""
+    """[h, w] int8 twice: whether the depth jumps up (1) or down (-1) from the pixel before, and to the pixel after,
+    along an axis; 0 beside no surface."""
     first, second = (np.take(z, np.arange(z.shape[axis])[part], axis) for part in (slice(None, -1), slice(1, None)))
     step = second - first
     jumps = (np.abs(step) > JUMP / focal * np.minimum(first, second)) & (first > 0) & (second > 0)

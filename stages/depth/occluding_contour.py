@@ -1,10 +1,10 @@
 """Where a surface turns away at the silhouette: its last pixels continue the measured ones on a round cross-section.
 
-At an occluding contour a smooth surface is tangent to the ray: s px inside it, the depth is a - k sqrt(2 R s - s^2), R half the
-thickness of the limb in px and k one pixel footprint where its cross-section is round. Matching
-windows cannot follow that: the outermost pixels come out too flat, face the wrong way and show up beside the subject or in
-front of it in every other view. Within a few px of the silhouette the depth is therefore taken from the law, fitted to what
-was measured further in.
+At an occluding contour a smooth surface is tangent to the ray: s px inside it, the depth is a - k sqrt(2 R s - s^2), R
+half the thickness of the limb in px and k one pixel footprint where its cross-section is round. Matching windows cannot
+follow that: the outermost pixels come out too flat, face the wrong way and show up beside the subject or in front of it
+in every other view. Within a few px of the silhouette the depth is therefore taken from the law, fitted to what was
+measured further in.
 """
 
 from __future__ import annotations
@@ -17,24 +17,35 @@ from posegaussian.stages.matching.fuse import HULL
 from posegaussian.storage.model.cameras import Rig
 
 CORE = (1.0, 2.0, 1 / 256)
-"""Px from the silhouette within which depth is continued instead of measured: at least, at most, and over the picture's longer
-side. In a small picture an arm is a few px wide, and its last px still measured better than guessed."""
+"""Px from the silhouette within which depth is continued instead of measured: at least, at most, and over the
+picture's longer side. In a small picture an arm is a few px wide, and its last px still measured better than
+guessed."""
 REACH = 4.0
 """Px beyond the core that are fitted."""
 ROUND = 0.2
-"""Weight of a round cross-section against the measured one, per px of R: the variance of the height over the fitted pixels, over R, is as large."""
+"""Weight of a round cross-section against the measured one, per px of R: the variance of the height over the fitted
+pixels, over R, is as large."""
 WIDEST = 0.08
 """Half thickness, over the picture's longer side, above which a body is no rounder than this."""
 STEEP = 12.0
 """Pixel footprints of depth by which fitted pixels may differ: beyond is another surface."""
 
 
-def turn_away(rig: Rig, view: int, depth: np.ndarray, confidence: np.ndarray, near: np.ndarray, far: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and confidence [h, w] of a view with its rim continued from further in, within the hull; what has no depth keeps none.
+def turn_away(
+    rig: Rig,
+    view: int,
+    depth: np.ndarray,
+    confidence: np.ndarray,
+    near: np.ndarray,
+    far: np.ndarray,
+    inside: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and confidence [h, w] of a view with its rim continued from further in, within the hull; what has no depth
+    keeps none.
 
     `depth` is metres along the optical axis, `near` and `far` the hull's, `inside` [h, w] bool the silhouette. What the
-    picture's edge cuts off is no contour and stays as it is, as does a rim without measured depth further in: the hull turns away
-    by itself.
+    picture's edge cuts off is no contour and stays as it is, as does a rim without measured depth further in: the hull
+    turns away by itself.
     """
     width, height = (int(n) for n in rig.size[view])
     distance = cv2.distanceTransform(inside[:height, :width].astype(np.uint8), cv2.DIST_L2, 5)
@@ -42,12 +53,30 @@ def turn_away(rig: Rig, view: int, depth: np.ndarray, confidence: np.ndarray, ne
     length = np.hypot(down, right) + 1e-6
     focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
     turned = depth.copy()
-    turned[:height, :width] = _continued(depth[:height, :width], confidence[:height, :width] > HULL + 0.01, distance, (down / length).astype(np.float32), (right / length).astype(np.float32), 1 / focal, WIDEST * max(width, height), float(np.clip(CORE[2] * max(width, height), *CORE[:2])))
+    turned[:height, :width] = _continued(
+        depth[:height, :width],
+        confidence[:height, :width] > HULL + 0.01,
+        distance,
+        (down / length).astype(np.float32),
+        (right / length).astype(np.float32),
+        1 / focal,
+        WIDEST * max(width, height),
+        float(np.clip(CORE[2] * max(width, height), *CORE[:2])),
+    )
     return np.where(turned != depth, np.clip(turned, near, far), depth).astype(np.float32), confidence
 
 
 @njit(cache=True, nogil=True)
-def _continued(depth: np.ndarray, measured: np.ndarray, distance: np.ndarray, down: np.ndarray, right: np.ndarray, pixel: float, widest: float, core: float) -> np.ndarray:
+def _continued(
+    depth: np.ndarray,
+    measured: np.ndarray,
+    distance: np.ndarray,
+    down: np.ndarray,
+    right: np.ndarray,
+    pixel: float,
+    widest: float,
+    core: float,
+) -> np.ndarray:
     height, width = depth.shape
     out = depth.copy()
     for i in range(height):
@@ -66,12 +95,20 @@ def _continued(depth: np.ndarray, measured: np.ndarray, distance: np.ndarray, do
                     first = z if first == 0 else first
                     if abs(z - first) < STEEP * pixel * first:
                         root = _height(s, thickness)
-                        count, roots, squares, depths, products = count + 1, roots + root, squares + root * root, depths + z, products + root * z
+                        count, roots, squares, depths, products = (
+                            count + 1,
+                            roots + root,
+                            squares + root * root,
+                            depths + z,
+                            products + root * z,
+                        )
                 y, x = y + down[row, column], x + right[row, column]
             if count == 0:
                 continue
             roots, depths, prior = roots / count, depths / count, ROUND * thickness
-            slope = (roots * depths - products / count + prior * pixel * first) / (squares / count - roots * roots + prior)
+            slope = (roots * depths - products / count + prior * pixel * first) / (
+                squares / count - roots * roots + prior
+            )
             slope = min(max(slope, 0.3 * pixel * first), 2 * pixel * first)
             out[i, j] = depths - slope * (_height(distance[i, j], thickness) - roots)
     return out
@@ -84,7 +121,13 @@ def _thickness(distance: np.ndarray, down: np.ndarray, right: np.ndarray, i: int
     y, x = float(i), float(j)
     for _ in range(int(widest)):
         row, column = int(np.rint(y)), int(np.rint(x))
-        if row < 0 or column < 0 or row >= distance.shape[0] or column >= distance.shape[1] or distance[row, column] < thickness - 1:
+        if (
+            row < 0
+            or column < 0
+            or row >= distance.shape[0]
+            or column >= distance.shape[1]
+            or distance[row, column] < thickness - 1
+        ):
             break
         thickness = max(thickness, distance[row, column])
         y, x = y + down[row, column], x + right[row, column]
@@ -93,6 +136,7 @@ def _thickness(distance: np.ndarray, down: np.ndarray, right: np.ndarray, i: int
 
 @njit(cache=True, nogil=True)
 def _height(distance: float, radius: float) -> float:
-    """Height above the contour, px, of a round surface at a distance from the nearest background pixel's centre: half a px of it is not inside."""
+    """Height above the contour, px, of a round surface at a distance from the nearest background pixel's centre:
+    half a px of it is not inside."""
     s = min(max(distance - 0.5, 0.05), radius)
     return np.sqrt(2 * radius * s - s * s)

@@ -1,10 +1,10 @@
 """The pose prior: where joints are known, nothing of a body lies far in front of its limbs.
 
-Bones between triangulated joints are capsules, wide enough for flesh and cloth. What the silhouettes leave standing in front
-of them, outside every capsule, is mostly a phantom of the visual hull. It need not be: hair, a skirt, a ball, a limb whose
-joint is missing lie outside, too. They give themselves away: some view sees them in a pixel of its silhouette that no capsule
-covers. So the near bound moves on along the ray from the hull to the first point that is in a capsule or that a view sees in such a
-pixel, and stays where the ray meets no capsule within the hull.
+Bones between triangulated joints are capsules, wide enough for flesh and cloth. What the silhouettes leave standing in
+front of them, outside every capsule, is mostly a phantom of the visual hull. It need not be: hair, a skirt, a ball, a
+limb whose joint is missing lie outside, too. They give themselves away: some view sees them in a pixel of its
+silhouette that no capsule covers. So the near bound moves on along the ray from the hull to the first point that is in
+a capsule or that a view sees in such a pixel, and stays where the ray meets no capsule within the hull.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from posegaussian.storage.model.cameras import Rig, points_from_integer_centres,
 from posegaussian.storage.model.joint_sets import COCO17
 
 MARGIN = 0.05
-"""Metres around a limb for cloth and for the joints' error, whatever the body's size. Simulated people in 30 poses, exact joints:
-nothing lies more than 6 mm farther out, and that are fingertips."""
+"""Metres around a limb for cloth and for the joints' error, whatever the body's size. Simulated people in 30 poses,
+exact joints: nothing lies more than 6 mm farther out, and that are fingertips."""
 FARTHEST = 0.5
 """Metres by which the near bound moves at most: phantoms are rarely thicker."""
 BONES = {
@@ -30,8 +30,9 @@ BONES = {
 }  # fmt: skip
 """{bone: (length, radius)}, metres of a body of 1.75 m; `*` stands for both sides."""
 SPINE, HEAD, NECK, FOOT = 0.13, 0.16, 0.10, 0.20
-"""Radii of such a body's middle, from the shoulders to the hips; of its head around the middle of the ears, hair included; of what joins
-the head to the shoulders; and of a ball around the ankle that holds a foot wherever it points."""
+"""Radii of such a body's middle, from the shoulders to the hips; of its head around the middle of the ears, hair
+included; of what joins the head to the shoulders; and of a ball around the ankle that holds a foot wherever it
+points."""
 HAND = (0.19, 0.06)
 """(length, radius) of a hand that continues the forearm."""
 CHAINS = {("*Shoulder", "*Elbow", "*Wrist"): (0.74, 0.45), ("*Hip", "*Knee", "*Ankle"): (1.05, 0.63)}
@@ -44,24 +45,38 @@ SIZES = (0.4, 1.3)
 
 def _pairs() -> list[tuple[int, int, float, float]]:
     """(joint, joint, length, radius) of all bones."""
-    sided = [(one.replace("*", s), other.replace("*", s), *sizes) for (one, other), sizes in BONES.items() for s in ("LR" if "*" in one else "L")]
-    return [(COCO17.names.index(one), COCO17.names.index(other), length, radius) for one, other, length, radius in sided]
+    sided = [
+        (one.replace("*", s), other.replace("*", s), *sizes)
+        for (one, other), sizes in BONES.items()
+        for s in ("LR" if "*" in one else "L")
+    ]
+    return [
+        (COCO17.names.index(one), COCO17.names.index(other), length, radius) for one, other, length, radius in sided
+    ]
 
 
 def _chains() -> list[tuple[list[int], tuple[float, float]]]:
     """(three joints, reaches) of all four limbs."""
-    return [([COCO17.names.index(n.replace("*", s)) for n in names], reaches) for names, reaches in CHAINS.items() for s in "LR"]
+    return [
+        ([COCO17.names.index(n.replace("*", s)) for n in names], reaches)
+        for names, reaches in CHAINS.items()
+        for s in "LR"
+    ]
 
 
 _PAIRS, _ALL_CHAINS = _pairs(), _chains()
-_EARS, _SHOULDERS, _ELBOWS, _WRISTS, _HIPS, _ANKLES = ([COCO17.names.index(s + n) for s in "LR"] for n in ("Ear", "Shoulder", "Elbow", "Wrist", "Hip", "Ankle"))
+_EARS, _SHOULDERS, _ELBOWS, _WRISTS, _HIPS, _ANKLES = (
+    [COCO17.names.index(s + n) for s in "LR"] for n in ("Ear", "Shoulder", "Elbow", "Wrist", "Hip", "Ankle")
+)
 
 
 def limbs_of(joints: np.ndarray) -> np.ndarray:
-    """[N, 7] capsules (one end, other end, radius), world metres, margin included, of COCO-17 joints [17, 4] (x, y, z, score).
+    """[N, 7] capsules (one end, other end, radius), world metres, margin included, of COCO-17 joints [17, 4] (x, y, z,
+    score).
 
-    A joint with score 0 takes part in none: a limb that it belongs to may be anywhere it reaches, a ball around its last known joint.
-    Without both shoulders and hips there are no limbs. Radii grow with the body: the median length of its known bones over those of one of 1.75 m.
+    A joint with score 0 takes part in none: a limb that it belongs to may be anywhere it reaches, a ball around its
+    last known joint. Without both shoulders and hips there are no limbs. Radii grow with the body: the median length of
+    its known bones over those of one of 1.75 m.
     """
     known, at = joints[:, 3] > 0, joints[:, :3].astype(np.float64)
     if not known[_SHOULDERS + _HIPS].all():
@@ -73,19 +88,26 @@ def limbs_of(joints: np.ndarray) -> np.ndarray:
     for elbow, wrist in zip(_ELBOWS, _WRISTS, strict=True):
         if known[elbow] and known[wrist]:
             forearm = at[wrist] - at[elbow]
-            found.append((at[wrist], at[wrist] + HAND[0] * size * forearm / max(float(np.linalg.norm(forearm)), 1e-6), HAND[1]))
+            found.append(
+                (at[wrist], at[wrist] + HAND[0] * size * forearm / max(float(np.linalg.norm(forearm)), 1e-6), HAND[1])
+            )
     for chain, reaches in _ALL_CHAINS:
         unknown = int(np.argmin(known[chain]))
         if not known[chain].all():
             found.append((at[chain[unknown - 1]], at[chain[unknown - 1]], reaches[unknown - 1]))
     shoulders, head = at[_SHOULDERS].mean(axis=0), at[_EARS].mean(axis=0)
     found.append((shoulders, at[_HIPS].mean(axis=0), SPINE))
-    found += [(head, head, HEAD), (head, shoulders, NECK)] if known[_EARS].all() else [(shoulders, shoulders, HEAD_REACH)]
+    found += (
+        [(head, head, HEAD), (head, shoulders, NECK)] if known[_EARS].all() else [(shoulders, shoulders, HEAD_REACH)]
+    )
     return np.array([(*a, *b, size * radius + MARGIN) for a, b, radius in found])
 
 
-def bounded(rig: Rig, hulls: dict[int, tuple[np.ndarray, np.ndarray]], masks: dict[int, np.ndarray], limbs: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Near and far depth [h, w] by view, metres along the optical axis, 0 outside the hull: the near one moved on to the limbs.
+def bounded(
+    rig: Rig, hulls: dict[int, tuple[np.ndarray, np.ndarray]], masks: dict[int, np.ndarray], limbs: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Near and far depth [h, w] by view, metres along the optical axis, 0 outside the hull: the near one moved on to
+    the limbs.
 
     Args:
         rig: the cameras.
@@ -104,13 +126,23 @@ def bounded(rig: Rig, hulls: dict[int, tuple[np.ndarray, np.ndarray]], masks: di
     for v, (near, far) in hulls.items():
         rows, columns = np.nonzero(near > 0)
         moved = near.copy()
-        moved[rows, columns] = _moved(near[rows, columns], far[rows, columns], *_rays(rig, v, rows, columns), limbs, unexplained, projections, 1.0 / float(rig.intrinsics[v, 0, 0]))
+        moved[rows, columns] = _moved(
+            near[rows, columns],
+            far[rows, columns],
+            *_rays(rig, v, rows, columns),
+            limbs,
+            unexplained,
+            projections,
+            1.0 / float(rig.intrinsics[v, 0, 0]),
+        )
         out[v] = (moved, far)
     return out
 
 
 def _rays(rig: Rig, view: int, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
+    return rays(
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view]
+    )
 
 
 def _unexplained(rig: Rig, view: int, mask: np.ndarray, limbs: np.ndarray) -> np.ndarray:
@@ -148,13 +180,21 @@ def _entry(start: float, origin: np.ndarray, d: np.ndarray, limbs: np.ndarray) -
 def _through(origin: np.ndarray, d: np.ndarray, limb: np.ndarray) -> tuple[float, float]:
     """Depths at which the ray origin + depth * d enters and leaves a capsule; (inf, -inf) where it misses it.
 
-    A capsule is convex, and the union of a cylinder and of two balls: the ray is in it from the first entry to the last exit.
+    A capsule is convex, and the union of a cylinder and of two balls: the ray is in it from the first entry to the last
+    exit.
     """
     low, high, square = np.inf, -np.inf, limb[6] * limb[6]
     dd, da, aa, ma, md, mm = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         axis, to = limb[3 + k] - limb[k], origin[k] - limb[k]
-        dd, da, aa, ma, md, mm = dd + d[k] * d[k], da + d[k] * axis, aa + axis * axis, ma + to * axis, md + to * d[k], mm + to * to
+        dd, da, aa, ma, md, mm = (
+            dd + d[k] * d[k],
+            da + d[k] * axis,
+            aa + axis * axis,
+            ma + to * axis,
+            md + to * d[k],
+            mm + to * to,
+        )
     for end in range(2 if aa > 0 else 1):
         # A ball: |to + depth d - end axis|^2 = radius^2.
         half, rest = md - end * da, mm - 2 * end * ma + end * aa - square
@@ -181,8 +221,18 @@ def _through(origin: np.ndarray, d: np.ndarray, limb: np.ndarray) -> tuple[float
 
 
 @njit(cache=True, nogil=True)
-def _moved(near: np.ndarray, far: np.ndarray, origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray, unexplained: np.ndarray, projections: np.ndarray, pixel: float) -> np.ndarray:
-    """Near depth [n] moved on along rays [n, 3], in steps of a px of the view; `pixel` is a px in metres at a depth of one."""
+def _moved(
+    near: np.ndarray,
+    far: np.ndarray,
+    origin: np.ndarray,
+    directions: np.ndarray,
+    limbs: np.ndarray,
+    unexplained: np.ndarray,
+    projections: np.ndarray,
+    pixel: float,
+) -> np.ndarray:
+    """Near depth [n] moved on along rays [n, 3], in steps of a px of the view; `pixel` is a px in metres at a depth
+    of one."""
     out = near.copy()
     views = projections.shape[0]
     start, along = np.empty((views, 3)), np.empty((views, 3))
@@ -209,6 +259,10 @@ def _alone(z: float, start: np.ndarray, along: np.ndarray, unexplained: np.ndarr
         if w <= 1e-9:
             continue
         x, y = (start[v, 0] + z * along[v, 0]) / w, (start[v, 1] + z * along[v, 1]) / w
-        if -0.5 <= x < unexplained.shape[2] - 0.5 and -0.5 <= y < unexplained.shape[1] - 0.5 and unexplained[v, int(y + 0.5), int(x + 0.5)]:
+        if (
+            -0.5 <= x < unexplained.shape[2] - 0.5
+            and -0.5 <= y < unexplained.shape[1] - 0.5
+            and unexplained[v, int(y + 0.5), int(x + 0.5)]
+        ):
             return True
     return False

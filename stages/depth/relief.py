@@ -1,12 +1,14 @@
 """A relief: what a single silhouette says of a body's shape, at a distance that is assumed.
 
-The outline lies at the subject's distance, and inside it the surface bulges towards the camera by sqrt(u), u the solution of
+The outline lies at the subject's distance, and inside it the surface bulges towards the camera by sqrt(u), u the
+solution of
 
     laplace(u) - u / l^2 = -2,  u = 0 on the outline.
 
-A limb narrower than l comes out as a round cylinder (u = r^2 - x^2), a torso many times as wide no thicker than sqrt(2) l: bodies are
-flatter than they are wide. l follows from the area of the silhouette, so that the shape depends on neither resolution nor distance. Limbs
-in front of the body leave no outline and are flat; nothing is known of the side that faces away.
+A limb narrower than l comes out as a round cylinder (u = r^2 - x^2), a torso many times as wide no thicker than sqrt(2)
+l: bodies are flatter than they are wide. l follows from the area of the silhouette, so that the shape depends on
+neither resolution nor distance. Limbs in front of the body leave no outline and are flat; nothing is known of the side
+that faces away.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from posegaussian.stages.silhouettes.hull import foreground
 THICKNESS = 0.11
 """l over the square root of the silhouette's area: 8 cm of a standing person, who shows half a square metre."""
 GUESSED = 0.45
-"""Confidence of a relief: less than that of any match, but no other view fills in behind it, so what is see-through would only be dark."""
+"""Confidence of a relief: less than that of any match, but no other view fills in behind it, so what is see-through
+would only be dark."""
 
 
 def relief(mask: np.ndarray, distance: float, focal: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,9 +55,12 @@ def relief(mask: np.ndarray, distance: float, focal: float) -> tuple[np.ndarray,
 
 
 def _open_sides(inside: np.ndarray, window: tuple[slice, slice]) -> np.ndarray:
-    """[4] bool: whether the window touches the picture's upper, lower, left and right edge, where the body goes on unseen."""
+    """[4] bool: whether the window touches the picture's upper, lower, left and right edge, where the body goes on
+    unseen."""
     rows, columns = window
-    return np.array([rows.start == 0, rows.stop == inside.shape[0], columns.start == 0, columns.stop == inside.shape[1]])
+    return np.array(
+        [rows.start == 0, rows.stop == inside.shape[0], columns.start == 0, columns.stop == inside.shape[1]]
+    )
 
 
 def _solve(inside: np.ndarray, unseen: np.ndarray, width: float) -> np.ndarray:
@@ -67,13 +73,21 @@ def _solve(inside: np.ndarray, unseen: np.ndarray, width: float) -> np.ndarray:
         around[edge] -= side
     u = np.zeros(inside.shape)
     at = np.flatnonzero(inside)
-    _relax(u.reshape(-1), at, 1 / (around.reshape(-1)[at] + 1 / width**2), inside.shape[1], 2 / (1 + math.sqrt(0.5) / width), int(4 * width) + 20)
+    _relax(
+        u.reshape(-1),
+        at,
+        1 / (around.reshape(-1)[at] + 1 / width**2),
+        inside.shape[1],
+        2 / (1 + math.sqrt(0.5) / width),
+        int(4 * width) + 20,
+    )
     return np.maximum(u, 0.0)
 
 
 @njit(cache=True, nogil=True)
 def _relax(u: np.ndarray, at: np.ndarray, share: np.ndarray, row: int, relaxation: float, sweeps: int) -> None:
-    """Successive over-relaxation of u [n] at the pixels `at` [m]; a pixel is its neighbours' sum and the bulge's 2, times its `share` [m].
+    """Successive over-relaxation of u [n] at the pixels `at` [m]; a pixel is its neighbours' sum and the bulge's 2,
+    times its `share` [m].
 
     With the best `relaxation`, 2 / (1 + sqrt(1/2) / l), an error shrinks by a factor of e in l / 2.8 sweeps.
     """

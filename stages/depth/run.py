@@ -33,9 +33,9 @@ OFF = 1.3
 def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     """Blocks `depth/depth` and `depth/confidence` of every view; views that are not sources get zeros.
 
-    Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match counts
-    whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises UserError for a method that
-    this capture cannot serve.
+    Each frame follows from its own pictures, masks and valid views alone. While `left_right_check` is off, a match
+    counts whatever the other view says; while `limb_bounds` is on, the hull's near side follows the joints. Raises
+    UserError for a method that this capture cannot serve.
     """
     reason = refusal(params, inputs.facts)
     if reason:
@@ -72,7 +72,9 @@ def _together(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
         yield Block("depth/confidence", sure, v, notes=matched_note(sure) if params.method in MATCHING else ())
 
 
-def _depth(geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig, checked: bool) -> Maps:
+def _depth(
+    geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig, checked: bool
+) -> Maps:
     """Depth and confidence of one frame, by what there is to go by."""
     views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
     if params.method == "hull":
@@ -94,7 +96,9 @@ def _limbs(inputs: Inputs) -> list[np.ndarray]:
     return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 
 
-def _alone(inputs: Inputs, params: DepthParams, found: Callable[[Inputs, DepthParams, int], tuple[np.ndarray, np.ndarray]]) -> Iterator[Block]:
+def _alone(
+    inputs: Inputs, params: DepthParams, found: Callable[[Inputs, DepthParams, int], tuple[np.ndarray, np.ndarray]]
+) -> Iterator[Block]:
     """Blocks of all views, each from its own maps alone; zeros in frames without a picture."""
     for v in range(len(inputs.rig)):
         depth, confidence = np.zeros(_shape(inputs), np.float32), np.zeros(_shape(inputs), np.float16)
@@ -121,7 +125,10 @@ def _given(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, 
 
 
 def _relief(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
-    distance, focal = subject_distance(inputs.rig, view, params.subject_distance), float(inputs.rig.intrinsics[view, 0, 0])
+    distance, focal = (
+        subject_distance(inputs.rig, view, params.subject_distance),
+        float(inputs.rig.intrinsics[view, 0, 0]),
+    )
     masks = inputs.read("frames/mask", view)
     depth, confidence = np.zeros(masks.shape, np.float32), np.zeros(masks.shape, np.float32)
     width, height = inputs.rig.size[view]
@@ -136,7 +143,10 @@ def check(block: Block, params: DepthParams) -> list[str]:
     data = np.asarray(block.data)
     wrong = ~(np.isfinite(data) & (data >= 0) & (data <= bound))
     if wrong.any():
-        raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0, {bound:g}]")
+        raise ValueError(
+            f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [0,"
+            f" {bound:g}]"
+        )
     return []
 
 
@@ -147,11 +157,17 @@ def matched_note(confidence: np.ndarray) -> tuple[str, ...]:
     matched = float((confidence >= 0.5).sum() / (confidence > 0).sum())
     if matched >= FEW_MATCHES:
         return ()
-    return (f"{matched:.0%} of the surface was matched with another view (at least {FEW_MATCHES:.0%} expected); the rest follows neighbours and the hull",)
+    return (
+        (
+            f"{matched:.0%} of the surface was matched with another view (at least {FEW_MATCHES:.0%} expected); the"
+            " rest follows neighbours and the hull"
+        ),
+    )
 
 
 def distance_note(rig: Rig, view: int, depth: np.ndarray, masks: np.ndarray, params: DepthParams) -> tuple[str, ...]:
-    """A sentence where the subject of a single view is elsewhere than assumed: given depth says so, or the height of the silhouettes [F, h, w]."""
+    """A sentence where the subject of a single view is elsewhere than assumed: given depth says so, or the height of
+    the silhouettes [F, h, w]."""
     assumed = subject_distance(rig, view, params.subject_distance)
     inside = foreground(masks)
     if params.method == "given":

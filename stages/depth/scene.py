@@ -18,7 +18,8 @@ from posegaussian.stages.silhouettes.hull import Silhouettes, foreground, search
 from posegaussian.storage.model.cameras import Rig
 
 FINE, FINEST = 768, 1.5
-"""Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer residuals, narrower windows."""
+"""Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer
+residuals, narrower windows."""
 RANGE = (0.6, 2.0)
 """Depths searched without masks, over the distance of the point the cameras look at."""
 BELIEVED = 0.3
@@ -75,7 +76,10 @@ class Geometry:
         scale = float(np.clip(FINE / rig.size[list(views)].max(), 1.0, FINEST if enlarge else 1.0))
         pairs = {(a, b): rectify(rig, a, b, centre, scale) for a, b in ordered}
         swept = views if params.method == "sweep" else ()
-        neighbours = {v: Neighbours.of(rig, v, nearest(rig, v, views, params.pairs, params.max_angle, centre), centre) for v in swept}
+        neighbours = {
+            v: Neighbours.of(rig, v, nearest(rig, v, views, params.pairs, params.max_angle, centre), centre)
+            for v in swept
+        }
         return cls(rig, views, centre, searched_radius(rig, list(views), centre), pairs, neighbours)
 
     def distance(self, view: int) -> float:
@@ -87,7 +91,8 @@ class Geometry:
         return [b for a, b in self.pairs if a == view]
 
     def inverse_depth(self, view: int, share: float) -> float:
-        """1/metres that make a disparity of `share` of the longer side in the view's least sensitive pair; 0 without a pair."""
+        """1/metres that make a disparity of `share` of the longer side in the view's least sensitive pair; 0 without
+        a pair."""
         pixels = share * float(self.rig.size[view].max())
         return pixels / min((self.pairs[view, b].sensitivity for b in self.partners(view)), default=np.inf)
 
@@ -98,22 +103,31 @@ def has_silhouettes(rig: Rig, masks: dict[int, np.ndarray]) -> bool:
 
 
 def hulls(geometry: Geometry, frame: Frame) -> Maps:
-    """Nearest and farthest depth of the hull by view, 0 where there is none; the nearest moved on to the limbs, where there are any.
+    """Nearest and farthest depth of the hull by view, 0 where there is none; the nearest moved on to the limbs, where
+    there are any.
 
-    A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by the others.
+    A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by
+    the others.
     """
     silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
     found = agreement(geometry.rig, frame.masks, silhouettes)
     carving = silhouettes.kept(set(found.carving))
-    ends = {v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED) for v in geometry.views}
+    ends = {
+        v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED)
+        for v in geometry.views
+    }
     return bounded(geometry.rig, ends, {v: frame.masks[v] for v in found.carving}, frame.limbs)
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:
-    """Depth of the hull's surface by view; its confidence is 1/2 everywhere, since nothing tells good pixels from bad ones."""
-    return {v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in hulls(geometry, frame).items()}
+    """Depth of the hull's surface by view; its confidence is 1/2 everywhere, since nothing tells good pixels from
+    bad ones."""
+    return {
+        v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in hulls(geometry, frame).items()
+    }
 
 
 def depth_range(geometry: Geometry, view: int, params: DepthParams) -> tuple[float, float]:
-    """Nearest and farthest depth searched in pictures without silhouettes, metres: the setting, or 0.6 to 2 times the distance of the point the cameras look at."""
+    """Nearest and farthest depth searched in pictures without silhouettes, metres: the setting, or 0.6 to 2 times
+    the distance of the point the cameras look at."""
     return params.depth_range or (RANGE[0] * geometry.distance(view), RANGE[1] * geometry.distance(view))

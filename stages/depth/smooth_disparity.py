@@ -23,8 +23,9 @@ def even(depth: np.ndarray, pixel: float, tolerance: float) -> np.ndarray:
         pixel: 1/metres of inverse depth that move a point by one px in the neighbour that moves most.
         tolerance: px of disparity between a pixel and its surroundings that are still noise.
 
-    Neighbours come in pairs opposite each other, whose mean is that of the pixel itself on any plane (inverse depth is linear in
-    pixels on a plane), so slopes stay as they are; a pair counts by exp(-((mean - own) / tolerance)^2 / 2) and not across a jump.
+    Neighbours come in pairs opposite each other, whose mean is that of the pixel itself on any plane (inverse depth is
+    linear in pixels on a plane), so slopes stay as they are; a pair counts by exp(-((mean - own) / tolerance)^2 / 2)
+    and not across a jump.
     """
     if not pixel > 0 or not np.isfinite(pixel):
         return depth

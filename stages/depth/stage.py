@@ -9,7 +9,8 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: DepthParams) -> Resources:
-    """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and one pair being matched (600; measured: half)."""
+    """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and one pair
+    being matched (600; measured: half)."""
     pixels = shape["y"] * shape["x"]
     return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 10 + shape["view"] * 64 + 600))
 
@@ -28,7 +29,13 @@ STAGE = Stage(
         Read("truth/depth", when=lambda p, f: p.method == "truth"),
     ),
     writes=(
-        ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis; 0 where there is no surface."),
+        ArraySpec(
+            "depth/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "Depth along the optical axis; 0 where there is no surface.",
+        ),
         ArraySpec("depth/confidence", ("frame", "view", "y", "x"), "float16", "1", "0 = no surface, 1 = certain."),
     ),
     over=("sequence", "time"),

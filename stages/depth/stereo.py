@@ -1,4 +1,5 @@
-"""Depth of all source views of one frame: hull, matching along it, mutual checks, and a second round along the result."""
+"""Depth of all source views of one frame: hull, matching along it, mutual checks, and a second round along the
+result."""
 
 from __future__ import annotations
 
@@ -13,12 +14,13 @@ from posegaussian.stages.matching.sampling import beyond_silhouette, disagreemen
 from posegaussian.stages.matching.sgbm import match
 
 SEARCHED = 0.6
-"""Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its hull but for phantoms."""
+"""Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its
+hull but for phantoms."""
 RESIDUAL = 0.012
 """Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
 IN_FRONT = 0.006
-"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about what a
-mask or a calibration that is a pixel off costs."""
+"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about
+what a mask or a calibration that is a pixel off costs."""
 
 
 def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
@@ -51,7 +53,14 @@ def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams, checked
     return _round(geometry, frame.colors, inside, bounds, params, checked)
 
 
-def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, np.ndarray], bounds: dict[int, Bounds], params: DepthParams, checked: bool) -> Maps:
+def _round(
+    geometry: Geometry,
+    colors: dict[int, np.ndarray],
+    inside: dict[int, np.ndarray],
+    bounds: dict[int, Bounds],
+    params: DepthParams,
+    checked: bool,
+) -> Maps:
     """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""
     found = {(a, b): match(pair, colors[a], colors[b], inside[a], bounds[a]) for (a, b), pair in geometry.pairs.items()}
     out = {}
@@ -66,8 +75,11 @@ def _round(geometry: Geometry, colors: dict[int, np.ndarray], inside: dict[int, 
     return out
 
 
-def _errors(geometry: Geometry, found: dict[tuple[int, int], np.ndarray], view: int, partner: int, scale: float, checked: bool) -> np.ndarray:
-    """[h, w] px by which the partner contradicts a view's matches, infinite without one; 0 for every match unless `checked`."""
+def _errors(
+    geometry: Geometry, found: dict[tuple[int, int], np.ndarray], view: int, partner: int, scale: float, checked: bool
+) -> np.ndarray:
+    """[h, w] px by which the partner contradicts a view's matches, infinite without one; 0 for every match unless
+    `checked`."""
     if checked:
         return disagreement(found[view, partner], found[partner, view], transfer(geometry.rig, view, partner), scale)
     return np.where(found[view, partner] > 0, 0.0, np.inf).astype(np.float32)

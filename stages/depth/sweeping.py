@@ -30,15 +30,18 @@ class Pass:
     step: float
     """Px of motion in the neighbour that moves most, from one offset to the next."""
     reach: float | None
-    """Motion to both sides of the last pass's result that is searched, px over the picture's longer side; None: the bounds' whole range."""
+    """Motion to both sides of the last pass's result that is searched, px over the picture's longer side; None: the
+    bounds' whole range."""
 
 
 PASSES = (Pass(2, 1.0, None), Pass(2, 0.5, 0.012), Pass(1, 0.5, 0.005))
-"""The first finds the surface, the second follows it, the third sharpens it. Analytic person at 512 px, 8 and 6 views, EPE: 0.68
-and 1.50 px; a first window of 7 px 0.72 and 1.65, a last one of 5 px 0.74 and 1.87; a fourth pass changes less than 1 %."""
+"""The first finds the surface, the second follows it, the third sharpens it. Analytic person at 512 px, 8 and 6
+views, EPE: 0.68 and 1.50 px; a first window of 7 px 0.72 and 1.65, a last one of 5 px 0.74 and 1.87; a fourth pass
+changes less than 1 %."""
 FOLLOWED, KEPT = 1.0, 0.5
-"""Px of disparity of noise that is evened out in a guide and in the result: a rough guide roughens the windows. Simulated people at
-512 px, 8 and 16 cameras, EPE: 1.25 and 0.49 px as matched, 1.19 and 0.47 with the result evened, 1.13 and 0.455 with both."""
+"""Px of disparity of noise that is evened out in a guide and in the result: a rough guide roughens the windows.
+Simulated people at 512 px, 8 and 16 cameras, EPE: 1.25 and 0.49 px as matched, 1.19 and 0.47 with the result evened,
+1.13 and 0.455 with both."""
 SHARE = 0.5
 """The better half of the neighbours counts: the others may be hidden from what the view sees."""
 
@@ -46,8 +49,9 @@ SHARE = 0.5
 def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
     """Depth and confidence by view, [h, w] float32, everywhere in the hull.
 
-    A match that no neighbour's own depth confirms within `params.consistency` px (none, unless `checked`) is replaced by
-    its surroundings; confidence grows with the neighbours that confirm it. The rim follows `posegaussian.stages.depth.occluding_contour`.
+    A match that no neighbour's own depth confirms within `params.consistency` px (none, unless `checked`) is replaced
+    by its surroundings; confidence grows with the neighbours that confirm it. The rim follows
+    `posegaussian.stages.depth.occluding_contour`.
     """
     inside, found = frame.inside, hulls(geometry, frame)
     pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}
@@ -56,7 +60,12 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
     maps: Maps = {}
     for stage in PASSES:
         if stage.reach is not None:
-            bounds = {v: around(even(maps[v][0], _pixel(geometry, v), FOLLOWED), _motion(geometry, v, stage.reach), *limits[v]) for v in geometry.views}
+            bounds = {
+                v: around(
+                    even(maps[v][0], _pixel(geometry, v), FOLLOWED), _motion(geometry, v, stage.reach), *limits[v]
+                )
+                for v in geometry.views
+            }
         matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
         maps = {v: complete(*matched[v], *found[v]) for v in geometry.views}
     maps = {v: (even(z, _pixel(geometry, v), KEPT), c) for v, (z, c) in maps.items()}
@@ -80,13 +89,18 @@ def sweep_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
             guides = {v: complete(*matched[v], *limits[v])[0] for v in geometry.views}
             bounds = {v: around(guides[v], _motion(geometry, v, stage.reach), *limits[v]) for v in geometry.views}
         matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
-    return {v: (depth, doubted(depth, trust, float(geometry.neighbours[v].motion.max(initial=0.0)))) for v, (depth, trust) in matched.items()}
+    return {
+        v: (depth, doubted(depth, trust, float(geometry.neighbours[v].motion.max(initial=0.0))))
+        for v, (depth, trust) in matched.items()
+    }
 
 
 def doubted(depth: np.ndarray, confidence: np.ndarray, motion: float) -> np.ndarray:
-    """Confidence [h, w] lowered towards MATCHED where depths within a window differ, which both views then see the same wrong way: an object grows by half a window.
+    """Confidence [h, w] lowered towards MATCHED where depths within a window differ, which both views then see the same
+    wrong way: an object grows by half a window.
 
-    `motion`: px of disparity for 1/metre. A range of n px over 5 x 5 pixels divides what exceeds MATCHED by 1 + (n - 1) / 10.
+    `motion`: px of disparity for 1/metre. A range of n px over 5 x 5 pixels divides what exceeds MATCHED by 1 + (n - 1)
+    / 10.
     """
     import cv2
 
@@ -103,7 +117,8 @@ def _picture(color: np.ndarray) -> np.ndarray:
 
 
 def _motion(geometry: Geometry, view: int, share: float) -> float:
-    """1/metres that move a point by `share` of the longer side in the neighbour that moves most; 0 without a neighbour."""
+    """1/metres that move a point by `share` of the longer side in the neighbour that moves most; 0 without a
+    neighbour."""
     return share * float(geometry.rig.size[view].max()) * _pixel(geometry, view)
 
 
@@ -112,9 +127,20 @@ def _pixel(geometry: Geometry, view: int) -> float:
     return 1.0 / float(geometry.neighbours[view].motion.max(initial=0.0) or np.inf)
 
 
-def _pass(geometry: Geometry, pictures: dict[int, np.ndarray], bounds: dict[int, Bounds], stage: Pass, consistency: float, checked: bool) -> Maps:
-    """One sweep of every view: depth and confidence of what the neighbours confirm (of everything, unless `checked`)."""
-    found = {v: sweep(pictures, geometry.rig.size, v, geometry.neighbours[v], bounds[v], stage.step, stage.radius, SHARE) for v in geometry.views}
+def _pass(
+    geometry: Geometry,
+    pictures: dict[int, np.ndarray],
+    bounds: dict[int, Bounds],
+    stage: Pass,
+    consistency: float,
+    checked: bool,
+) -> Maps:
+    """One sweep of every view: depth and confidence of what the neighbours confirm (of everything, unless
+    `checked`)."""
+    found = {
+        v: sweep(pictures, geometry.rig.size, v, geometry.neighbours[v], bounds[v], stage.step, stage.radius, SHARE)
+        for v in geometry.views
+    }
     out = {}
     for v in geometry.views:
         neighbours = geometry.neighbours[v]
@@ -122,7 +148,11 @@ def _pass(geometry: Geometry, pictures: dict[int, np.ndarray], bounds: dict[int,
             out[v] = (np.zeros_like(found[v]), np.zeros_like(found[v]))
             continue
         errors = [
-            disagreement(found[v], found[k], transfer(geometry.rig, v, k), motion) if checked else np.where(found[v] > 0, 0.0, np.inf).astype(np.float32)
+            (
+                disagreement(found[v], found[k], transfer(geometry.rig, v, k), motion)
+                if checked
+                else np.where(found[v] > 0, 0.0, np.inf).astype(np.float32)
+            )
             for k, motion in zip(neighbours.views, neighbours.motion, strict=True)
         ]
         out[v] = fuse(np.stack([found[v]] * len(errors)), np.stack(errors), neighbours.motion, consistency)

@@ -50,10 +50,18 @@ class Space:
     def to_captured(self, pixels: np.ndarray, view: int) -> np.ndarray:
         """[..., 2] captured px of pixels of frames/*; NaN where the lens has no picture of them."""
         source_rig, crops = switched(self.inputs.source_rig, self.inputs.captured_to_calibrated, self.inputs.facts)
-        return captured_positions(pixels, self.inputs.rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view])
+        return captured_positions(
+            pixels,
+            self.inputs.rig.intrinsics[view],
+            source_rig.intrinsics[view],
+            source_rig.distortion[view],
+            crops[view],
+        )
 
 
-def astray(space: Space, found: dict[int, list[Found]], settled: Collection[int] = ()) -> dict[int, dict[int, np.ndarray]]:
+def astray(
+    space: Space, found: dict[int, list[Found]], settled: Collection[int] = ()
+) -> dict[int, dict[int, np.ndarray]]:
     """{view: {frame: region [4]}} captured px: where to look again.
 
     found: {source view: what was found in each frame of the partition}; settled: views that are not asked again.
@@ -82,7 +90,8 @@ def _agrees(rig: Rig, view: int, seen: np.ndarray, joints3d: np.ndarray) -> bool
 
 
 def _region(space: Space, view: int, joints3d: np.ndarray) -> np.ndarray | None:
-    """[4] region around the joints in space as the view captures them; None where they are behind it or outside its picture."""
+    """[4] region around the joints in space as the view captures them; None where they are behind it or outside its
+    picture."""
     pixels, depth = project(space.inputs.rig.subset([view]), joints3d[:, :3])
     captured = space.to_captured(pixels[:, 0], view)
     seen = (joints3d[:, 3] > 0) & (depth[:, 0] > NEAR) & np.isfinite(captured).all(axis=-1)
@@ -101,7 +110,9 @@ def body_region(joints: np.ndarray, known: np.ndarray, set_id: str) -> np.ndarra
     square stands upright.
     """
     names = joint_set(set_id).names
-    hips, shoulders = ([names.index(n) for n in pair if n in names] for pair in (("LHip", "RHip"), ("LShoulder", "RShoulder")))
+    hips, shoulders = (
+        [names.index(n) for n in pair if n in names] for pair in (("LHip", "RHip"), ("LShoulder", "RShoulder"))
+    )
     has = [len(pair) == 2 and bool(known[pair].all()) for pair in (hips, shoulders)]
     centre = joints[hips].mean(axis=0) if has[0] else joints[known].mean(axis=0)
     up = joints[shoulders].mean(axis=0) - centre if all(has) else np.array([0.0, -1.0])

@@ -1,4 +1,5 @@
-"""2D joints of single source frames, from files or from the pictures: the survey looks at few frames and waits for no other stage."""
+"""2D joints of single source frames, from files or from the pictures: the survey looks at few frames and waits for
+no other stage."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ KEPT = 4096
 
 
 class EstimatedJoints:
-    """`posegaussian.stages.contract.io.JointReader` over pictures: what was found in a picture is kept for whoever asks next in this process."""
+    """`posegaussian.stages.contract.io.JointReader` over pictures: what was found in a picture is kept for whoever
+    asks next in this process."""
 
     _kept: ClassVar[WeakKeyDictionary[Estimator, OrderedDict[str, np.ndarray]]] = WeakKeyDictionary()
 
@@ -35,7 +37,11 @@ class EstimatedJoints:
         """[people, J, 3] float64 (u, v, score) in captured pixels; nobody in a frame the view lacks."""
         self.look_at(view, [number])
         nobody = np.zeros((0, len(joint_set(self.joint_set)), 3))
-        return self._known.get(self._pictures.identity(view, number), nobody) if number in self._pictures.numbers(view) else nobody
+        return (
+            self._known.get(self._pictures.identity(view, number), nobody)
+            if number in self._pictures.numbers(view)
+            else nobody
+        )
 
     def look_at(self, view: int, numbers: Iterable[int]) -> None:
         """Estimate what is not known yet of the given frames of a view, in one pass over its pictures."""

@@ -1,7 +1,8 @@
 """The anchors of BlazePose's person detector: where in its input each of the 2254 answers is counted from.
 
-The parameters are those of MediaPipe's public graph `modules/pose_detection/pose_detection_cpu.pbtxt` (input 224, strides
-8 16 32 32 32, aspect ratio 1 and the interpolated one, offset 0.5, fixed size), so every anchor is a centre, its size 1.
+The parameters are those of MediaPipe's public graph `modules/pose_detection/pose_detection_cpu.pbtxt` (input 224,
+strides 8 16 32 32 32, aspect ratio 1 and the interpolated one, offset 0.5, fixed size), so every anchor is a centre,
+its size 1.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ INPUT = 224
 STRIDES = (8, 16, 32, 32, 32)
 """Px of the input between the cells of each layer."""
 PER_LAYER = 2
-"""Anchors a layer puts into each cell: one for the aspect ratio, one for the interpolated scale; they coincide, as the size is fixed."""
+"""Anchors a layer puts into each cell: one for the aspect ratio, one for the interpolated scale; they coincide, as
+the size is fixed."""
 
 
 def anchors() -> np.ndarray:

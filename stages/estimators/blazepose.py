@@ -1,9 +1,10 @@
-"""BlazePose: people detected in a picture, their landmarks read in a region that follows them, heatmaps and segmentation beside.
+"""BlazePose: people detected in a picture, their landmarks read in a region that follows them, heatmaps and
+segmentation beside.
 
-A joint's score is the peak of its heatmap times visibility, presence and the region's flag, and a person's presence the flag
-times the mean peak of the COCO-17 joints inside the picture: against joints known otherwise, visibility alone hardly tells
-wrong ones (area under the curve .73 for errors over 100 px of 1920, with the peak .96), and a body seen where none is, or upside
-down, has a flag of .9 to 1, but peaks of .4 where real ones have .7 to .9.
+A joint's score is the peak of its heatmap times visibility, presence and the region's flag, and a person's presence the
+flag times the mean peak of the COCO-17 joints inside the picture: against joints known otherwise, visibility alone
+hardly tells wrong ones (area under the curve .73 for errors over 100 px of 1920, with the peak .96), and a body seen
+where none is, or upside down, has a flag of .9 to 1, but peaks of .4 where real ones have .7 to .9.
 """
 
 from __future__ import annotations
@@ -39,11 +40,13 @@ ROUNDS = 3
 STILL = 0.02
 """A region that moves, grows and turns by less than this share of its side is settled."""
 TAKEN = 0.3
-"""A detection whose region moves, grows and turns into a settled person's by less than this share of its side is that person."""
+"""A detection whose region moves, grows and turns into a settled person's by less than this share of its side is
+that person."""
 SAME_PERSON = 0.5
 """Intersection over union of two bodies above which they are one person, found twice."""
 SAME_CENTRE = 0.15
-"""Distance of two regions' centres, as a share of the smaller side, below which they hold one person: found upside down, say."""
+"""Distance of two regions' centres, as a share of the smaller side, below which they hold one person: found upside
+down, say."""
 ZOOMS = ((), (1.0,), (1.0, 0.5))
 """Shares of the picture's short side that the detector's squares have, beside the whole picture, for each zoom."""
 
@@ -54,11 +57,12 @@ class BlazePose:
     joint_set = BLAZEPOSE33.id
 
     def __init__(self, files: Mapping[str, Path] | None = None, rounds: int = ROUNDS, zoom: int = 1) -> None:
-        """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or LiteRT are missing, SourceError where one is not what was published.
+        """Open the models of `files` (see `models.model_files`), by default the fetched ones; ConfigError where they or
+        LiteRT are missing, SourceError where one is not what was published.
 
-        Landmarks are read again up to `rounds` times in the region they themselves give. The detector needs people to be about
-        a fifth of what it is shown: zoom 0 shows it the whole picture; 1, where it sees nobody there, squares along the long
-        side, too; 2 always these and squares half as wide, for people small in the picture.
+        Landmarks are read again up to `rounds` times in the region they themselves give. The detector needs people to
+        be about a fifth of what it is shown: zoom 0 shows it the whole picture; 1, where it sees nobody there, squares
+        along the long side, too; 2 always these and squares half as wide, for people small in the picture.
         """
         found = files or model_files()
         if found is None:
@@ -76,7 +80,8 @@ class BlazePose:
         return people.pick(distinct(people)[:most])
 
     def detect(self, picture: np.ndarray) -> np.ndarray:
-        """[D, 4] regions in which the detector sees people, by falling score: in the whole picture and in squares of it."""
+        """[D, 4] regions in which the detector sees people, by falling score: in the whole picture and in squares of
+        it."""
         size = (picture.shape[1], picture.shape[0])
         found = [self._detect_in(picture, whole(size))]
         if self._zoom == 2 or not len(found[0][0]):
@@ -113,7 +118,8 @@ class BlazePose:
         return Found.together(people, JOINTS)
 
     def _look(self, picture: np.ndarray, region: np.ndarray) -> tuple[Found, np.ndarray]:
-        """One region's landmarks, and the region [4] that they give; read exactly where the region, as it is told, lies."""
+        """One region's landmarks, and the region [4] that they give; read exactly where the region, as it is told,
+        lies."""
         region = np.asarray(region, dtype=np.float32).astype(np.float64)
         values = crop(picture, region, (CROP, CROP), cv2.BORDER_REPLICATE).astype(np.float32) * np.float32(1 / 255)
         raw, flag, person, maps, _world = self._landmarks(values)
@@ -140,12 +146,15 @@ def distance(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def distinct(people: Found) -> list[int]:
-    """Which of the people are not one found before: neither the boxes of their joints nor the centres of their regions fall together."""
+    """Which of the people are not one found before: neither the boxes of their joints nor the centres of their
+    regions fall together."""
     places = people.joints[..., :2]
     boxes = np.concatenate([places.min(1), places.max(1)], axis=1)
     kept: list[int] = []
     for i, region in enumerate(people.region):
-        near = np.linalg.norm(people.region[kept, :2] - region[:2], axis=1) < SAME_CENTRE * np.minimum(people.region[kept, 2], region[2])
+        near = np.linalg.norm(people.region[kept, :2] - region[:2], axis=1) < SAME_CENTRE * np.minimum(
+            people.region[kept, 2], region[2]
+        )
         if not (near | (overlap(boxes[i], boxes[kept]) > SAME_PERSON)).any():
             kept.append(i)
     return kept

@@ -1,4 +1,5 @@
-"""BlazePose's raw outputs read: detections from answers at anchors, landmarks from logits, and landmarks refined by their heatmaps.
+"""BlazePose's raw outputs read: detections from answers at anchors, landmarks from logits, and landmarks refined by
+their heatmaps.
 
 The constants are those of MediaPipe's public graphs (`modules/pose_detection/pose_detection_cpu.pbtxt`,
 `modules/pose_landmark/tensors_to_pose_landmarks_and_segmentation.pbtxt`).
@@ -39,13 +40,15 @@ class Detections:
     boxes: np.ndarray
     """[D, 4] (x0, y0, x1, y1) box of the face."""
     points: np.ndarray
-    """[D, 4, 2] centre of the hips, a point on the circle around the whole body, centre of the shoulders, a point on the circle around the upper body."""
+    """[D, 4, 2] centre of the hips, a point on the circle around the whole body, centre of the shoulders, a point on
+    the circle around the upper body."""
     scores: np.ndarray
     """[D] 0..1."""
 
 
 def detections(raw: np.ndarray, logits: np.ndarray, anchors: np.ndarray, least: float) -> Detections:
-    """People from the detector's answers [N, 12] (x, y, w, h, 4 x (x, y), px of the input from the anchor), logits [N] and anchors [N, 2]."""
+    """People from the detector's answers [N, 12] (x, y, w, h, 4 x (x, y), px of the input from the anchor), logits
+    [N] and anchors [N, 2]."""
     scores = sigmoid(np.clip(logits, -SCORE_CLIP, SCORE_CLIP))
     good = np.flatnonzero(scores >= least)
     values = raw[good].astype(np.float64) / INPUT
@@ -57,7 +60,8 @@ def detections(raw: np.ndarray, logits: np.ndarray, anchors: np.ndarray, least: 
 
 
 def landmarks(raw: np.ndarray, heatmaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places [39, 2] in the region's own coordinates and scores [39], from the model's 195 numbers and its heatmaps [64, 64, 39] (0..1).
+    """Places [39, 2] in the region's own coordinates and scores [39], from the model's 195 numbers and its heatmaps
+    [64, 64, 39] (0..1).
 
     A score is visibility x presence of the landmark, each the sigmoid of the model's logit.
     """
@@ -69,8 +73,8 @@ def landmarks(raw: np.ndarray, heatmaps: np.ndarray) -> tuple[np.ndarray, np.nda
 def refined(places: np.ndarray, heatmaps: np.ndarray) -> np.ndarray:
     """Places [J, 2] (0..1) moved to the mean of their heatmaps [h, w, J] over the 7 x 7 cells around them.
 
-    Cell (i, j) stands at (j/w, i/h), see `centred`. A landmark outside the region, or whose neighbourhood stays below 0.5, keeps its place. After MediaPipe's
-    RefineLandmarksFromHeatmapCalculator.
+    Cell (i, j) stands at (j/w, i/h), see `centred`. A landmark outside the region, or whose neighbourhood stays below
+    0.5, keeps its place. After MediaPipe's RefineLandmarksFromHeatmapCalculator.
     """
     h, w, _ = heatmaps.shape
     reach = REFINING_KERNEL // 2
@@ -79,7 +83,10 @@ def refined(places: np.ndarray, heatmaps: np.ndarray) -> np.ndarray:
         col, row = int(np.floor(x * w)), int(np.floor(y * h))
         if not (0 <= col < w and 0 <= row < h):
             continue
-        rows, cols = np.arange(max(0, row - reach), min(h, row + reach + 1)), np.arange(max(0, col - reach), min(w, col + reach + 1))
+        rows, cols = (
+            np.arange(max(0, row - reach), min(h, row + reach + 1)),
+            np.arange(max(0, col - reach), min(w, col + reach + 1)),
+        )
         part = heatmaps[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1, j].astype(np.float64)
         if part.max() >= REFINING_CONFIDENCE:
             out[j] = part.sum(0) @ cols / part.sum() / w, part.sum(1) @ rows / part.sum() / h
@@ -87,7 +94,8 @@ def refined(places: np.ndarray, heatmaps: np.ndarray) -> np.ndarray:
 
 
 def centred(heatmaps: np.ndarray) -> np.ndarray:
-    """Heatmaps [h, w, J] whose cell (i, j) stands at (j/w, i/h) -> the same at the cells' centres, ((j + .5)/w, (i + .5)/h).
+    """Heatmaps [h, w, J] whose cell (i, j) stands at (j/w, i/h) -> the same at the cells' centres, ((j + .5)/w, (i +
+    .5)/h).
 
     BlazePose's maps are of the first kind: over mirrored crops of real people the columns of a peak and of its mirror
     image add up to 64.0, not 63. Half a cell is interpolated cubically, as a mean of neighbours would lower the peaks.

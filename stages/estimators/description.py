@@ -57,7 +57,8 @@ class Description(BaseModel):
     values: Literal["probabilities", "logits"] = "probabilities"
     """Whether outputs are positive weights, or logarithms of weights (logits of a sigmoid for heatmaps)."""
     cells: Literal["integer", "centre", "corners"] = "integer"
-    """What cell k of n along an input of w px means: pixel k w/n counted from the first pixel's centre (integer), the middle of the k-th of n equal parts (centre), or pixel k (w-1)/(n-1) (corners, as with UDP)."""
+    """What cell k of n along an input of w px means: pixel k w/n counted from the first pixel's centre (integer),
+    the middle of the k-th of n equal parts (centre), or pixel k (w-1)/(n-1) (corners, as with UDP)."""
     joint_set: str
     """Id of the joint set in the network's order."""
     margin: float = Field(default=1.0, gt=0, le=4)
@@ -92,26 +93,36 @@ class Description(BaseModel):
     def _outputs(self) -> Self:
         wanted = {"heatmap": 1, "simcc": 2}[self.kind]
         if len(self.outputs) != wanted:
-            raise ValueError(f"a {self.kind} network has {wanted} named output{'s' if wanted > 1 else ''}, {len(self.outputs)} given: {list(self.outputs)}")
+            raise ValueError(
+                f"a {self.kind} network has {wanted} named output{'s' if wanted > 1 else ''}, {len(self.outputs)}"
+                f" given: {list(self.outputs)}"
+            )
         return self
 
 
 def read_description(file: Path) -> Description:
     """A description, checked together with the file it names.
 
-    Raises ConfigError, naming the file and every faulty key, for YAML that cannot be read, keys that are missing, unknown or
-    out of bounds, and SourceError for an ONNX file that is missing or has another sha256.
+    Raises ConfigError, naming the file and every faulty key, for YAML that cannot be read, keys that are missing,
+    unknown or out of bounds, and SourceError for an ONNX file that is missing or has another sha256.
     """
     try:
         body = read_yaml(file, "description")
     except SourceError as e:
         raise ConfigError(f"{e}; describe the ONNX model as docs/pose.md shows") from e
     if not isinstance(body, dict):
-        raise ConfigError(f"{file}: a mapping of settings is expected, found {type(body).__name__}; describe the ONNX model as docs/pose.md shows")
+        raise ConfigError(
+            f"{file}: a mapping of settings is expected, found {type(body).__name__}; describe the ONNX model as"
+            " docs/pose.md shows"
+        )
     try:
         description = Description.model_validate({**body, "folder": file.resolve().parent})
     except ValidationError as e:
-        faults = [f"{file}: {'.'.join(str(p) for p in fault['loc']) or 'outputs'}: {fault['msg'].removeprefix('Value error, ')}" for fault in e.errors()]
+        faults = [
+            f"{file}: {'.'.join(str(p) for p in fault['loc']) or 'outputs'}:"
+            f" {fault['msg'].removeprefix('Value error, ')}"
+            for fault in e.errors()
+        ]
         raise ConfigError("\n".join(faults)) from e
     _check_file(file, description)
     return description
@@ -126,4 +137,7 @@ def _check_file(file: Path, description: Description) -> None:
     with open(description.path, "rb") as f:
         found = hashlib.file_digest(f, "sha256").hexdigest()
     if found != description.sha256:
-        raise SourceError(f"{file}: {description.path} has sha256 {found}, the description says {description.sha256}; it is another file, or the description is to be corrected")
+        raise SourceError(
+            f"{file}: {description.path} has sha256 {found}, the description says {description.sha256}; it is another"
+            " file, or the description is to be corrected"
+        )

@@ -12,7 +12,10 @@ import numpy as np
 
 from posegaussian.storage.model.errors import ConfigError
 
-MISSING = 'LiteRT cannot be imported ({error}), so BlazePose cannot run; install it with "python -m pip install ai-edge-litert", or set detection.estimator to files or onnx'
+MISSING = (
+    'LiteRT cannot be imported ({error}), so BlazePose cannot run; install it with "python -m pip install'
+    ' ai-edge-litert", or set detection.estimator to files or onnx'
+)
 
 
 @contextmanager
@@ -46,7 +49,9 @@ class Network:
             self._interpreter = Interpreter(str(file), num_threads=1)
             self._interpreter.allocate_tensors()
         self._input = self._interpreter.get_input_details()[0]["index"]
-        self._outputs = [d["index"] for d in sorted(self._interpreter.get_output_details(), key=lambda d: str(d["name"]))]
+        self._outputs = [
+            d["index"] for d in sorted(self._interpreter.get_output_details(), key=lambda d: str(d["name"]))
+        ]
 
     def __call__(self, values: np.ndarray) -> list[np.ndarray]:
         """Outputs without their batch axis, for one input [h, w, 3] float32."""

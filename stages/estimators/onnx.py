@@ -1,4 +1,5 @@
-"""Any heatmap or SimCC network the user describes, run top-down through OpenCV's DNN in regions that somebody else finds."""
+"""Any heatmap or SimCC network the user describes, run top-down through OpenCV's DNN in regions that somebody else
+finds."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from posegaussian.storage.model.joint_sets import joint_map, joint_set
 class OnnxEstimator:
     """The network of a description. One object serves one thread.
 
-    It finds nobody by itself: `find` looks in the regions of `finder` (BlazePose, say), or at the whole picture where there
-    is none. Whoever knows where the person is calls `look`, for example with `regions.around` of a box.
+    It finds nobody by itself: `find` looks in the regions of `finder` (BlazePose, say), or at the whole picture where
+    there is none. Whoever knows where the person is calls `look`, for example with `regions.around` of a box.
     """
 
     def __init__(self, description: Description, finder: Estimator | None = None) -> None:
@@ -30,7 +31,10 @@ class OnnxEstimator:
         try:
             self._net = cv2.dnn.readNetFromONNX(str(description.path))
         except cv2.error as e:
-            raise ConfigError(f"{description.path}: OpenCV's DNN cannot read it ({_sentence(e)}); export it with a lower opset, fixed sizes and no post-processing") from e
+            raise ConfigError(
+                f"{description.path}: OpenCV's DNN cannot read it ({_sentence(e)}); export it with a lower opset, fixed"
+                " sizes and no post-processing"
+            ) from e
         w, h = description.input
         self._share = np.array([w, h]) / max(w, h) * description.margin
         """Width and height of the crop over the region's side."""
@@ -39,7 +43,11 @@ class OnnxEstimator:
     @property
     def where(self) -> str:
         """A sentence: in which regions `find` looks."""
-        return f"people are found by {type(self._finder).__name__}" if self._finder else "no detector is there: one person is looked for in the whole picture"
+        return (
+            f"people are found by {type(self._finder).__name__}"
+            if self._finder
+            else "no detector is there: one person is looked for in the whole picture"
+        )
 
     def find(self, picture: np.ndarray, most: int) -> Found:
         """At most `most` people in a picture [h, w, 3] uint8 sRGB, sorted by presence."""
@@ -49,12 +57,15 @@ class OnnxEstimator:
         return people.pick(np.argsort(-people.presence, kind="stable").tolist())
 
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
-        """Landmarks in the given regions [P, 4], one person each in the same order; presence is the mean score of the joints."""
+        """Landmarks in the given regions [P, 4], one person each in the same order; presence is the mean score of
+        the joints."""
         return self._people(picture, regions, None if self._finder is None else self._finder.look(picture, regions))
 
     def _people(self, picture: np.ndarray, regions: np.ndarray, seen: Found | None) -> Found:
         """One person a region [P, 4], with the segmentation by whoever finds people, who looked in the same regions."""
-        people = Found.together([self._look(picture, r) for r in np.asarray(regions, dtype=np.float64)], len(joint_set(self.joint_set)))
+        people = Found.together(
+            [self._look(picture, r) for r in np.asarray(regions, dtype=np.float64)], len(joint_set(self.joint_set))
+        )
         return people if seen is None else replace(people, person=seen.person)
 
     def _look(self, picture: np.ndarray, region: np.ndarray) -> Found:
@@ -64,7 +75,11 @@ class OnnxEstimator:
             values = values[..., ::-1]
         fed = (values * np.float32(d.scale) - np.array(d.mean, np.float32)) / np.array(d.std, np.float32)
         outputs = self._run(np.ascontiguousarray(fed.transpose(2, 0, 1)[None]))
-        read = read_heatmaps(outputs[0], d, self._share) if d.kind == "heatmap" else read_simcc(outputs[0], outputs[1], d, self._share)
+        read = (
+            read_heatmaps(outputs[0], d, self._share)
+            if d.kind == "heatmap"
+            else read_simcc(outputs[0], outputs[1], d, self._share)
+        )
         places = to_picture(read.places, region)
         scores = np.clip(read.peaks * d.score_scale, 0, 1)
         joints, _ = seen_inside(np.concatenate([places, scores[:, None]], axis=1), (picture.shape[1], picture.shape[0]))
@@ -87,13 +102,21 @@ class OnnxEstimator:
         try:
             outputs = [np.atleast_1d(o)[0] for o in self._net.forward(list(d.outputs))]
         except cv2.error as e:
-            raise ConfigError(f"{d.path}: OpenCV's DNN cannot run it for outputs {', '.join(d.outputs)} and an input of {d.input[0]} x {d.input[1]} px ({_sentence(e)}); look at the names and sizes in the file") from e
+            raise ConfigError(
+                f"{d.path}: OpenCV's DNN cannot run it for outputs {', '.join(d.outputs)} and an input of {d.input[0]}"
+                f" x {d.input[1]} px ({_sentence(e)}); look at the names and sizes in the file"
+            ) from e
         axes = 3 if d.kind == "heatmap" else 2
         for name, o in zip(d.outputs, outputs, strict=True):
             if np.ndim(o) != axes or len(o) != count:
-                raise ConfigError(f"{d.path}: output {name} has the shape {list(np.shape(o))}; a {d.kind} network of {self.joint_set} gives {count} joints by {axes - 1} more ax{'es' if axes == 3 else 'is'}")
+                raise ConfigError(
+                    f"{d.path}: output {name} has the shape {list(np.shape(o))}; a {d.kind} network of {self.joint_set}"
+                    f" gives {count} joints by {axes - 1} more ax{'es' if axes == 3 else 'is'}"
+                )
             if not np.isfinite(o).all():
-                raise ConfigError(f"{d.path}: output {name} is not finite; look at scale, mean and std of the description")
+                raise ConfigError(
+                    f"{d.path}: output {name} is not finite; look at scale, mean and std of the description"
+                )
         return outputs
 
 

@@ -36,14 +36,19 @@ def read_heatmaps(raw: np.ndarray, description: Description, share: np.ndarray) 
 
 
 def read_simcc(along_x: np.ndarray, along_y: np.ndarray, description: Description, share: np.ndarray) -> Reading:
-    """Bins [J, n] along the crop's width and [J, m] along its height; a peak's value is the lesser of the two, a map their outer product."""
+    """Bins [J, n] along the crop's width and [J, m] along its height; a peak's value is the lesser of the two, a map
+    their outer product."""
     logs = [b if description.values == "logits" else np.log(np.maximum(b, LEAST)) for b in (along_x, along_y)]
     counts = np.array([along_x.shape[1], along_y.shape[1]])
     cells = np.stack([bin_peaks(b) for b in logs], axis=1)
     weights = [np.exp(b - b.max(1, keepdims=True)) for b in logs]
     across, down = _grids(counts, description, share)
     maps = (weights[1] @ down.T)[:, :, None] * (weights[0] @ across.T)[:, None, :]
-    return Reading(crop_to_own(_to_shares(cells, counts, description), share), np.minimum(along_x.max(1), along_y.max(1)), _unit(maps))
+    return Reading(
+        crop_to_own(_to_shares(cells, counts, description), share),
+        np.minimum(along_x.max(1), along_y.max(1)),
+        _unit(maps),
+    )
 
 
 def _steps(counts: np.ndarray, description: Description) -> np.ndarray:
@@ -67,7 +72,8 @@ def _to_cells(shares: np.ndarray, counts: np.ndarray, description: Description) 
 
 
 def _grids(counts: np.ndarray, description: Description, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices [64, w] and [64, h] that interpolate cells at the centres of the region's grid, across and down; coarser grids average."""
+    """Matrices [64, w] and [64, h] that interpolate cells at the centres of the region's grid, across and down;
+    coarser grids average."""
     centres = points_from_integer_centres(np.repeat(np.arange(MAP_SIDE)[:, None], 2, axis=1)) / MAP_SIDE
     at = _to_cells((centres - 0.5) / share + 0.5, counts, description)
     return _hats(at[:, 0], int(counts[0])), _hats(at[:, 1], int(counts[1]))

@@ -1,6 +1,7 @@
 """Peaks of heatmaps and of SimCC bins, to a fraction of a cell.
 
-Both take the cell with the largest value and one Newton step on the logarithm of the values, whose derivatives are central
+Both take the cell with the largest value and one Newton step on the logarithm of the values, whose derivatives are
+central
 differences: exact for a Gaussian of any width and orientation (DARK, Zhang et al., https://arxiv.org/abs/1910.06278).
 """
 
@@ -28,7 +29,8 @@ def heatmap_peaks(maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bin_peaks(logs: np.ndarray) -> np.ndarray:
-    """[J] places in bins of the peaks of logarithms of weights [J, n]; one at the end, or on a plateau, stays at its index."""
+    """[J] places in bins of the peaks of logarithms of weights [J, n]; one at the end, or on a plateau, stays at its
+    index."""
     n = logs.shape[1]
     at = logs.argmax(1)
     inner = np.clip(at, 1, n - 2)
@@ -39,10 +41,13 @@ def bin_peaks(logs: np.ndarray) -> np.ndarray:
 
 
 def _step(logs: np.ndarray) -> np.ndarray:
-    """[2] (right, down) from the middle of 3 x 3 logarithms to the top of the paraboloid through them, two cells at most each way."""
+    """[2] (right, down) from the middle of 3 x 3 logarithms to the top of the paraboloid through them, two cells at
+    most each way."""
     gradient = np.array([logs[1, 2] - logs[1, 0], logs[2, 1] - logs[0, 1]]) / 2
     cross = (logs[2, 2] - logs[2, 0] - logs[0, 2] + logs[0, 0]) / 4
-    hessian = np.array([[logs[1, 2] - 2 * logs[1, 1] + logs[1, 0], cross], [cross, logs[2, 1] - 2 * logs[1, 1] + logs[0, 1]]])
+    hessian = np.array(
+        [[logs[1, 2] - 2 * logs[1, 1] + logs[1, 0], cross], [cross, logs[2, 1] - 2 * logs[1, 1] + logs[0, 1]]]
+    )
     if hessian[0, 0] >= 0 or np.linalg.det(hessian) <= 0:
         return np.zeros(2)
     return np.clip(np.linalg.solve(hessian, -gradient), -2, 2)

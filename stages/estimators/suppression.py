@@ -14,7 +14,9 @@ def overlap(box: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     return np.divide(common, union, out=np.zeros_like(common), where=union > 0)
 
 
-def weighted_suppression(boxes: np.ndarray, points: np.ndarray, scores: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def weighted_suppression(
+    boxes: np.ndarray, points: np.ndarray, scores: np.ndarray, threshold: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Detections of boxes [N, 4], key points [N, K, 2] and scores [N]: the same of M <= N, by falling score.
 
     The best answer left takes all that overlap its box by more than `threshold`; box and points are their mean
@@ -33,4 +35,8 @@ def weighted_suppression(boxes: np.ndarray, points: np.ndarray, scores: np.ndarr
         kept_points.append(np.tensordot(weight, points[group], 1))
         kept_scores.append(scores[best])
         left = left[~near]
-    return np.array(kept_boxes).reshape(-1, 4), np.array(kept_points).reshape(-1, *points.shape[1:]), np.array(kept_scores)
+    return (
+        np.array(kept_boxes).reshape(-1, 4),
+        np.array(kept_points).reshape(-1, *points.shape[1:]),
+        np.array(kept_scores),
+    )

@@ -1,4 +1,5 @@
-"""Where joints alone say a body is: limbs as capsules of a person's proportions, the torso between shoulders and hips, the head."""
+"""Where joints alone say a body is: limbs as capsules of a person's proportions, the torso between shoulders and
+hips, the head."""
 
 from __future__ import annotations
 
@@ -9,7 +10,13 @@ from posegaussian.storage.model.cameras import points_to_integer_centres
 from posegaussian.storage.model.joint_sets import JointSet, joint_set
 
 TRUNK = ("Hip", "Shoulder")
-LENGTHS = {TRUNK: 0.50, ("Hip", "Knee"): 0.42, ("Ankle", "Knee"): 0.41, ("Elbow", "Shoulder"): 0.29, ("Elbow", "Wrist"): 0.26}
+LENGTHS = {
+    TRUNK: 0.50,
+    ("Hip", "Knee"): 0.42,
+    ("Ankle", "Knee"): 0.41,
+    ("Elbow", "Shoulder"): 0.29,
+    ("Elbow", "Wrist"): 0.26,
+}
 """Metres of a grown person's limbs; a limb seen along its length is shorter, never longer."""
 RADII = {
     TRUNK: 0.07, ("Shoulder", "Shoulder"): 0.05, ("Hip", "Hip"): 0.09, ("Hip", "Knee"): 0.07, ("Ankle", "Knee"): 0.045, ("Elbow", "Shoulder"): 0.045, ("Elbow", "Wrist"): 0.035,
@@ -28,7 +35,8 @@ SUB = 4
 def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
     """Scale of a picture at a person, from her joints [J, 3] (u, v, score) px; 0 where no limb of known length is seen.
 
-    Every limb gives a lower bound, because it may point at the camera; the second largest is taken, so that one wrong joint does no harm.
+    Every limb gives a lower bound, because it may point at the camera; the second largest is taken, so that one wrong
+    joint does no harm.
     """
     known = joint_set(set_id)
     found = []
@@ -40,7 +48,8 @@ def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
 
 
 def body_shape(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness: float = 1.0) -> np.ndarray:
-    """[h, w] bool of a picture of `size` (width, height): limbs, torso and head of one person, `thickness` times as thick as usual.
+    """[h, w] bool of a picture of `size` (width, height): limbs, torso and head of one person, `thickness` times as
+    thick as usual.
 
     joints [J, 3] (u, v, score) px, our pixel centres; score 0 = unknown, and what hangs on it is left out.
     """
@@ -58,7 +67,12 @@ def body_shape(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness
         cv2.fillConvexPoly(out, _fixed(cv2.convexHull(at[torso].astype(np.float32))[:, 0]), 1, shift=SUB)
     face = [names.index(n) for n in FACE if n in names and known[names.index(n)]]
     if len(face) > 1:
-        _head(out, at[face].mean(axis=0), at[torso[:2]].mean(axis=0) if len(torso) == len(TORSO) and known[torso[:2]].all() else None, scale)
+        _head(
+            out,
+            at[face].mean(axis=0),
+            at[torso[:2]].mean(axis=0) if len(torso) == len(TORSO) and known[torso[:2]].all() else None,
+            scale,
+        )
     return out > 0
 
 
@@ -74,7 +88,8 @@ def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness
 
 
 def _head(out: np.ndarray, face: np.ndarray, neck: np.ndarray | None, scale: float) -> None:
-    """A ball about the middle of the face [2], moved away from the middle of the shoulders [2] where they are known, and the neck between."""
+    """A ball about the middle of the face [2], moved away from the middle of the shoulders [2] where they are known,
+    and the neck between."""
     up = np.array([0.0, -1.0]) if neck is None else (face - neck) / max(float(np.linalg.norm(face - neck)), 1e-9)
     if neck is not None:
         _capsule(out, face, neck, scale * NECK_RADIUS)

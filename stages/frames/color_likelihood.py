@@ -8,7 +8,8 @@ import numpy as np
 from posegaussian.stages.frames.plate_matte import UNSEEN, plate_distance
 
 SPREAD = 8.0
-"""1/255 by which a background's colour differs from its plate, beside the plate's own spread: noise, compression, faint shadows."""
+"""1/255 by which a background's colour differs from its plate, beside the plate's own spread: noise, compression,
+faint shadows."""
 SPREAD_GAIN = 1.5
 COLOR_FLOOR = 60.0
 """(1/255)² added to the variance of colours nearby: never surer than noise allows."""
@@ -19,16 +20,21 @@ SURPRISE = 1.5
 MOST = 4.0
 """Log odds that one pixel's colour may give."""
 UNPLATED = 0.3
-"""Weight of a colour's odds where only the colours around tell what the background is, beside 1 where the plate does."""
+"""Weight of a colour's odds where only the colours around tell what the background is, beside 1 where the plate
+does."""
 CHANGED = 0.3
-"""Share of the background that differs from its plate from which on the plate says nothing: the camera moved or the light changed."""
+"""Share of the background that differs from its plate from which on the plate says nothing: the camera moved or the
+light changed."""
 
 
 class Plate:
     """A background plate against one picture: log density of every pixel's colour, were it background."""
 
-    def __init__(self, picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float, outside: np.ndarray) -> None:
-        """picture, plate [h, w, 3] uint8; spread [h, w] uint8; outside [h, w] bool: surely background, by which the plate is judged."""
+    def __init__(
+        self, picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float, outside: np.ndarray
+    ) -> None:
+        """picture, plate [h, w, 3] uint8; spread [h, w] uint8; outside [h, w] bool: surely background, by which the
+        plate is judged."""
         distance = plate_distance(picture, plate, threshold)
         width = SPREAD + SPREAD_GAIN * spread.astype(np.float32)
         self.known = spread < UNSEEN
@@ -62,7 +68,8 @@ def _or_anything(density: np.ndarray, surprise: float) -> np.ndarray:
 
 
 def _near(picture: np.ndarray, weight: np.ndarray, side: int) -> np.ndarray:
-    """[h, w] float32 log density of each pixel's colour under the weighted Gaussian of its window; `ANYTHING` where nothing weighs."""
+    """[h, w] float32 log density of each pixel's colour under the weighted Gaussian of its window; `ANYTHING` where
+    nothing weighs."""
 
     def mean(values: np.ndarray) -> np.ndarray:
         return cv2.blur(values, (side, side))
@@ -70,13 +77,21 @@ def _near(picture: np.ndarray, weight: np.ndarray, side: int) -> np.ndarray:
     total = mean(weight) + np.float32(1e-4)
     middle = [mean(weight * picture[..., i]) / total for i in range(3)]
     xx, yy, zz, xy, xz, yz = (
-        mean(weight * picture[..., i] * picture[..., j]) / total - middle[i] * middle[j] + (np.float32(COLOR_FLOOR) if i == j else np.float32(0))
+        mean(weight * picture[..., i] * picture[..., j]) / total
+        - middle[i] * middle[j]
+        + (np.float32(COLOR_FLOOR) if i == j else np.float32(0))
         for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     )
     x, y, z = (picture[..., i] - middle[i] for i in range(3))
-    # Inverse of a symmetric 3x3 by its cofactors; running sums can leave a variance a hair below 0, hence the floor again.
+    # Inverse of a symmetric 3x3 by its cofactors; running sums can leave a variance a hair below 0, hence the floor
+    # again.
     a, b, c = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
     determinant = np.maximum(xx * a - xy * (xy * zz - xz * yz) + xz * (xy * yz - xz * yy), np.float32(COLOR_FLOOR**3))
-    square = x * x * a + y * y * b + z * z * c + 2 * (x * y * (xz * yz - xy * zz) + x * z * (xy * yz - xz * yy) + y * z * (xy * xz - xx * yz))
+    square = (
+        x * x * a
+        + y * y * b
+        + z * z * c
+        + 2 * (x * y * (xz * yz - xy * zz) + x * z * (xy * yz - xz * yy) + y * z * (xy * xz - xx * yz))
+    )
     density = -0.5 * (np.maximum(square, 0) / determinant + np.log(determinant))
     return np.where(total > 0.01, density, np.float32(ANYTHING)).astype(np.float32)

@@ -13,7 +13,8 @@ NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface p
 FEWEST_POINTS = 200
 """Points of an outline, over a few pictures, below which its offset is chance."""
 SCATTERED = 2.0
-"""Interquartile range, captured px, above which a view's edges tell nothing: clutter beside the subject, or no edge at all."""
+"""Interquartile range, captured px, above which a view's edges tell nothing: clutter beside the subject, or no edge
+at all."""
 
 
 def _single_view(evidence: Evidence) -> str | None:
@@ -30,12 +31,21 @@ def _exposure(evidence: Evidence, bound: float) -> Decision | None:
     worst = int(found.proven.argmax())
     proven, name = float(found.proven[worst]), evidence.source_rig.names[evidence.sources[worst]]
     if proven == 0:
-        return Decision(False, 0.0, bound, "on surfaces that cameras share, no difference is beyond the error of the measure")
-    return Decision(bool(proven > bound), proven, bound, f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least {proven:.2f} of them for certain")
+        return Decision(
+            False, 0.0, bound, "on surfaces that cameras share, no difference is beyond the error of the measure"
+        )
+    return Decision(
+        bool(proven > bound),
+        proven,
+        bound,
+        f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least"
+        f" {proven:.2f} of them for certain",
+    )
 
 
 def proven_offsets(outlines: np.ndarray) -> np.ndarray:
-    """[S] captured px by which the outlines of S views lie outside the pictures' edges, from `survey/outlines` [S, 3]; 0 where that cannot be told."""
+    """[S] captured px by which the outlines of S views lie outside the pictures' edges, from `survey/outlines` [S,
+    3]; 0 where that cannot be told."""
     offset, scatter, points = outlines.T
     return np.where((points >= FEWEST_POINTS) & (scatter <= SCATTERED), offset, 0.0)
 
@@ -51,13 +61,20 @@ def _outlines(evidence: Evidence, bound: float) -> Decision | None:
     if OUTLINES not in evidence.noted:
         return None
     sources = list(evidence.sources)
-    shrunk = (evidence.rig.size[sources] / evidence.source_rig.size[sources])[:, 0] * evidence.captured_to_calibrated[sources, 0]
+    shrunk = (evidence.rig.size[sources] / evidence.source_rig.size[sources])[:, 0] * evidence.captured_to_calibrated[
+        sources, 0
+    ]
     offsets = proven_offsets(evidence.noted[OUTLINES]) * shrunk
     worst = int(np.abs(offsets).argmax())
     off, name = float(offsets[worst]), evidence.rig.names[sources[worst]]
     if off == 0:
         return Decision(False, 0.0, bound, "no view's pictures have clear edges along the masks' outlines")
-    return Decision(bool(abs(off) > bound), abs(off), bound, f"the masks of {name} end {abs(off):.2f} px {'outside' if off > 0 else 'inside'} the subject's edge")
+    return Decision(
+        bool(abs(off) > bound),
+        abs(off),
+        bound,
+        f"the masks of {name} end {abs(off):.2f} px {'outside' if off > 0 else 'inside'} the subject's edge",
+    )
 
 
 def _no_light(evidence: Evidence) -> str | None:

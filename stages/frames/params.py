@@ -20,15 +20,45 @@ JOINTS = frozenset({"joints2d", "joints3d"})
 class FramesParams(Params):
     """Which frames, at which size, with which matte."""
 
-    range: str = setting("::", "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one. It enters a fingerprint through the partition's frames alone.", volatile=True)
-    size: int | None = setting(None, "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.", unit="px", quality_levels=[128, 256, 512, 1024, None], ge=16, le=16384)
-    crop: dict[str, Crop] = setting({}, "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset. Overrules what the import found.")
-    time_offset: dict[str, float] = setting({}, "Per camera out of step, frames by which it is late, as `posegaussian inspect` measures them: its picture n + offset, rounded to a whole frame, is used for frame n.", unit="frames")
-    matte: Literal["auto", "given", "person", "plate", "none"] = setting(
-        "auto", "Where the foreground mask comes from: masks that came with the capture, the person that joints and an estimator tell, a background plate of a static camera, or none (everything is foreground)."
+    range: str = setting(
+        "::",
+        "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one. It enters a"
+        " fingerprint through the partition's frames alone.",
+        volatile=True,
     )
-    plate_threshold: float = setting(30.0, "Colour distance from the plate above which a pixel is foreground.", unit="1/255", gt=0, le=255)
-    hint_margin: float = setting(0.03, "How far an estimator's segmentation of the person may be off, share of the side of the square it looked at.", gt=0, le=0.2)
+    size: int | None = setting(
+        None,
+        "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.",
+        unit="px",
+        quality_levels=[128, 256, 512, 1024, None],
+        ge=16,
+        le=16384,
+    )
+    crop: dict[str, Crop] = setting(
+        {},
+        "Per camera, for letterboxed or scaled videos: captured pixel x to calibrated pixel scale * x + offset."
+        " Overrules what the import found.",
+    )
+    time_offset: dict[str, float] = setting(
+        {},
+        "Per camera out of step, frames by which it is late, as `posegaussian inspect` measures them: its picture n +"
+        " offset, rounded to a whole frame, is used for frame n.",
+        unit="frames",
+    )
+    matte: Literal["auto", "given", "person", "plate", "none"] = setting(
+        "auto",
+        "Where the foreground mask comes from: masks that came with the capture, the person that joints and an"
+        " estimator tell, a background plate of a static camera, or none (everything is foreground).",
+    )
+    plate_threshold: float = setting(
+        30.0, "Colour distance from the plate above which a pixel is foreground.", unit="1/255", gt=0, le=255
+    )
+    hint_margin: float = setting(
+        0.03,
+        "How far an estimator's segmentation of the person may be off, share of the side of the square it looked at.",
+        gt=0,
+        le=0.2,
+    )
 
     @field_validator("range")
     @classmethod
@@ -43,7 +73,8 @@ def resolve_matte(params: FramesParams, facts: Facts) -> Matte:
 
 
 def matte_choice(params: FramesParams, facts: Facts) -> tuple[Matte, str]:
-    """The matte and one sentence that says why, for the table of effects: given masks, then the person, then a plate, which needs several frames."""
+    """The matte and one sentence that says why, for the table of effects: given masks, then the person, then a
+    plate, which needs several frames."""
     if params.matte != "auto":
         return params.matte, f"frames.matte is {params.matte}"
     if "masks" in facts:
@@ -60,7 +91,11 @@ def _who(facts: Facts) -> str:
     """What tells where the person is."""
     if SEGMENTED not in facts:
         return "joints tell where the person is"
-    return "the estimator of joints segments the person" if "detected" in facts else "BlazePose segments the person whose joints are given"
+    return (
+        "the estimator of joints segments the person"
+        if "detected" in facts
+        else "BlazePose segments the person whose joints are given"
+    )
 
 
 def wants_segmentation(params: FramesParams, facts: Facts) -> bool:
@@ -69,9 +104,14 @@ def wants_segmentation(params: FramesParams, facts: Facts) -> bool:
 
 
 def better_matte(params: FramesParams, facts: Facts) -> str | None:
-    """One sentence about what would make a better matte than this capture gets, with the command; None where nothing would."""
+    """One sentence about what would make a better matte than this capture gets, with the command; None where nothing
+    would."""
     answer = resolve_matte(params, facts)
     if params.matte != "auto" or answer == "given" or facts & {SEGMENTED, BLAZEPOSE}:
         return None
-    so_far = {"person": "the person is cut out by her joints", "plate": "the foreground is what differs from a background plate", "none": "everything is foreground"}[answer]
+    so_far = {
+        "person": "the person is cut out by her joints",
+        "plate": "the foreground is what differs from a background plate",
+        "none": "everything is foreground",
+    }[answer]
     return f"frames.matte: {so_far}; BlazePose would segment the person, which is better: {ADDED}"

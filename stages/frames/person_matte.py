@@ -1,8 +1,9 @@
-"""Foreground of one person: what is known of her beforehand, refined to the pixel by colours, the background plate and edges.
+"""Foreground of one person: what is known of her beforehand, refined to the pixel by colours, the background plate and
+edges.
 
 Log odds are added up: of the estimator's segmentation or, without one, of the joints; of the colours nearby and of the
-plate; then what other views rule out is taken away. A guided filter lets the sum follow the picture's edges (the labels'
-costs are filtered and the cheapest is taken: Hosni et al., "Fast cost-volume filtering", 2011).
+plate; then what other views rule out is taken away. A guided filter lets the sum follow the picture's edges (the
+labels' costs are filtered and the cheapest is taken: Hosni et al., "Fast cost-volume filtering", 2011).
 """
 
 from __future__ import annotations
@@ -65,7 +66,9 @@ class Known:
     """[h, w] float32 0..1: where the other views all saw her."""
 
 
-def person_matte(picture: np.ndarray, known: Known, plate: tuple[np.ndarray, np.ndarray] | None, threshold: float, margin: float) -> np.ndarray | None:
+def person_matte(
+    picture: np.ndarray, known: Known, plate: tuple[np.ndarray, np.ndarray] | None, threshold: float, margin: float
+) -> np.ndarray | None:
     """Soft foreground [h, w] uint8 of the subject in a picture [h, w, 3] uint8; None where nothing is known of her.
 
     plate: the background [h, w, 3] and its spread [h, w], uint8, of a static camera; threshold in 1/255 as of
@@ -79,7 +82,17 @@ def person_matte(picture: np.ndarray, known: Known, plate: tuple[np.ndarray, np.
     box = _box(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
     prior, shown = np.ascontiguousarray(prior[box]), np.ascontiguousarray(picture[box])
     side, radius = max(5, round(WINDOW * scale)) | 1, max(1, round(EDGE * scale))
-    against = None if plate is None else Plate(shown, np.ascontiguousarray(plate[0][box]), np.ascontiguousarray(plate[1][box]), threshold, prior <= RULED_OUT / 2)
+    against = (
+        None
+        if plate is None
+        else Plate(
+            shown,
+            np.ascontiguousarray(plate[0][box]),
+            np.ascontiguousarray(plate[1][box]),
+            threshold,
+            prior <= RULED_OUT / 2,
+        )
+    )
     smooth = cv2.GaussianBlur(shown, (0, 0), 0.7).astype(np.float32)
     odds = prior
     for _ in range(ROUNDS):
@@ -100,7 +113,8 @@ def _scale(known: Known) -> float:
 
 
 def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> np.ndarray | None:
-    """[h, w] float32 log odds of the subject in a picture of `size` before it is looked at; None where nothing is known.
+    """[h, w] float32 log odds of the subject in a picture of `size` before it is looked at; None where nothing is
+    known.
 
     scale: px of a metre; reach: px by which a segmentation may be off.
     """
@@ -108,7 +122,11 @@ def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> n
     if known.hint is not None:
         prior = _of_hint(known.hint, reach)
         if known.confirmed is not None:
-            missed = limb_bones(known.joints, known.joint_set, size, BONE) & (known.confirmed > 0.5) & (_distance(known.hint > 0.5) > reach)
+            missed = (
+                limb_bones(known.joints, known.joint_set, size, BONE)
+                & (known.confirmed > 0.5)
+                & (_distance(known.hint > 0.5) > reach)
+            )
             missed = _long(missed, MISSED_LENGTH * scale)
             if missed.any():
                 limb = np.minimum(-_signed(body) / (SKIN * scale), GIVEN_BACK)
@@ -142,7 +160,11 @@ def _logit(share: np.ndarray) -> np.ndarray:
 
 def _distance(shape: np.ndarray) -> np.ndarray:
     """[h, w] float32 px to the nearest pixel of a shape [h, w] bool, 0 inside; very far where it is empty."""
-    return cv2.distanceTransform((~shape).astype(np.uint8), cv2.DIST_L2, 5) if shape.any() else np.full(shape.shape, 1e6, np.float32)
+    return (
+        cv2.distanceTransform((~shape).astype(np.uint8), cv2.DIST_L2, 5)
+        if shape.any()
+        else np.full(shape.shape, 1e6, np.float32)
+    )
 
 
 def _signed(shape: np.ndarray) -> np.ndarray:
@@ -160,7 +182,9 @@ def _long(shape: np.ndarray, length: float) -> np.ndarray:
 
 def _box(shape: np.ndarray, margin: int) -> tuple[slice, slice]:
     rows, columns = np.nonzero(shape.any(axis=1))[0], np.nonzero(shape.any(axis=0))[0]
-    return slice(max(0, rows[0] - margin), rows[-1] + margin + 1), slice(max(0, columns[0] - margin), columns[-1] + margin + 1)
+    return slice(max(0, rows[0] - margin), rows[-1] + margin + 1), slice(
+        max(0, columns[0] - margin), columns[-1] + margin + 1
+    )
 
 
 def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:

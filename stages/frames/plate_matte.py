@@ -20,8 +20,8 @@ def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, thre
     picture, plate [h, w, 3] uint8 sRGB; spread [h, w] uint8, the plate's median absolute deviation; threshold in 1/255.
     A pixel is foreground when its `plate_distance` exceeds the threshold, raised by twice the spread (at most doubled),
     or half of it in contact with such pixels (Canny's hysteresis). A pixel whose background was never seen (spread 255)
-    counts as half the threshold: a person nearly always stands there. What cannot be told: clothes that match the plate,
-    or a smooth darker shade of it, are background.
+    counts as half the threshold: a person nearly always stands there. What cannot be told: clothes that match the
+    plate, or a smooth darker shade of it, are background.
     """
     limit = threshold + np.minimum(SPREAD_GAIN * spread.astype(np.float32), threshold)
     distance = plate_distance(picture, plate, threshold)
@@ -35,11 +35,15 @@ def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, thre
 def plate_distance(picture: np.ndarray, plate: np.ndarray, threshold: float) -> np.ndarray:
     """Colour distance [h, w] float32, 1/255, of a picture from its plate and from every shadow on the plate.
 
-    The distance is taken to the segment [0.6 B, B] of the plate's colour B: a shadow scales B and keeps its chromaticity
-    (Horprasert, Harwood and Davis 1999). A true shadow also keeps the plate's texture; where a pixel on the segment is
-    darker than the threshold and the picture around it is no smooth multiple of the plate, it is not a shadow.
+    The distance is taken to the segment [0.6 B, B] of the plate's colour B: a shadow scales B and keeps its
+    chromaticity (Horprasert, Harwood and Davis 1999). A true shadow also keeps the plate's texture; where a pixel on
+    the segment is darker than the threshold and the picture around it is no smooth multiple of the plate, it is not a
+    shadow.
     """
-    image, back = cv2.GaussianBlur(picture, (0, 0), 0.7).astype(np.float32), cv2.GaussianBlur(plate, (0, 0), 0.7).astype(np.float32)
+    image, back = (
+        cv2.GaussianBlur(picture, (0, 0), 0.7).astype(np.float32),
+        cv2.GaussianBlur(plate, (0, 0), 0.7).astype(np.float32),
+    )
     scale = np.sum(image * back, axis=2) / np.maximum(np.sum(back * back, axis=2), 1.0)
     residual = image - np.clip(scale, DARKEST_SHADOW, 1.0)[..., None] * back
     distance = np.linalg.norm(residual, axis=2)

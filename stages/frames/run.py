@@ -28,13 +28,15 @@ NEARLY_FULL = 0.7
 
 
 def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
-    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of views with depth maps their depth [F, h, w] float32 m.
+    """Yield color [F, h, w, 3] uint8 sRGB, mask [F, h, w] uint8, of simulated captures true depth and of views with
+    depth maps their depth [F, h, w] float32 m.
 
-    h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and depth
-    0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped at 1 while `tone_mapping` is off.
-    While `outline_correction` is on, the outlines of a source view's given masks are moved to the pictures' edges.
-    While `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found.
-    Raises SourceError for pictures or masks whose size contradicts the calibration or each other.
+    h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and
+    depth 0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped
+    at 1 while `tone_mapping` is off. While `outline_correction` is on, the outlines of a source view's given masks are
+    moved to the pictures' edges. While `exposure_matching` is on, a source view's light is multiplied by its gain,
+    after the mask was found. Raises SourceError for pictures or masks whose size contradicts the calibration or each
+    other.
     """
     view = inputs.view
     assert view is not None, "the frames stage runs over views"
@@ -45,14 +47,20 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     numbers = [int(n) for n in inputs.source_frames[present]]
 
     color, maps_tones = _empty(inputs, (3,), np.uint8), "tone_mapping" in inputs.facts
-    if not maps_tones or resolve_matte(params, inputs.facts) in ("plate", "person"):  # the plate is clipped at white, too
+    if not maps_tones or resolve_matte(params, inputs.facts) in (
+        "plate",
+        "person",
+    ):  # the plate is clipped at white, too
         for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
             _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
     notes = _fill_mask(inputs, params, warp, present, numbers, color, mask)
     matched = "exposure_matching" in inputs.facts and view in inputs.views.sources
     if maps_tones:
-        white, gain = white_point(np.stack([inputs.read(LIGHT, v) for v in inputs.views.sources])), _gain(inputs, view) if matched else np.ones(3)
+        white, gain = (
+            white_point(np.stack([inputs.read(LIGHT, v) for v in inputs.views.sources])),
+            (_gain(inputs, view) if matched else np.ones(3)),
+        )
         for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
             _place(color[frame], warp(tone_mapped(picture, gain, white)))
     elif matched:
@@ -73,7 +81,15 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
 
 
-def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray) -> tuple[str, ...]:
+def _fill_mask(
+    inputs: Inputs,
+    params: FramesParams,
+    warp: Warp,
+    present: np.ndarray,
+    numbers: list[int],
+    color: np.ndarray,
+    mask: np.ndarray,
+) -> tuple[str, ...]:
     """Fill mask [F, h, w] of one view; sentences about what was missing."""
     (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
@@ -90,20 +106,28 @@ def _fill_mask(inputs: Inputs, params: FramesParams, warp: Warp, present: np.nda
     for frame in present:
         picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
         if hints is not None:
-            found = person_matte(picture, hints.known(warp.view, int(frame)), plate, params.plate_threshold, params.hint_margin)
+            found = person_matte(
+                picture, hints.known(warp.view, int(frame)), plate, params.plate_threshold, params.hint_margin
+            )
             unknown += found is None
         if found is None and plate is not None:
             found = plate_matte(picture, *plate, params.plate_threshold)
         if found is not None:
             _place(mask[frame], np.minimum(found, warp.coverage))
     instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
-    return (f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}",) if unknown else ()
+    return (
+        (f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}",)
+        if unknown
+        else ()
+    )
 
 
 def _plate(inputs: Inputs, warp: Warp) -> tuple[np.ndarray, np.ndarray]:
     """Plate [h, w, 3] and spread [h, w] of the view in its frames pixels."""
     w, h = warp.captured
-    plate, spread = (np.ascontiguousarray(inputs.read(name, warp.view)[:h, :w]) for name in ("survey/plate", "survey/spread"))
+    plate, spread = (
+        np.ascontiguousarray(inputs.read(name, warp.view)[:h, :w]) for name in ("survey/plate", "survey/spread")
+    )
     return warp(plate), warp(spread)
 
 
@@ -115,7 +139,16 @@ def _given_depth(inputs: Inputs, warp: Warp, frames: dict[int, int]) -> Block:
     for number, depth_map in zip(held, reader.read(view, held) if held else (), strict=True):
         _place(given[frames[number]], warp.depth(depth_map))
     lacking = len(frames) - len(held)
-    return Block("frames/depth", given, view, notes=(f"{lacking} of {len(frames)} pictures have no depth map; nothing is known of their depth",) if held and lacking else ())
+    return Block(
+        "frames/depth",
+        given,
+        view,
+        notes=(
+            (f"{lacking} of {len(frames)} pictures have no depth map; nothing is known of their depth",)
+            if held and lacking
+            else ()
+        ),
+    )
 
 
 def _offset(inputs: Inputs) -> float:
@@ -147,17 +180,21 @@ def _place(target: np.ndarray, picture: np.ndarray) -> None:
 def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
     if given.shape[:2] != warp.captured[::-1]:
         raise SourceError(
-            f"camera {warp.name}: a {what} is {given.shape[1]}x{given.shape[0]} px but its picture is {warp.captured[0]}x{warp.captured[1]}; "
-            f"export it at the picture's size, or leave it out of the capture"
+            f"camera {warp.name}: a {what} is {given.shape[1]}x{given.shape[0]} px but its picture is"
+            f" {warp.captured[0]}x{warp.captured[1]}; export it at the picture's size, or leave it out of the capture"
         )
 
 
 def check(block: Block, params: FramesParams) -> list[str]:
-    """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or negative."""
+    """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or
+    negative."""
     if block.array in ("truth/depth", "frames/depth"):
         wrong = ~(np.isfinite(block.data) & (block.data >= 0))
         if wrong.any():
-            raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is finite and at least 0 m")
+            raise ValueError(
+                f"{block.array} of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is"
+                " finite and at least 0 m"
+            )
     if block.array != "frames/mask" or not len(block.data):
         return []
     share = (block.data > 127).mean(axis=(1, 2))
@@ -165,12 +202,14 @@ def check(block: Block, params: FramesParams) -> list[str]:
     warnings = []
     if 2 * empty > len(share):
         warnings.append(
-            f"view {block.view}: {empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames without a picture count too); "
-            f"a subject that stays in its place becomes part of the background plate: set frames.matte: none, or import masks"
+            f"view {block.view}: {empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames"
+            " without a picture count too); a subject that stays in its place becomes part of the background plate:"
+            " set frames.matte: none, or import masks"
         )
     if params.matte in ("auto", "plate", "person") and full:
         warnings.append(
-            f"view {block.view}: {full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; unless frames.matte is none, the camera moves or "
-            f"the light changes and a background plate does not fit: set frames.matte: none, or import masks"
+            f"view {block.view}: {full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; unless"
+            " frames.matte is none, the camera moves or the light changes and a background plate does not fit: set"
+            " frames.matte: none, or import masks"
         )
     return warnings

@@ -1,4 +1,5 @@
-"""What is known of the subject before a pixel is looked at: the estimator's segmentation of her, her joints, and what the other views saw."""
+"""What is known of the subject before a pixel is looked at: the estimator's segmentation of her, her joints, and
+what the other views saw."""
 
 from __future__ import annotations
 
@@ -13,7 +14,12 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
 from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.silhouettes.support import Fields, ray_support
-from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, points_to_integer_centres, to_integer_centres
+from posegaussian.storage.model.cameras import (
+    Rig,
+    points_from_integer_centres,
+    points_to_integer_centres,
+    to_integer_centres,
+)
 
 CELL = 4
 """Pixels of frames/* along a cell of the grids on which views are compared."""
@@ -24,7 +30,8 @@ STEP = 1.5
 
 
 def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) -> np.ndarray:
-    """[h, w] float32 0..1 segmentation of one person at captured positions [h, w, 2] px; negative where the region does not reach.
+    """[h, w] float32 0..1 segmentation of one person at captured positions [h, w, 2] px; negative where the region does
+    not reach.
 
     person [n, n] uint8 over region [4]: the centre of its cell (i, j) lies at ((j + .5)/n, (i + .5)/n) of the region.
     Where the positions lie more than two cells apart cells are averaged first, so that nothing aliases.
@@ -32,11 +39,21 @@ def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) ->
     shape, side = captured.shape[:2], person.shape[0]
     own = to_own(captured.reshape(-1, 2), region)
     inside = np.all((own >= 0) & (own <= 1), axis=-1).reshape(shape)
-    step = np.linalg.norm(captured[0, -1] - captured[0, 0]) / max(1, shape[1] - 1) / region[2] * side if np.isfinite(captured[0, [0, -1]]).all() else 1.0
+    step = (
+        np.linalg.norm(captured[0, -1] - captured[0, 0]) / max(1, shape[1] - 1) / region[2] * side
+        if np.isfinite(captured[0, [0, -1]]).all()
+        else 1.0
+    )
     shrink = int(np.clip(step, 1, side // 8))
     small = person if shrink < 2 else cv2.resize(person, (side // shrink,) * 2, interpolation=cv2.INTER_AREA)
-    at = points_to_integer_centres(np.where(inside.reshape(-1, 1), own, -1.0) * small.shape[0]).astype(np.float32).reshape(*shape, 2)
-    values = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32) / np.float32(255)
+    at = (
+        points_to_integer_centres(np.where(inside.reshape(-1, 1), own, -1.0) * small.shape[0])
+        .astype(np.float32)
+        .reshape(*shape, 2)
+    )
+    values = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(
+        np.float32
+    ) / np.float32(255)
     return np.where(inside, values, np.float32(-1.0))
 
 
@@ -64,14 +81,16 @@ class Hints:
         return Known(self.of_view(view, frame), joints, self._inputs.joint_set, possible, confirmed)
 
     def of_view(self, view: int, frame: int, cell: int = 1) -> np.ndarray | None:
-        """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None where it found nobody."""
+        """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None
+        where it found nobody."""
         if view not in self._chosen or (person := int(self._chosen[view][frame])) < 0:
             return None
         found, region = self._person[view][frame, person], self._region[view][frame, person]
         return warped_hint(found, region, self._positions(view, cell)) if region[2] > 0 and found.any() else None
 
     def support(self, view: int, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Possible and confirmed [h, w] float32 0..1 of a view's pixels by what all other views saw; None where none saw the subject.
+        """Possible and confirmed [h, w] float32 0..1 of a view's pixels by what all other views saw; None where none
+        saw the subject.
 
         See `support.ray_support`. Rays are walked as deep as the known joints lie, give or take half a metre.
         """
@@ -85,7 +104,9 @@ class Hints:
         pixels = pixel_centres((width, height)).reshape(-1, 2) * CELL
         origin, directions = rays(pixels, inputs.rig.intrinsics[view], inputs.rig.world_to_camera[view])
         joints = self._joints3d[frame]
-        found = ray_support(fields, origin, directions, self._depths(view, frame, sorted(seen)), joints[joints[:, 3] > 0, :3])
+        found = ray_support(
+            fields, origin, directions, self._depths(view, frame, sorted(seen)), joints[joints[:, 3] > 0, :3]
+        )
         whole = (int(inputs.rig.size[view, 0]), int(inputs.rig.size[view, 1]))
         return tuple(_enlarged(f.reshape(height, width), whole) for f in found)  # type: ignore[return-value]
 
@@ -96,7 +117,13 @@ class Hints:
             source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
             size = -(-inputs.rig.size[view] // cell)
             pixels = pixel_centres((int(size[0]), int(size[1]))) * cell
-            captured = captured_positions(pixels, inputs.rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view])
+            captured = captured_positions(
+                pixels,
+                inputs.rig.intrinsics[view],
+                source_rig.intrinsics[view],
+                source_rig.distortion[view],
+                crops[view],
+            )
             self._captured[view, cell] = np.where(np.isfinite(captured), captured, -1e6)
         return self._captured[view, cell]
 
@@ -108,7 +135,8 @@ class Hints:
         return int(np.ceil(self._margin * side / max(float(np.linalg.norm(middle[-1] - middle[0])), 1e-6)))
 
     def _depths(self, view: int, frame: int, others: list[int]) -> np.ndarray:
-        """[K] depths along a view's rays at which the others are asked, metres: around the joints, else around what all cameras look at."""
+        """[K] depths along a view's rays at which the others are asked, metres: around the joints, else around what
+        all cameras look at."""
         rig, joints = self._inputs.rig, self._joints3d[frame]
         points = np.asarray(joints[joints[:, 3] > 0, :3], dtype=np.float64)
         around = AROUND
@@ -128,7 +156,10 @@ def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int]) -> F
     """What the views' segmentations on coarse grids hold possible, widened by a radius in cells, and what they saw."""
     views = sorted(grids)
     height, width = (max(grids[v].shape[i] for v in views) for i in (0, 1))
-    possible, seen = np.ones((len(views), height, width), np.float32), np.full((len(views), height, width), -1.0, np.float32)
+    possible, seen = (
+        np.ones((len(views), height, width), np.float32),
+        np.full((len(views), height, width), -1.0, np.float32),
+    )
     for i, v in enumerate(views):
         grid = grids[v]
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius[v] + 1,) * 2)
@@ -142,6 +173,8 @@ def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int]) -> F
 
 def _enlarged(grid: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """A grid of cells [h, w] at the pixels it covers, bilinear, cut to `size` (width, height)."""
-    columns, rows = (points_to_integer_centres(points_from_integer_centres(np.arange(n)) / CELL).astype(np.float32) for n in size)
+    columns, rows = (
+        points_to_integer_centres(points_from_integer_centres(np.arange(n)) / CELL).astype(np.float32) for n in size
+    )
     x, y = np.meshgrid(columns, rows)
     return cv2.remap(grid, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -13,9 +13,17 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
-    """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of these while it is warped; for a person, the colours of one picture and all views' segmentations."""
-    pictures, captured = shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * 20, shape["source_y"] * shape["source_x"] * 60
-    person = shape["y"] * shape["x"] * 160 + shape["frame"] * shape["view"] * shape["person"] * 2**16 if params.matte in ("auto", "person") else 0
+    """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of
+    these while it is warped; for a person, the colours of one picture and all views' segmentations."""
+    pictures, captured = (
+        shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * 20,
+        shape["source_y"] * shape["source_x"] * 60,
+    )
+    person = (
+        shape["y"] * shape["x"] * 160 + shape["frame"] * shape["view"] * shape["person"] * 2**16
+        if params.matte in ("auto", "person")
+        else 0
+    )
     return Resources(cpu=1, ram=pictures + captured + person)
 
 
@@ -57,7 +65,10 @@ def refusal(params: FramesParams, facts: Facts) -> str | None:
     if params.matte == "given" and "masks" not in facts:
         return "frames.matte is given, but not every source view has masks; use auto, person, plate or none"
     if params.matte == "person" and not {"joints2d", "joints3d"} & facts:
-        return f"frames.matte is person, but there are no joints to find her by: set detection.estimator to blazepose ({ADDED}) or to onnx with a model of yours, or import joints; or use plate or none"
+        return (
+            "frames.matte is person, but there are no joints to find her by: set detection.estimator to blazepose"
+            f" ({ADDED}) or to onnx with a model of yours, or import joints; or use plate or none"
+        )
     if params.matte == "plate" and "several_frames" not in facts:
         return "frames.matte is plate, but the capture has a single frame; use given or none"
     return None
@@ -86,10 +97,38 @@ STAGE = Stage(
         Read(LIGHT, views="sources", when=_tone_mapped),
     ),
     writes=(
-        ArraySpec("frames/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Picture after crop, undistortion and scaling; padding is black.", keep="until_done"),
-        ArraySpec("frames/mask", ("frame", "view", "y", "x"), "uint8", "1/255", "Soft foreground of the one main subject; padding is 0."),
-        ArraySpec("truth/depth", ("frame", "view", "y", "x"), "float32", "m", "True depth along the optical axis of a simulated capture; 0 where there is no surface.", when="truth_depth"),
-        ArraySpec("frames/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis as given with the capture; 0 where there is none.", keep="until_done", when=GIVEN_DEPTH),
+        ArraySpec(
+            "frames/color",
+            ("frame", "view", "y", "x", "rgb"),
+            "uint8",
+            "sRGB",
+            "Picture after crop, undistortion and scaling; padding is black.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "frames/mask",
+            ("frame", "view", "y", "x"),
+            "uint8",
+            "1/255",
+            "Soft foreground of the one main subject; padding is 0.",
+        ),
+        ArraySpec(
+            "truth/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "True depth along the optical axis of a simulated capture; 0 where there is no surface.",
+            when="truth_depth",
+        ),
+        ArraySpec(
+            "frames/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "Depth along the optical axis as given with the capture; 0 where there is none.",
+            keep="until_done",
+            when=GIVEN_DEPTH,
+        ),
     ),
     over=("sequence", "time", "view"),
     params=FramesParams,

@@ -8,7 +8,8 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.tangent_frame import tangents
 
 JUMP = 8.0
-"""A depth step of more than this many pixel footprints z/f between neighbours is a silhouette, not a slope (83 degrees)."""
+"""A depth step of more than this many pixel footprints z/f between neighbours is a silhouette, not a slope (83
+degrees)."""
 
 
 def rays(intrinsics: np.ndarray, height: int, width: int) -> np.ndarray:
@@ -55,7 +56,9 @@ def normals(depth: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
     r_u, r_v = ray_derivatives(intrinsics)
     x_u += r_u[:, None, None] * z
     x_v += r_v[:, None, None] * z
-    n = np.stack([x_v[1] * x_u[2] - x_v[2] * x_u[1], x_v[2] * x_u[0] - x_v[0] * x_u[2], x_v[0] * x_u[1] - x_v[1] * x_u[0]])
+    n = np.stack(
+        [x_v[1] * x_u[2] - x_v[2] * x_u[1], x_v[2] * x_u[0] - x_v[0] * x_u[2], x_v[0] * x_u[1] - x_v[1] * x_u[0]]
+    )
     length = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
     return n / np.where(length > 0, length, 1)
 
@@ -66,12 +69,15 @@ def ray_derivatives(intrinsics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([1 / fx, 0, 0], np.float32), np.array([-skew / (fx * fy), 1 / fy, 0], np.float32)
 
 
-def scales(depth: np.ndarray, normal: np.ndarray, intrinsics: np.ndarray, footprint: float, thickness: float, cosine_min: float) -> np.ndarray:
+def scales(
+    depth: np.ndarray, normal: np.ndarray, intrinsics: np.ndarray, footprint: float, thickness: float, cosine_min: float
+) -> np.ndarray:
     """[3, h, w] float32 standard deviations along (tangent, tangent, normal), metres; 0 where there is no surface.
 
-    One pixel covers, on the tangent plane, the parallelogram X_u, X_v with X_u = z (r_u - r (n.r_u) / (n.r)): z/f across
-    the slope and z / (f cos) along it. A Gaussian of covariance footprint^2 (X_u X_u^T + X_v X_v^T) would cover it
-    exactly, but the tangent frame may not twist towards the slope; so the diagonal of that covariance in the frame is
+    One pixel covers, on the tangent plane, the parallelogram X_u, X_v with X_u = z (r_u - r (n.r_u) / (n.r)): z/f
+    across the slope and z / (f cos) along it. A Gaussian of covariance footprint^2 (X_u X_u^T + X_v X_v^T) would cover
+    it exactly, but the tangent frame may not twist towards the slope; so the diagonal of that covariance in the frame
+    is
     kept: exact for slopes along the picture's axes (limbs hang and stretch along them), and round with the same total
     variance at 45 degrees, where a disc is too wide across by at most what it lacks along.
 

@@ -26,13 +26,21 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
     for view in range(len(inputs.rig)):
         maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in CHANNELS.items()}
         if view in inputs.views.sources:
-            depth, confidence, mask = (inputs.read(name, view) for name in (depth_array(inputs.facts), "depth/confidence", "frames/mask"))
-            said = [inputs.read(f"network/{name}", view) for name in ("numbers", "confidence")] if NETWORK in inputs.facts else None
+            depth, confidence, mask = (
+                inputs.read(name, view) for name in (depth_array(inputs.facts), "depth/confidence", "frames/mask")
+            )
+            said = (
+                [inputs.read(f"network/{name}", view) for name in ("numbers", "confidence")]
+                if NETWORK in inputs.facts
+                else None
+            )
             for i in range(len(inputs.partition)):
                 found = prior(depth[i], confidence[i], mask[i], inputs.rig.intrinsics[view], params)
                 if said is not None:
                     found = over_prior(found, said[0][i], said[1][i], inputs.rig.intrinsics[view])
-                for name, data in zip(CHANNELS, found, strict=False):  # the prior alone has no share of the learned value
+                for name, data in zip(
+                    CHANNELS, found, strict=False
+                ):  # the prior alone has no share of the learned value
                     maps[name][i] = data
         for name, data in maps.items():
             yield Block(name, data, view)
@@ -41,16 +49,25 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
 def prior(
     depth: np.ndarray, confidence: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray, params: GaussiansParams
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scale [3, h, w] m, normal [3, h, w] in camera axes and opacity [2, h, w] (face-on, grazing) of one picture, float32.
+    """Scale [3, h, w] m, normal [3, h, w] in camera axes and opacity [2, h, w] (face-on, grazing) of one picture,
+    float32.
 
-    depth [h, w] m, confidence [h, w] 0..1 and mask [h, w] uint8; what is not finite, not in front of the camera or below
-    `params.confidence_min` is no surface and 0 in every map. Opacity is a power of the confidence times the covered share of
-    the pixel, because a silhouette's pixel shows the background in part (box PSNR +0.2 dB at 512 px, +0.7 at 48 px, true
-    depth). The power is small: where no view is sure, an unsure surface is still better than a hole (hull depth, 512 px:
-    box PSNR 25.5 dB with 0.1, 20.8 with 0.5, 15.7 with 1; dropping unsure pixels of matched depth costs 2 dB).
+    depth [h, w] m, confidence [h, w] 0..1 and mask [h, w] uint8; what is not finite, not in front of the camera or
+    below
+    `params.confidence_min` is no surface and 0 in every map. Opacity is a power of the confidence times the covered
+    share of the pixel, because a silhouette's pixel shows the background in part (box PSNR +0.2 dB at 512 px, +0.7 at
+    48 px, true depth). The power is small: where no view is sure, an unsure surface is still better than a hole (hull
+    depth, 512 px: box PSNR 25.5 dB with 0.1, 20.8 with 0.5, 15.7 with 1; dropping unsure pixels of matched depth costs
+    2 dB).
     """
     confidence = confidence.astype(np.float32)
-    surface = np.isfinite(depth) & (depth > 0) & np.isfinite(confidence) & (confidence > 0) & (confidence >= params.confidence_min)
+    surface = (
+        np.isfinite(depth)
+        & (depth > 0)
+        & np.isfinite(confidence)
+        & (confidence > 0)
+        & (confidence >= params.confidence_min)
+    )
     depth = np.where(surface, depth, 0).astype(np.float32)
     normal = normals(depth, intrinsics)
     scale = scales(depth, normal, intrinsics, params.footprint, params.thickness, params.cosine_min)

@@ -16,7 +16,8 @@ OTHERWISE = 20.0
 
 
 def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping[str, CameraPath]) -> list[str]:
-    """Sentences for the plan of a sequence with a single source view: what its depth can give, and which paths leave what is useful.
+    """Sentences for the plan of a sequence with a single source view: what its depth can give, and which paths leave
+    what is useful.
 
     Args:
         rig: cameras of the frames grid.
@@ -27,14 +28,25 @@ def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping
     """
     name, useful = rig.names[view], USEFUL.get(method, OTHERWISE)
     what = {
-        "relief": f"its depth is the silhouette, rounded, {distance:.2g} m away by assumption: sizes are known up to scale, limbs in front of the body are flat",
+        "relief": (
+            f"its depth is the silhouette, rounded, {distance:.2g} m away by assumption: sizes are known up to scale,"
+            " limbs in front of the body are flat"
+        ),
         "given": "its depth is that of the maps given",
     }.get(method, f"its depth is {method}")
-    notes = [f"{name} is the only source view, so nothing is matched; {what}; the side that faces away stays empty, and novel views are worth looking at up to {useful:g} degrees from it"]
+    notes = [
+        f"{name} is the only source view, so nothing is matched; {what}; the side that faces away stays empty, and"
+        f" novel views are worth looking at up to {useful:g} degrees from it"
+    ]
     subject = rig.centres[view] + distance * rig.rotations[view, 2]
     for path in paths.values():
-        centres = -np.einsum("...ji,...j->...i", path.world_to_camera[..., :3, :3], path.world_to_camera[..., :3, 3])[path.served]
+        centres = -np.einsum("...ji,...j->...i", path.world_to_camera[..., :3, :3], path.world_to_camera[..., :3, 3])[
+            path.served
+        ]
         farthest = max((angle_at(subject, rig.centres[view], c) for c in centres), default=0.0)
         if farthest > useful + 0.5:
-            notes.append(f"camera path {path.name} goes {farthest:.0f} degrees away from {name}, beyond the {useful:g} that are worth looking at; `sway` stays within")
+            notes.append(
+                f"camera path {path.name} goes {farthest:.0f} degrees away from {name}, beyond the {useful:g} that are"
+                " worth looking at; `sway` stays within"
+            )
     return notes

@@ -36,7 +36,9 @@ def reprojection_residual(rig: Rig, joints2d: np.ndarray, joints3d: np.ndarray) 
     return np.concatenate(found) if found else np.zeros(0)
 
 
-def photometric_disagreement(rig: Rig, views: tuple[int, int], colors: tuple[np.ndarray, np.ndarray], depths: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def photometric_disagreement(
+    rig: Rig, views: tuple[int, int], colors: tuple[np.ndarray, np.ndarray], depths: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
     """Differences [n] in 1/255, mean over RGB, between what two views show at the points that both see.
 
     Args:
@@ -68,14 +70,19 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
         mask: [h, w] uint8, the outline is where it crosses 127.5.
 
     Along the outline's normal, within REACH px, the edge is the mean position of the colour's change; where the colour
-    changes by less than EDGE there is no edge and no value, and none where the subject or the gap beside it is narrower than that.
+    changes by less than EDGE there is no edge and no value, and none where the subject or the gap beside it is narrower
+    than that.
     """
     inside = mask > 127
     # Signed distance to the outline, at pixel centres: positive outside.
-    distance = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5) - cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5)
+    distance = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5) - cv2.distanceTransform(
+        inside.astype(np.uint8), cv2.DIST_L2, 5
+    )
     distance += np.where(inside, 0.5, -0.5).astype(np.float32)
     smooth = cv2.GaussianBlur(distance, (0, 0), 1.0)
-    slope = np.stack([cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)], axis=-1)
+    slope = np.stack(
+        [cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)], axis=-1
+    )
     rows, columns = np.nonzero(inside & (distance > -1))
     normal = slope[rows, columns] / np.maximum(np.linalg.norm(slope[rows, columns], axis=1, keepdims=True), 1e-6)
     steps = np.arange(-REACH, REACH + 0.25, 0.5, dtype=np.float32)
@@ -94,7 +101,8 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _sample(picture: np.ndarray, points: np.ndarray, interpolation: int) -> np.ndarray:
-    """[n, ...] float32 values of a picture [h, w, ...] at points [n, 2] with integer centres, the nearest edge's outside.
+    """[n, ...] float32 values of a picture [h, w, ...] at points [n, 2] with integer centres, the nearest edge's
+    outside.
 
     OpenCV takes maps of fewer than 32767 columns.
     """
@@ -104,5 +112,7 @@ def _sample(picture: np.ndarray, points: np.ndarray, interpolation: int) -> np.n
     rows = grid.reshape(-1, width, 2)
     if not count:
         return np.zeros((0, *picture.shape[2:]), np.float32)
-    values = cv2.remap(picture.astype(np.float32), rows[..., 0], rows[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
+    values = cv2.remap(
+        picture.astype(np.float32), rows[..., 0], rows[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE
+    )
     return values.reshape(-1, *picture.shape[2:])[:count]

@@ -8,10 +8,11 @@ from posegaussian.storage.model.cameras import Rig
 
 
 def fundamental(rig: Rig, first: int, second: int) -> np.ndarray:
-    """[3, 3] F of two cameras: y^T F x = 0 for homogeneous pixels x of the first and y of the second that show one point.
+    """[3, 3] F of two cameras: y^T F x = 0 for homogeneous pixels x of the first and y of the second that show one
+    point.
 
-    Hartley and Zisserman, Multiple View Geometry, 9.2: F = K'^-T [t]x R K^-1 with the motion R, t from the first camera to
-    the second. All zeros where the centres coincide.
+    Hartley and Zisserman, Multiple View Geometry, 9.2: F = K'^-T [t]x R K^-1 with the motion R, t from the first camera
+    to the second. All zeros where the centres coincide.
     """
     rotation = rig.rotations[second] @ rig.rotations[first].T
     x, y, z = rig.world_to_camera[second, :3, 3] - rotation @ rig.world_to_camera[first, :3, 3]
@@ -26,7 +27,8 @@ def homogeneous(points: np.ndarray) -> np.ndarray:
 
 
 def signed_epipolar_distance(matrix: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Pixels [..., 2] of two cameras and their fundamental matrix -> signed px [...] by which they miss it; 0 where F has no line.
+    """Pixels [..., 2] of two cameras and their fundamental matrix -> signed px [...] by which they miss it; 0 where F
+    has no line.
 
     Sampson's distance (Hartley and Zisserman, 11.4.3): to first order, how far the four coordinates must move in all.
     """

@@ -1,4 +1,5 @@
-"""Features that two pictures share: SIFT (Lowe 2004, as RootSIFT: Arandjelovic and Zisserman 2012), matched both ways with a ratio test."""
+"""Features that two pictures share: SIFT (Lowe 2004, as RootSIFT: Arandjelovic and Zisserman 2012), matched both
+ways with a ratio test."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def features(picture: np.ndarray, coverage: np.ndarray) -> Features:
 
 
 def matched(first: Features, second: Features) -> np.ndarray:
-    """[n, 2] indices of features that are each other's best match, clearly better than the second best in both pictures."""
+    """[n, 2] indices of features that are each other's best match, clearly better than the second best in both
+    pictures."""
     if min(len(first.points), len(second.points)) < 3:
         return np.zeros((0, 2), dtype=np.int64)
     likeness = first.descriptors @ second.descriptors.T

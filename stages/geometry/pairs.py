@@ -18,7 +18,8 @@ from posegaussian.storage.model.cameras import Rig
 MAX_ANGLE = 66.0
 """Degrees at the subject; wider pairs see too little of the same surface."""
 MIN_BASELINE = 0.02
-"""Baseline per distance of the subject (1.1 degrees): below it one pixel of disparity is a tenth of the distance and more."""
+"""Baseline per distance of the subject (1.1 degrees): below it one pixel of disparity is a tenth of the distance and
+more."""
 MIN_ASIDE = 30.0
 """Degrees between the baseline and either line of sight to the subject: below it one camera stands behind the other."""
 MAX_TILT = 40.0
@@ -75,11 +76,19 @@ def angle_at(subject: np.ndarray, first: np.ndarray, second: np.ndarray) -> floa
     return angle_between(first - subject, second - subject)
 
 
-def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, subject: np.ndarray | None = None, up: np.ndarray | None = None) -> PairReport:
+def classify(
+    rig: Rig,
+    first: int,
+    second: int,
+    max_angle: float = MAX_ANGLE,
+    subject: np.ndarray | None = None,
+    up: np.ndarray | None = None,
+) -> PairReport:
     """The verdict on one pair: the first of the tests below that fails, else usable. Symmetric in the two views.
 
-    A view without the subject is told before all else: what its picture shows nobody can match. `subject` [3] (world metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled
-    camera from a vertical pair; `max_angle` is in degrees.
+    A view without the subject is told before all else: what its picture shows nobody can match. `subject` [3] (world
+    metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled camera from a
+    vertical pair; `max_angle` is in degrees.
     """
     subject = look_at_point(rig) if subject is None else subject
     up = up_direction(rig) if up is None else up
@@ -93,25 +102,63 @@ def classify(rig: Rig, first: int, second: int, max_angle: float = MAX_ANGLE, su
 
     for view in (first, second):
         if not seen_body(rig, view, subject, up).any():
-            return report(Verdict.UNSEEN, 0.0, 0.0, f"without the subject in view, {rig.names[view]} has nothing of a person at the point all cameras look at in its picture")
+            return report(
+                Verdict.UNSEEN,
+                0.0,
+                0.0,
+                f"without the subject in view, {rig.names[view]} has nothing of a person at the point all cameras look"
+                " at in its picture",
+            )
     ratio = float(np.linalg.norm(baseline) / np.linalg.norm(sight, axis=1).min())
     if ratio < MIN_BASELINE:
-        return report(Verdict.COINCIDENT, ratio, MIN_BASELINE, f"coincident, the baseline is {ratio:.2g} of the distance (at least {MIN_BASELINE:g})")
+        return report(
+            Verdict.COINCIDENT,
+            ratio,
+            MIN_BASELINE,
+            f"coincident, the baseline is {ratio:.2g} of the distance (at least {MIN_BASELINE:g})",
+        )
     if angle > max_angle:
-        return report(Verdict.TOO_WIDE, angle, max_angle, f"too wide, {angle:.1f} degrees at the subject (at most {max_angle:g}, setting depth.max_angle)")
+        return report(
+            Verdict.TOO_WIDE,
+            angle,
+            max_angle,
+            f"too wide, {angle:.1f} degrees at the subject (at most {max_angle:g}, setting depth.max_angle)",
+        )
     aside = min(min(t, 180 - t) for t in (angle_between(baseline, s) for s in sight))
     if aside < MIN_ASIDE:
-        return report(Verdict.BEHIND, aside, MIN_ASIDE, f"one behind the other, the baseline lies {aside:.1f} degrees off the line of sight (at least {MIN_ASIDE:g})")
+        return report(
+            Verdict.BEHIND,
+            aside,
+            MIN_ASIDE,
+            f"one behind the other, the baseline lies {aside:.1f} degrees off the line of sight (at least"
+            f" {MIN_ASIDE:g})",
+        )
     rolled = _rolled(rig, (first, second), baseline, up)
     if rolled > MAX_ROLL:
-        return report(Verdict.ROLLED, rolled, MAX_ROLL, f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})")
+        return report(
+            Verdict.ROLLED,
+            rolled,
+            MAX_ROLL,
+            f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})",
+        )
     tilts = [abs(_tilt(rig.rotations[v], baseline)) for v in (first, second)]
     tilt = max(min(t, 180 - t) for t in tilts)
     if tilt > MAX_TILT:
-        return report(Verdict.VERTICAL, tilt, MAX_TILT, f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most {MAX_TILT:g})")
+        return report(
+            Verdict.VERTICAL,
+            tilt,
+            MAX_TILT,
+            f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most"
+            f" {MAX_TILT:g})",
+        )
     share = body_share(rig, first, second, subject, up)
     if share < MIN_BODY:
-        return report(Verdict.CLIPPED, share, MIN_BODY, f"clipped, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})")
+        return report(
+            Verdict.CLIPPED,
+            share,
+            MIN_BODY,
+            f"clipped, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})",
+        )
     return report(Verdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
 
 
@@ -129,7 +176,8 @@ def _rolled(rig: Rig, pair: tuple[int, int], baseline: np.ndarray, up: np.ndarra
 
 
 def body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
-    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame; 0 where none is seen."""
+    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame; 0 where none
+    is seen."""
     try:
         pair = rectify(rig, first, second, subject)
     except ValueError:
@@ -164,8 +212,15 @@ def _reports(rig: Rig, views: tuple[int, ...], max_angle: float) -> tuple[PairRe
     return tuple(classify(rig, a, b, max_angle, subject, up) for a, b in combinations(views, 2))
 
 
-def choose_pairs(rig: Rig, sources: Sequence[int], count: int, max_angle: float = MAX_ANGLE, reports: Sequence[PairReport] | None = None) -> dict[int, list[int]]:
-    """For each source view its at most `count` usable partners, narrowest angle first, the lower index first at equal angles.
+def choose_pairs(
+    rig: Rig,
+    sources: Sequence[int],
+    count: int,
+    max_angle: float = MAX_ANGLE,
+    reports: Sequence[PairReport] | None = None,
+) -> dict[int, list[int]]:
+    """For each source view its at most `count` usable partners, narrowest angle first, the lower index first at equal
+    angles.
 
     `reports` are those of `pair_report` where the caller has them; pairs with a view outside `sources` are left out.
     Angles are compared to a tenth of a degree, so that rounding does not decide between the two sides of a ring.
@@ -181,14 +236,18 @@ def choose_pairs(rig: Rig, sources: Sequence[int], count: int, max_angle: float 
 
 
 def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> list[str]:
-    """Sentences for the plan about pairs that are not matched: one a verdict with an example, one for views no pair serves."""
+    """Sentences for the plan about pairs that are not matched: one a verdict with an example, one for views no pair
+    serves."""
     reports = pair_report(rig, sources, max_angle)
     notes = []
     for verdict in Verdict:
         refused = [r for r in reports if r.verdict is verdict and not r.usable]
         if refused:
             nearest = min(refused, key=lambda r: r.angle)
-            notes.append(f"depth does not match {len(refused)} of {len(reports)} pairs of views, which are {verdict}; the nearest: {nearest.sentence}")
+            notes.append(
+                f"depth does not match {len(refused)} of {len(reports)} pairs of views, which are {verdict}; the"
+                f" nearest: {nearest.sentence}"
+            )
     served = {v for r in reports if r.usable for v in r.views}
     alone = [rig.names[v] for v in sources if v not in served]
     if alone:

@@ -17,7 +17,9 @@ _ROUND_TRIP = 1e-4
 """Error, in normalised coordinates, above which a point lies outside the range where the lens model can be inverted."""
 
 
-def to_frames(points: np.ndarray, captured_to_calibrated: np.ndarray, calibrated: Rig, frames: Rig, view: int) -> tuple[np.ndarray, np.ndarray]:
+def to_frames(
+    points: np.ndarray, captured_to_calibrated: np.ndarray, calibrated: Rig, frames: Rig, view: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Captured pixels [..., 2] of one view -> pixels of frames/* [..., 2], and whether each could be mapped [...].
 
     captured_to_calibrated: (scale, dx, dy) of that view. The lens of `calibrated` is undone; `frames` has the same pose
@@ -58,7 +60,8 @@ def _undistort(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, 
 
 
 def project(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World points [..., 3] -> pixels [..., V, 2] and depth along the optical axis [..., V], metres, for a rig without lens.
+    """World points [..., 3] -> pixels [..., V, 2] and depth along the optical axis [..., V], metres, for a rig without
+    lens.
 
     Pixels of points nearer than `NEAR` or behind the camera mean nothing; look at the depth.
     """
@@ -68,7 +71,8 @@ def project(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rays(rig: Rig, views: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels [T, J, 2] seen by views [T] -> normalised coordinates [T, J, 2] and unit directions in the world [T, J, 3]."""
+    """Pixels [T, J, 2] seen by views [T] -> normalised coordinates [T, J, 2] and unit directions in the world [T, J,
+    3]."""
     flat = _normalise(pixels, rig.intrinsics[views][:, None])
     direction = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)

@@ -30,7 +30,8 @@ def project(points: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndar
 def rays(pixels: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays through pixels [..., 2]: the camera's centre [3] and directions [..., 3], both in the world.
 
-    A direction advances one metre along the optical axis, so that `centre + depth * direction` is the point of that depth.
+    A direction advances one metre along the optical axis, so that `centre + depth * direction` is the point of that
+    depth.
     """
     r, t = world_to_camera[:3, :3], world_to_camera[:3, 3]
     pixels = np.asarray(pixels, dtype=np.float64)

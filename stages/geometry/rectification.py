@@ -1,9 +1,9 @@
 """Rectified pairs: two virtual cameras with parallel axes in which the same point lies on the same row.
 
 After Fusiello, Trucco and Verri, "A compact algorithm for rectification of stereo pairs" (2000): the shared x axis runs
-along the baseline, the z axis is what is left of the mean optical axis. The principal points are free: each is chosen so
-that the subject lies in the middle of its picture, which keeps a body in the frame at angles where a common principal
-point loses it, and the difference of the two is carried as an explicit offset of the disparity.
+along the baseline, the z axis is what is left of the mean optical axis. The principal points are free: each is chosen
+so that the subject lies in the middle of its picture, which keeps a body in the frame at angles where a common
+principal point loses it, and the difference of the two is carried as an explicit offset of the disparity.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class RectifiedPair:
     intrinsics: np.ndarray
     """[2, 3, 3] px, our pixel centres: equal focal length and rows, different columns of the principal point."""
     to_source: np.ndarray
-    """[2, 3, 3] homographies from homogeneous rectified pixels to source pixels; the third row gives source depth per rectified depth."""
+    """[2, 3, 3] homographies from homogeneous rectified pixels to source pixels; the third row gives source depth
+    per rectified depth."""
     size: tuple[int, int]
     """(width, height) of the rectified frame, px."""
     scale: float = 1.0
@@ -47,7 +48,8 @@ class RectifiedPair:
 
     @property
     def baseline(self) -> float:
-        """Metres along the rectified x axis from the first camera to the second; negative when the second lies to the left."""
+        """Metres along the rectified x axis from the first camera to the second; negative when the second lies to
+        the left."""
         return float(self.rotation[0] @ (self.centres[1] - self.centres[0]))
 
     @property
@@ -68,11 +70,13 @@ class RectifiedPair:
         return out
 
     def disparity(self, depth: np.ndarray) -> np.ndarray:
-        """Rectified depth, metres -> x0 - x1 = focal * baseline / depth + offset, px; float64: in float32 an offset of 1500 px leaves 1e-4 px."""
+        """Rectified depth, metres -> x0 - x1 = focal * baseline / depth + offset, px; float64: in float32 an offset
+        of 1500 px leaves 1e-4 px."""
         return self.focal * self.baseline / np.asarray(depth, dtype=np.float64) + self.offset
 
     def depth(self, disparity: np.ndarray) -> np.ndarray:
-        """Disparity x0 - x1, px -> rectified depth, metres; infinite or negative where no point in front of the cameras has it."""
+        """Disparity x0 - x1, px -> rectified depth, metres; infinite or negative where no point in front of the
+        cameras has it."""
         with np.errstate(divide="ignore"):
             return self.focal * self.baseline / (np.asarray(disparity, dtype=np.float64) - self.offset)
 
@@ -88,7 +92,8 @@ class RectifiedPair:
         return _apply(np.linalg.inv(self.to_source[which]), pixels)
 
     def maps(self, which: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
-        """Maps x, y [h, w] float32 for `cv2.remap`, which give a window of the rectified picture from the source picture."""
+        """Maps x, y [h, w] float32 for `cv2.remap`, which give a window of the rectified picture from the source
+        picture."""
         x0, y0, w, h = window
         source, _ = self.source_pixels(which, pixel_centres((w, h)) + np.array([x0, y0]))
         x, y = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
@@ -104,29 +109,40 @@ def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.n
 def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:
     """The rectified pair of two views, with the subject [3] (world metres) in the middle of both pictures.
 
-    The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the sources.
+    The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the
+    sources.
 
-    Raises ValueError where no rectification exists: equal centres, a baseline along the optical axes, or a subject behind
-    the pair. Whether the pair is any good for matching is the question of `posegaussian.stages.geometry.pairs.classify`.
+    Raises ValueError where no rectification exists: equal centres, a baseline along the optical axes, or a subject
+    behind the pair. Whether the pair is any good for matching is the question of
+    `posegaussian.stages.geometry.pairs.classify`.
     """
     pair = [first, second]
     centres, rotations = rig.centres[pair], rig.rotations[pair]
     along = centres[1] - centres[0]
     baseline = np.linalg.norm(along)
     if baseline < 1e-9:
-        raise ValueError(f"cameras {rig.names[first]} and {rig.names[second]} stand {baseline:g} m apart; a pair needs a baseline")
+        raise ValueError(
+            f"cameras {rig.names[first]} and {rig.names[second]} stand {baseline:g} m apart; a pair needs a baseline"
+        )
     x = along / baseline
-    # The x axis follows the pictures, not the order of the views: swapping the order changes the sign of the baseline only.
+    # The x axis follows the pictures, not the order of the views: swapping the order changes the sign of the baseline
+    # only.
     x = x if x @ rotations[:, 0].sum(axis=0) >= 0 else -x
     forward = rotations[:, 2].sum(axis=0)
     z = forward - (forward @ x) * x
     if np.linalg.norm(z) < 1e-6 * max(1.0, float(np.linalg.norm(forward))):
-        raise ValueError(f"cameras {rig.names[first]} and {rig.names[second]} have no common side: their baseline runs along the optical axes")
+        raise ValueError(
+            f"cameras {rig.names[first]} and {rig.names[second]} have no common side: their baseline runs along the"
+            " optical axes"
+        )
     z /= np.linalg.norm(z)
     rotation = np.stack([x, np.cross(z, x), z])
     seen = (subject - centres) @ rotation.T
     if (seen[:, 2] <= 0).any():
-        raise ValueError(f"the subject {np.round(subject, 3).tolist()} lies behind the rectified cameras of {rig.names[first]} and {rig.names[second]}")
+        raise ValueError(
+            f"the subject {np.round(subject, 3).tolist()} lies behind the rectified cameras of {rig.names[first]} and"
+            f" {rig.names[second]}"
+        )
     size = tuple(int(np.ceil(FRAME_GROWTH * scale * s)) for s in rig.size[pair].max(axis=0))
     focal = scale * float(rig.intrinsics[pair][:, [0, 1], [0, 1]].mean())
     intrinsics = np.zeros((2, 3, 3))

@@ -30,14 +30,20 @@ def look_at_point(rig: Rig) -> np.ndarray:
     expected = (centres + axes * expected_distance(rig)[:, None]).mean(axis=0)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     weight = 1e-4 * len(rig)
-    point = np.linalg.solve(across.sum(axis=0) + weight * np.eye(3), np.einsum("vij,vj->i", across, centres) + weight * expected)
+    point = np.linalg.solve(
+        across.sum(axis=0) + weight * np.eye(3), np.einsum("vij,vj->i", across, centres) + weight * expected
+    )
     ahead = np.einsum("vi,vi->v", axes, point - centres)
     return point if (ahead > 0).all() else expected
 
 
 def subject_distance(rig: Rig, view: int, given: float | None) -> float:
     """Metres along the optical axis of a single source camera to the subject: as given, else the look-at point's."""
-    return given if given is not None else float(rig.rotations[view, 2] @ (look_at_point(rig.subset([view])) - rig.centres[view]))
+    return (
+        given
+        if given is not None
+        else float(rig.rotations[view, 2] @ (look_at_point(rig.subset([view])) - rig.centres[view]))
+    )
 
 
 def up_direction(rig: Rig) -> np.ndarray:
@@ -53,5 +59,7 @@ def body_points(subject: np.ndarray, up: np.ndarray) -> np.ndarray:
     side /= np.linalg.norm(side)
     latitude, longitude = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 8), np.arange(12) * np.pi / 6, indexing="ij")
     round_body = np.cos(longitude)[..., None] * side + np.sin(longitude)[..., None] * np.cross(up, side)
-    points = PERSON_RADIUS * np.cos(latitude)[..., None] * round_body + PERSON_HEIGHT / 2 * np.sin(latitude)[..., None] * up
+    points = (
+        PERSON_RADIUS * np.cos(latitude)[..., None] * round_body + PERSON_HEIGHT / 2 * np.sin(latitude)[..., None] * up
+    )
     return subject + points.reshape(-1, 3)

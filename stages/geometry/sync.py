@@ -1,14 +1,16 @@
 """Constant time offsets between the cameras of a rig, from 2D joints alone.
 
-A joint that two cameras see at the same moment lies on each other's epipolar lines. Of two cameras that are out of step it lies
-beside them as far as it moves meanwhile. So for every pair of cameras the tracks are compared at every whole shift; the robust
-mean square of the epipolar distance has its least where the pair is in step. Between whole shifts the place of the least follows
-from the parabola through three of them: the tracks' noise raises all whole shifts alike and drops out, whereas interpolated
-tracks are less noisy between the frames and would pull the least there. What is constant over time is taken out joint by joint
-and pair by pair: an error of the calibration, or of what a detector calls a hip. Pairs are combined by least squares.
+A joint that two cameras see at the same moment lies on each other's epipolar lines. Of two cameras that are out of step
+it lies beside them as far as it moves meanwhile. So for every pair of cameras the tracks are compared at every whole
+shift; the robust mean square of the epipolar distance has its least where the pair is in step. Between whole shifts the
+place of the least follows from the parabola through three of them: the tracks' noise raises all whole shifts alike and
+drops out, whereas interpolated tracks are less noisy between the frames and would pull the least there. What is
+constant over time is taken out joint by joint and pair by pair: an error of the calibration, or of what a detector
+calls a hip. Pairs are combined by least squares.
 
-The error is a jackknife over blocks of time, because joints' errors last for many frames. Of a subject that stands still, or moves
-along the epipolar lines only, nothing can be told: the cost is as low at any other shift, and that is said instead of a number.
+The error is a jackknife over blocks of time, because joints' errors last for many frames. Of a subject that stands
+still, or moves along the epipolar lines only, nothing can be told: the cost is as low at any other shift, and that is
+said instead of a number.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ FEWEST = 8
 OUTLIER = 3.0
 """Standard deviations beyond which a distance counts as an outlier and costs no more."""
 DEEP = 5.5
-"""Standard errors by which the least must lie below the mean cost of all shifts: of sixteen blocks, one in 30 000 by chance at one shift, and the least of some forty was chosen."""
+"""Standard errors by which the least must lie below the mean cost of all shifts: of sixteen blocks, one in 30 000 by
+chance at one shift, and the least of some forty was chosen."""
 SURE = 0.25
 """Frames of standard error up to which an offset is told: whole frames can be told apart at twice that."""
 
@@ -40,7 +43,8 @@ class TimeOffsets:
     """How far V cameras are out of step."""
 
     frames: np.ndarray
-    """[V] frames by which a camera is late: its picture n + frames shows what the reference's picture n shows; 0 where not told."""
+    """[V] frames by which a camera is late: its picture n + frames shows what the reference's picture n shows; 0
+    where not told."""
     error: np.ndarray
     """[V] standard error, frames; 0 for the reference and where not told."""
     told: np.ndarray
@@ -53,17 +57,22 @@ class TimeOffsets:
     def sentence(self, view: int, name: str) -> str:
         """What is known of one camera."""
         if not self.told[view]:
-            return f"{name}: cannot be told, its joints move {self.motion[view]:.2f} px a frame across the epipolar lines, which is too little for their noise or for the frames there are"
+            return (
+                f"{name}: cannot be told, its joints move {self.motion[view]:.2f} px a frame across the epipolar lines,"
+                " which is too little for their noise or for the frames there are"
+            )
         if view == self.reference:
             return f"{name}: the others are compared with it"
         return f"{name}: {self.frames[view]:+.2f} frames, +- {self.error[view]:.2f}"
 
 
 def time_offsets(rig: Rig, tracks: np.ndarray) -> TimeOffsets:
-    """Offsets of the cameras from tracks [F, V, J, 3] (u, v, score) of consecutive frames, px of `rig` without lens; score 0 = unknown.
+    """Offsets of the cameras from tracks [F, V, J, 3] (u, v, score) of consecutive frames, px of `rig` without lens;
+    score 0 = unknown.
 
-    Joints of one subject; score above 0 counts as known. A camera is told where the mean cost of all shifts lies `DEEP` standard
-    errors above the least of its pairs, and the offset's standard error is at most `SURE` frames. Offsets that change are not looked for.
+    Joints of one subject; score above 0 counts as known. A camera is told where the mean cost of all shifts lies `DEEP`
+    standard errors above the least of its pairs, and the offset's standard error is at most `SURE` frames. Offsets that
+    change are not looked for.
     """
     count, views = tracks.shape[:2]
     most = min(FURTHEST, count // 3)
@@ -91,7 +100,9 @@ def time_offsets(rig: Rig, tracks: np.ndarray) -> TimeOffsets:
     told = proven & (error <= SURE)
     if told.sum() < 2:
         return nothing
-    return TimeOffsets(np.where(told, found - found[reference], 0.0), np.where(told, error, 0.0), told, reference, motion)
+    return TimeOffsets(
+        np.where(told, found - found[reference], 0.0), np.where(told, error, 0.0), told, reference, motion
+    )
 
 
 def _middle(offsets: np.ndarray, known: np.ndarray) -> int:
@@ -108,7 +119,8 @@ def _aligned(tracks: np.ndarray, a: int, b: int, shift: int) -> tuple[np.ndarray
 
 
 def _distances(rig: Rig, tracks: np.ndarray, a: int, b: int, shift: int) -> tuple[np.ndarray, np.ndarray]:
-    """Epipolar distances [n, J] px at a shift less each joint's median over time, and which are known; a joint seen in few frames is not."""
+    """Epipolar distances [n, J] px at a shift less each joint's median over time, and which are known; a joint seen
+    in few frames is not."""
     first, second, known = _aligned(tracks, a, b, shift)
     known = known & (known.sum(axis=0) >= FEWEST)
     off = np.where(known, signed_epipolar_distance(fundamental(rig, a, b), first, second), np.nan)
@@ -117,11 +129,13 @@ def _distances(rig: Rig, tracks: np.ndarray, a: int, b: int, shift: int) -> tupl
 
 
 def _costs(rig: Rig, tracks: np.ndarray, a: int, b: int, most: int) -> np.ndarray | None:
-    """[BLOCKS, 2 most + 1, 2] sum of costs and count of distances by block of time and shift; None where too little is shared at a shift."""
+    """[BLOCKS, 2 most + 1, 2] sum of costs and count of distances by block of time and shift; None where too little
+    is shared at a shift."""
     found = [_distances(rig, tracks, a, b, s) for s in range(-most, most + 1)]
     if not all(k.any() for _, k in found):
         return None
-    # Distances of the shift that fits best and of its neighbours are no outliers: the parabola is laid through these three.
+    # Distances of the shift that fits best and of its neighbours are no outliers: the parabola is laid through these
+    # three.
     typical = np.array([float(np.median(np.abs(d[k]))) for d, k in found])
     best = int(np.clip(typical.argmin(), 1, 2 * most - 1))
     # 1.4826 MAD is a normal's standard deviation; 1e-6 px: points that stand still without any noise.
@@ -143,21 +157,24 @@ def _mean(sums: np.ndarray) -> np.ndarray:
 
 
 def _motion(rig: Rig, tracks: np.ndarray, a: int, b: int) -> float:
-    """Px a frame across the epipolar lines of camera a in camera b, root mean square over joints and frames, less the noise of the tracks."""
+    """Px a frame across the epipolar lines of camera a in camera b, root mean square over joints and frames, less
+    the noise of the tracks."""
     first, second, known = _aligned(tracks, a, b, 0)
     lines = homogeneous(first) @ fundamental(rig, a, b).T
     across = lines[..., :2] / np.maximum(np.linalg.norm(lines[..., :2], axis=-1, keepdims=True), 1e-12)
     both = known[2:] & known[1:-1] & known[:-2]
     if not both.any():
         return 0.0
-    # Of white noise s a central step of two frames has variance s^2 / 2 and the second difference 6 s^2, a twelfth of which is that.
+    # Of white noise s a central step of two frames has variance s^2 / 2 and the second difference 6 s^2, a twelfth of
+    # which is that.
     step = ((second[2:] - second[:-2]) / 2 * across[1:-1]).sum(axis=-1)[both]
     bend = ((second[2:] - 2 * second[1:-1] + second[:-2]) * across[1:-1]).sum(axis=-1)[both]
     return float(np.sqrt(max(0.0, np.median(step**2) - np.median(bend**2) / 12) / 0.4549))
 
 
 def _whole(pairs: list[tuple[int, int]], cost: np.ndarray, views: int, most: int) -> np.ndarray:
-    """[V] whole offsets of the least total cost: from every camera in turn as the reference, then camera by camera while it falls."""
+    """[V] whole offsets of the least total cost: from every camera in turn as the reference, then camera by camera
+    while it falls."""
     best, least = np.zeros(views, int), np.inf
     for start in range(views):
         offsets = np.zeros(views, int)
@@ -171,9 +188,13 @@ def _whole(pairs: list[tuple[int, int]], cost: np.ndarray, views: int, most: int
     return best
 
 
-def _descended(pairs: list[tuple[int, int]], cost: np.ndarray, offsets: np.ndarray, most: int) -> tuple[np.ndarray, float]:
+def _descended(
+    pairs: list[tuple[int, int]], cost: np.ndarray, offsets: np.ndarray, most: int
+) -> tuple[np.ndarray, float]:
     def total(o: np.ndarray) -> float:
-        return sum(float(c[int(np.clip(o[b] - o[a], -most, most)) + most]) for (a, b), c in zip(pairs, cost, strict=True))
+        return sum(
+            float(c[int(np.clip(o[b] - o[a], -most, most)) + most]) for (a, b), c in zip(pairs, cost, strict=True)
+        )
 
     now = total(offsets)
     for _ in range(10):
@@ -188,8 +209,11 @@ def _descended(pairs: list[tuple[int, int]], cost: np.ndarray, offsets: np.ndarr
     return offsets, now
 
 
-def _refined(pairs: list[tuple[int, int]], cost: np.ndarray, whole: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets [V] in frames near the whole ones, mean 0 within a group of linked cameras, and how deep [V] the least of each camera's pairs lies below their mean cost."""
+def _refined(
+    pairs: list[tuple[int, int]], cost: np.ndarray, whole: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets [V] in frames near the whole ones, mean 0 within a group of linked cameras, and how deep [V] the least
+    of each camera's pairs lies below their mean cost."""
     views = len(whole)
     laplacian, right, depth = np.zeros((views, views)), np.zeros(views), np.zeros(views)
     for (a, b), c in zip(pairs, cost, strict=True):

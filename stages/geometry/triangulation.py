@@ -48,9 +48,11 @@ class Tracks:
 
 
 def pairs_of(views: np.ndarray) -> np.ndarray:
-    """[P, 2] pairs of tracks that lie in different views, about `MOST_PAIRS` at most, every track in as many as any other.
+    """[P, 2] pairs of tracks that lie in different views, about `MOST_PAIRS` at most, every track in as many as any
+    other.
 
-    Pairs are (i, i + d) around the list, for all d, or for some spread from neighbours to opposites where all are too many.
+    Pairs are (i, i + d) around the list, for all d, or for some spread from neighbours to opposites where all are too
+    many.
     """
     count = len(views)
     shifts = np.arange(1, count // 2 + 1)
@@ -62,7 +64,8 @@ def pairs_of(views: np.ndarray) -> np.ndarray:
 
 
 def residuals(rig: Rig, tracks: Tracks, points: np.ndarray) -> np.ndarray:
-    """World points [..., J, 3] -> distance [..., J, T] to every track's detection as a share of its picture's longest side.
+    """World points [..., J, 3] -> distance [..., J, T] to every track's detection as a share of its picture's longest
+    side.
 
     Infinite where the point is not in front of the track's camera.
     """
@@ -82,8 +85,8 @@ def _solve(normal: np.ndarray) -> np.ndarray:
 def hypotheses(rig: Rig, tracks: Tracks, pairs: np.ndarray, max_residual: float) -> tuple[np.ndarray, np.ndarray]:
     """For every pair [P, 2]: points [P, J, 3] and agreement [P, J, T] in 0..1 of every track with them.
 
-    Agreement is score * (1 - min(r / max_residual, 1)^2); all zero for a joint that a track of the pair lacks, whose rays
-    are nearly parallel, or that does not even fit the pair itself.
+    Agreement is score * (1 - min(r / max_residual, 1)^2); all zero for a joint that a track of the pair lacks, whose
+    rays are nearly parallel, or that does not even fit the pair itself.
     """
     a, b = pairs.T
     points = _solve(tracks.normal[a] + tracks.normal[b])
@@ -101,7 +104,8 @@ def _wide(tracks: Tracks, pairs: np.ndarray) -> np.ndarray:
 
 
 def _gauss_newton(rig: Rig, tracks: Tracks, weights: np.ndarray, points: np.ndarray, steps: int = 3) -> np.ndarray:
-    """Refine points [J, 3] to the least weighted squared residual (weights [J, T]); a step that does not improve is not taken."""
+    """Refine points [J, 3] to the least weighted squared residual (weights [J, T]); a step that does not improve is
+    not taken."""
 
     def cost(p: np.ndarray) -> np.ndarray:
         r = np.where(weights > 0, residuals(rig, tracks, p), 0.0)
@@ -116,7 +120,9 @@ def _gauss_newton(rig: Rig, tracks: Tracks, weights: np.ndarray, points: np.ndar
         flat = np.concatenate([camera[..., :2] / z[..., 0], np.ones_like(camera[..., :1])], axis=-1)
         off = (np.einsum("tij,ntj->nti", k[:, :2], flat) - np.moveaxis(tracks.pixels, 0, 1)) / longest[..., 0]
         # d(K flat)/dX = K (I - flat e3^T) R / z
-        jacobian = np.einsum("tij,ntjk->ntik", k[:, :2], pose[:, :3, :3] - flat[..., None] * pose[:, 2:3, :3]) / z / longest
+        jacobian = (
+            np.einsum("tij,ntjk->ntik", k[:, :2], pose[:, :3, :3] - flat[..., None] * pose[:, 2:3, :3]) / z / longest
+        )
         a = np.einsum("nt,ntij,ntik->njk", weights, jacobian, jacobian)
         g = np.einsum("nt,ntij,nti->nj", weights, jacobian, off)
         tiny = 1e-12 * np.trace(a, axis1=-2, axis2=-1) + np.finfo(np.float64).tiny
@@ -128,7 +134,8 @@ def _gauss_newton(rig: Rig, tracks: Tracks, weights: np.ndarray, points: np.ndar
 
 
 def triangulate(rig: Rig, joints: np.ndarray, min_score: float, max_residual: float) -> np.ndarray:
-    """Joints [V, J, 3] (u, v, score) of one frame in pixels of `rig` (no lens) -> [J, 4] (x, y, z, score), world metres.
+    """Joints [V, J, 3] (u, v, score) of one frame in pixels of `rig` (no lens) -> [J, 4] (x, y, z, score), world
+    metres.
 
     A joint is known when at least two views under an angle agree within `max_residual` (share of the longest side) on a
     point in front of them; else it is all zeros. Score: the sum of the agreeing views' scores over the number of views

@@ -33,7 +33,8 @@ def captured_to_calibrated(source_rig: Rig, crops: Mapping[str, Crop]) -> np.nda
 
 
 def switched(source_rig: Rig, crops: np.ndarray, facts: Facts) -> tuple[Rig, np.ndarray]:
-    """The lenses and crops [V, 3] that count: without distortion while `undistortion` is off, identity while `crop_scale` is."""
+    """The lenses and crops [V, 3] that count: without distortion while `undistortion` is off, identity while
+    `crop_scale` is."""
     if "undistortion" not in facts:
         source_rig = replace(source_rig, distortion=np.zeros_like(source_rig.distortion))
     return source_rig, crops if "crop_scale" in facts else np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))
@@ -71,7 +72,10 @@ def distort(normalised: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     r2 = x * x + y * y
     p1, p2 = distortion[2], distortion[3]
     radial = _radial(r2, distortion)
-    return np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)], axis=-1)
+    return np.stack(
+        [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)],
+        axis=-1,
+    )
 
 
 def _radial(r2: np.ndarray, d: np.ndarray) -> np.ndarray:
@@ -92,7 +96,13 @@ def undistort(distorted: np.ndarray, distortion: np.ndarray, iterations: int = 3
         dy = (distort(x + down, distortion) - distort(x - down, distortion)) / (2 * h)
         determinant = dx[..., 0] * dy[..., 1] - dy[..., 0] * dx[..., 1]
         safe = np.where(np.abs(determinant) < 1e-9, 1.0, determinant)
-        step = np.stack([dy[..., 1] * error[..., 0] - dy[..., 0] * error[..., 1], dx[..., 0] * error[..., 1] - dx[..., 1] * error[..., 0]], axis=-1)
+        step = np.stack(
+            [
+                dy[..., 1] * error[..., 0] - dy[..., 0] * error[..., 1],
+                dx[..., 0] * error[..., 1] - dx[..., 1] * error[..., 0],
+            ],
+            axis=-1,
+        )
         x = x - step / safe[..., None]
     wrong = ~(np.linalg.norm(distort(x, distortion) - target, axis=-1) < 1e-9)
     wrong |= np.linalg.norm(x, axis=-1) > reach(distortion)
@@ -100,7 +110,8 @@ def undistort(distorted: np.ndarray, distortion: np.ndarray, iterations: int = 3
 
 
 def reach(distortion: np.ndarray, limit: float = 10.0) -> float:
-    """Distance from the axis, on the plane z = 1, up to which the radial model is one-to-one; `limit` (84°) if everywhere.
+    """Distance from the axis, on the plane z = 1, up to which the radial model is one-to-one; `limit` (84°) if
+    everywhere.
 
     Beyond it the polynomial folds back, and undistorted corners would show a mirrored ghost of the picture.
     """
@@ -110,10 +121,13 @@ def reach(distortion: np.ndarray, limit: float = 10.0) -> float:
     return float(r[np.argmax(falling)]) if falling.any() else limit
 
 
-def captured_positions(pixels: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray, distortion: np.ndarray, crop: np.ndarray) -> np.ndarray:
+def captured_positions(
+    pixels: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray, distortion: np.ndarray, crop: np.ndarray
+) -> np.ndarray:
     """Frames pixels [..., 2] -> captured pixels [..., 2]; NaN where the lens model has no picture of that direction.
 
-    intrinsics [3, 3] of `frames/*`; source_intrinsics [3, 3] and distortion [8] as calibrated; crop [3] (scale, dx, dy).
+    intrinsics [3, 3] of `frames/*`; source_intrinsics [3, 3] and distortion [8] as calibrated; crop [3] (scale, dx,
+    dy).
     """
     ideal = _apply(np.linalg.inv(intrinsics), pixels)
     if np.any(distortion):
@@ -122,7 +136,13 @@ def captured_positions(pixels: np.ndarray, intrinsics: np.ndarray, source_intrin
     return (_apply(source_intrinsics, ideal) - crop[1:]) / crop[0]
 
 
-def frames_positions(captured: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray, distortion: np.ndarray, crop: np.ndarray) -> np.ndarray:
+def frames_positions(
+    captured: np.ndarray,
+    intrinsics: np.ndarray,
+    source_intrinsics: np.ndarray,
+    distortion: np.ndarray,
+    crop: np.ndarray,
+) -> np.ndarray:
     """Captured pixels [..., 2] -> frames pixels [..., 2], the inverse of `captured_positions`; for joints and boxes."""
     ideal = _apply(np.linalg.inv(source_intrinsics), np.asarray(captured) * crop[0] + crop[1:])
     if np.any(distortion):

@@ -25,16 +25,23 @@ def to_linear(color: np.ndarray) -> np.ndarray:
 
 
 def tone_mapped(picture: np.ndarray, gain: np.ndarray, white: float) -> np.ndarray:
-    """[h, w, 3] uint8 sRGB of linear light [h, w, 3] (or of an 8-bit picture) times `gain` [3], with what lies beyond white brought below it.
+    """[h, w, 3] uint8 sRGB of linear light [h, w, 3] (or of an 8-bit picture) times `gain` [3], with what lies beyond
+    white brought below it.
 
     Extended Reinhard (Reinhard et al., "Photographic tone reproduction", 2002, eq. 4) of the largest channel m:
-    m (1 + m / white^2) / (1 + m), all channels by the same factor, so that hues stay; `white` becomes white, dark light stays
-    as it is. One curve for a whole sequence: nothing flickers.
+    m (1 + m / white^2) / (1 + m), all channels by the same factor, so that hues stay; `white` becomes white, dark light
+    stays as it is. One curve for a whole sequence: nothing flickers.
     """
-    light = to_linear(picture) if picture.dtype == np.uint8 else np.clip(np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=HALF_MAX), 0.0, HALF_MAX)
+    light = (
+        to_linear(picture)
+        if picture.dtype == np.uint8
+        else np.clip(np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=HALF_MAX), 0.0, HALF_MAX)
+    )
     light = light.astype(np.float32) * np.asarray(gain, np.float32)
     m = light.max(axis=2, keepdims=True)
-    return np.rint(_encode(np.clip(light * ((1 + m / np.float32(white) ** 2) / (1 + m)), 0.0, 1.0)) * 255.0).astype(np.uint8)
+    return np.rint(_encode(np.clip(light * ((1 + m / np.float32(white) ** 2) / (1 + m)), 0.0, 1.0)) * 255.0).astype(
+        np.uint8
+    )
 
 
 def to_srgb(light: np.ndarray) -> np.ndarray:
@@ -43,7 +50,8 @@ def to_srgb(light: np.ndarray) -> np.ndarray:
 
 
 def gain_table(gain: np.ndarray) -> np.ndarray:
-    """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied by `gain` [3]; for `cv2.LUT`."""
+    """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied by `gain` [3];
+    for `cv2.LUT`."""
     linear = np.clip(to_linear(np.arange(256))[:, None] * gain, 0.0, 1.0)
     return np.rint(_encode(linear) * 255.0).astype(np.uint8)[None]
 

@@ -1,8 +1,8 @@
 """How bright cameras see the same surface points: their exposures' disagreement, and the gains that even them out.
 
-What is brighter in one camera at every tone, in all pairs alike, is the camera's exposure. Gloss, folds and dark pixels make some
-points brighter and others not, and differ from tone to tone and from pair to pair: that is the error of the measure, however
-many points share it. A difference is certain as far as it exceeds two standard errors.
+What is brighter in one camera at every tone, in all pairs alike, is the camera's exposure. Gloss, folds and dark pixels
+make some points brighter and others not, and differ from tone to tone and from pair to pair: that is the error of the
+measure, however many points share it. A difference is certain as far as it exceeds two standard errors.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ FEWEST_POINTS = 16
 TONES = 3
 """Parts, dark, middle and bright, in which a pair's points are looked at by themselves."""
 FLOOR = 0.06
-"""Stops by which any pair's difference may be wrong however well its points agree: equal cameras of simulated and real scenes differ by that."""
+"""Stops by which any pair's difference may be wrong however well its points agree: equal cameras of simulated and
+real scenes differ by that."""
 ERRORS = 2.0
 """Standard errors by which a difference is lessened before it is compared with a bound."""
 
@@ -37,13 +38,19 @@ class Matching(NamedTuple):
 def match(surface: np.ndarray) -> Matching | None:
     """Compare S cameras by surface points [S, S, 64, 3], stops in the order of tone (`surface.surface_stops`).
 
-    Two cameras that share at least `FEWEST_POINTS` of them differ by their median. Least squares over all such pairs gives each
-    camera's offset. A pair's error is how its dark, middle and bright points differ, its own or that of all pairs, whichever
-    is more, and at least how far pairs contradict each other. Cameras that pairs link are a group and are brought to its median
-    camera, so that one odd camera follows the others; nothing is known between groups, or of a camera without a pair. None without any pair.
+    Two cameras that share at least `FEWEST_POINTS` of them differ by their median. Least squares over all such pairs
+    gives each camera's offset. A pair's error is how its dark, middle and bright points differ, its own or that of all
+    pairs, whichever is more, and at least how far pairs contradict each other. Cameras that pairs link are a group and
+    are brought to its median camera, so that one odd camera follows the others; nothing is known between groups, or of
+    a camera without a pair. None without any pair.
     """
     count = len(surface)
-    pairs = {(a, b): d for a in range(count) for b in range(a + 1, count) if len(d := _points(surface[a, b])) >= FEWEST_POINTS}
+    pairs = {
+        (a, b): d
+        for a in range(count)
+        for b in range(a + 1, count)
+        if len(d := _points(surface[a, b])) >= FEWEST_POINTS
+    }
     if not pairs:
         return None
     first, second = np.array(list(pairs)).T
@@ -55,7 +62,13 @@ def match(surface: np.ndarray) -> Matching | None:
     linked = np.linalg.matrix_power((sides.T @ sides != 0) | np.eye(count, dtype=bool), count)
     wanted = np.stack([_middle(off[group]) @ inverse[group] for group in linked]) - inverse[:, None]  # [S, 3, P]
     stops = np.einsum("scp,pc->sc", wanted, apart)
-    error = np.sqrt(np.einsum("scp,pc->sc", np.square(wanted), _variance(list(pairs.values()), apart - sides @ off, np.linalg.matrix_rank(sides))))
+    error = np.sqrt(
+        np.einsum(
+            "scp,pc->sc",
+            np.square(wanted),
+            _variance(list(pairs.values()), apart - sides @ off, np.linalg.matrix_rank(sides)),
+        )
+    )
     proven = np.maximum(np.abs(stops) - ERRORS * error, 0.0).max(axis=1)
     # It takes two errors to switch matching on; once it is on, whatever exceeds one is better corrected than left.
     stops = np.where((np.abs(stops) > error).any(axis=1, keepdims=True), stops, 0.0)
@@ -72,7 +85,8 @@ def _middle(off: np.ndarray) -> np.ndarray:
 
 
 def _variance(pairs: list[np.ndarray], residual: np.ndarray, rank: int) -> np.ndarray:
-    """[P, 3] stops²: variance of each pair's difference, from its points [n, 3] in the order of tone and from what the fit leaves of it [P, 3].
+    """[P, 3] stops²: variance of each pair's difference, from its points [n, 3] in the order of tone and from what the
+    fit leaves of it [P, 3].
 
     Of tones that differ any one may be right, so their mean is no surer than they are.
     """

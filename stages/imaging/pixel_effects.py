@@ -1,4 +1,5 @@
-"""Effects that say where a captured pixel lies: undistortion, crop and scale, shared by all who look at pictures or joints."""
+"""Effects that say where a captured pixel lies: undistortion, crop and scale, shared by all who look at pictures or
+joints."""
 
 from __future__ import annotations
 
@@ -42,24 +43,41 @@ def _undistortion(evidence: Evidence, bound: float) -> Decision:
     worst = int(moved.argmax())
     if not moved[worst]:
         return Decision(False, 0.0, bound, "the calibration has no lens distortion")
-    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"the lens of {evidence.rig.names[worst]} moves a point by up to {moved[worst]:.2f} px")
+    return Decision(
+        bool(moved[worst] > bound),
+        float(moved[worst]),
+        bound,
+        f"the lens of {evidence.rig.names[worst]} moves a point by up to {moved[worst]:.2f} px",
+    )
 
 
 def _crop_scale(evidence: Evidence, bound: float) -> Decision:
-    moved = crop_displacement(evidence.rig, evidence.source_rig, evidence.captured_size, evidence.captured_to_calibrated)
+    moved = crop_displacement(
+        evidence.rig, evidence.source_rig, evidence.captured_size, evidence.captured_to_calibrated
+    )
     # Pictures that reach beyond the calibrated one have to be cut though none of their pixels moves.
     other = np.abs(evidence.captured_size - evidence.source_rig.size) * (evidence.rig.size / evidence.source_rig.size)
     moved = np.maximum(moved, other.max(axis=1))
     worst = int(moved.argmax())
     if not moved[worst]:
         return Decision(False, 0.0, bound, "the captured pixels are the calibrated ones: no crop and no other size")
-    return Decision(bool(moved[worst] > bound), float(moved[worst]), bound, f"crop and scale move a corner of {evidence.rig.names[worst]} by up to {moved[worst]:.2f} px")
+    return Decision(
+        bool(moved[worst] > bound),
+        float(moved[worst]),
+        bound,
+        f"crop and scale move a corner of {evidence.rig.names[worst]} by up to {moved[worst]:.2f} px",
+    )
 
 
 def _crop_refusal(evidence: Evidence) -> str | None:
-    for name, captured, calibrated in zip(evidence.rig.names, evidence.captured_size, evidence.source_rig.size, strict=True):
+    for name, captured, calibrated in zip(
+        evidence.rig.names, evidence.captured_size, evidence.source_rig.size, strict=True
+    ):
         if (captured != calibrated).any():
-            return f"effects.crop_scale is off, but pictures of {name} are {captured[0]}x{captured[1]} px and its calibration is for {calibrated[0]}x{calibrated[1]}; set it to auto"
+            return (
+                f"effects.crop_scale is off, but pictures of {name} are {captured[0]}x{captured[1]} px and its"
+                f" calibration is for {calibrated[0]}x{calibrated[1]}; set it to auto"
+            )
     return None
 
 

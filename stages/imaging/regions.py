@@ -1,7 +1,7 @@
 """Regions of interest: rotated squares of a picture, the crops taken of them, and points carried to and fro.
 
-A region is (centre u, centre v, side, angle), px and rad, in pictures whose top-left pixel is centred at (0.5, 0.5). Its
-own coordinates run from (0, 0) to (1, 1); a positive angle turns its upright clockwise as seen in the picture:
+A region is (centre u, centre v, side, angle), px and rad, in pictures whose top-left pixel is centred at (0.5, 0.5).
+Its own coordinates run from (0, 0) to (1, 1); a positive angle turns its upright clockwise as seen in the picture:
 `picture = centre + side R(angle) (own - 1/2)` with R = [[cos, -sin], [sin, cos]] on (right, down).
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 
 MARGIN = 1.25
-"""Side of a region over twice the radius of the circle around the body: the margin the landmark model was trained with."""
+"""Side of a region over twice the radius of the circle around the body: the margin the landmark model was trained
+with."""
 
 
 def own_to_picture(region: np.ndarray) -> np.ndarray:
@@ -46,7 +47,8 @@ def region_of(centre: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 
 def around(box: np.ndarray) -> np.ndarray:
-    """[4] upright region around a box (u0, v0, u1, v1), px: its longer side with the margin that a body's region has."""
+    """[4] upright region around a box (u0, v0, u1, v1), px: its longer side with the margin that a body's region
+    has."""
     u0, v0, u1, v1 = np.asarray(box, dtype=np.float64).tolist()
     return np.array([(u0 + u1) / 2, (v0 + v1) / 2, MARGIN * max(u1 - u0, v1 - v0), 0.0])
 
@@ -57,9 +59,11 @@ def whole(size: tuple[int, int]) -> np.ndarray:
 
 
 def squares(size: tuple[int, int], share: float = 1.0) -> np.ndarray:
-    """[N, 4] squares of `share` of the short side, overlapping by a half or more, that cover a picture of size (width, height).
+    """[N, 4] squares of `share` of the short side, overlapping by a half or more, that cover a picture of size (width,
+    height).
 
-    None where that would be one square, or the picture is at most 1.2 times as long as it: the whole picture shows people nearly as large.
+    None where that would be one square, or the picture is at most 1.2 times as long as it: the whole picture shows
+    people nearly as large.
     """
     side = min(size) * share
     if max(size) <= 1.2 * side:
@@ -69,16 +73,25 @@ def squares(size: tuple[int, int], share: float = 1.0) -> np.ndarray:
 
 
 def crop_to_own(shares: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Points [..., 2] in shares 0..1 of a crop that is `share` (across, down) of its region's side, about the centre -> the region's own coordinates."""
+    """Points [..., 2] in shares 0..1 of a crop that is `share` (across, down) of its region's side, about the centre
+    -> the region's own coordinates."""
     return 0.5 + share * (shares - 0.5)
 
 
-def crop(picture: np.ndarray, region: np.ndarray, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT, share: np.ndarray | None = None) -> np.ndarray:
-    """[height, width, 3] the region of a picture [h, w, 3] uint8, sampled bilinearly; `size` is (width, height) in cells.
+def crop(
+    picture: np.ndarray,
+    region: np.ndarray,
+    size: tuple[int, int],
+    border: int = cv2.BORDER_CONSTANT,
+    share: np.ndarray | None = None,
+) -> np.ndarray:
+    """[height, width, 3] the region of a picture [h, w, 3] uint8, sampled bilinearly; `size` is (width, height) in
+    cells.
 
-    The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region, or of the part of it that
-    `share` names (see `crop_to_own`). A picture more than twice as fine as the crop is averaged over whole pixels first,
-    so that nothing aliases. Outside is black, or as OpenCV's `border` says.
+    The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region, or of the part of it
+    that
+    `share` names (see `crop_to_own`). A picture more than twice as fine as the crop is averaged over whole pixels
+    first, so that nothing aliases. Outside is black, or as OpenCV's `border` says.
     """
     share = np.ones(2) if share is None else share
     h, w = picture.shape[:2]

@@ -13,7 +13,8 @@ from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from posegaussian.storage.model.errors import SourceError
 
 SAME_SURFACE = 0.02
-"""Share by which depths of neighbouring pixels of a depth map may differ, over the nearest of them, and still be of one surface: 5 cm at 2.5 m."""
+"""Share by which depths of neighbouring pixels of a depth map may differ, over the nearest of them, and still be of
+one surface: 5 cm at 2.5 m."""
 STRIP = 128
 """Rows whose map is made at once: in double precision a whole one would take ten times the picture's memory."""
 
@@ -62,7 +63,10 @@ class Warp:
         Raises SourceError for a picture of another size than the view's.
         """
         if picture.shape[:2] != self.captured[::-1]:
-            raise SourceError(f"camera {self.name}: a picture of {picture.shape[1]}x{picture.shape[0]} px among pictures of {self.captured[0]}x{self.captured[1]} px")
+            raise SourceError(
+                f"camera {self.name}: a picture of {picture.shape[1]}x{picture.shape[0]} px among pictures of"
+                f" {self.captured[0]}x{self.captured[1]} px"
+            )
         if self._map is not None:
             if self._reduced != self.captured:
                 picture = cv2.resize(picture, self._reduced, interpolation=cv2.INTER_AREA)
@@ -71,27 +75,35 @@ class Warp:
         return self._reduce(picture)
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
-        """Captured [h, w] -> frames pixels without mixing values: each takes the captured pixel its centre falls into."""
+        """Captured [h, w] -> frames pixels without mixing values: each takes the captured pixel its centre falls
+        into."""
         index, inside = self._nearest
         return np.where(inside, values[index[..., 1], index[..., 0]], values.dtype.type(0))
 
     def depth(self, values: np.ndarray) -> np.ndarray:
-        """Depth map [h, w] float32 m of any resolution that shows the captured picture's field -> frames pixels, surfaces never mixed.
+        """Depth map [h, w] float32 m of any resolution that shows the captured picture's field -> frames pixels,
+        surfaces never mixed.
 
-        Where the four map pixels around a pixel's centre are of one surface (SAME_SURFACE) it is interpolated in inverse depth, which is linear on
-        planes; elsewhere it is the nearest one's. 0 where the map holds 0, and outside the captured picture.
+        Where the four map pixels around a pixel's centre are of one surface (SAME_SURFACE) it is interpolated in
+        inverse depth, which is linear on planes; elsewhere it is the nearest one's. 0 where the map holds 0, and
+        outside the captured picture.
         """
         height, width = values.shape
         out = np.zeros(self.size[::-1], np.float32)
         for top in range(0, self.size[1], STRIP):
             rows = slice(top, min(top + STRIP, self.size[1]))
             positions, inside = self._captured[0][rows], self._captured[1][rows]
-            out[rows] = np.where(inside, _sampled(values, points_to_integer_centres(positions * (np.array([width, height]) / self.captured))), 0)
+            out[rows] = np.where(
+                inside,
+                _sampled(values, points_to_integer_centres(positions * (np.array([width, height]) / self.captured))),
+                0,
+            )
         return out
 
     @cached_property
     def _captured(self) -> tuple[np.ndarray, np.ndarray]:
-        """Captured position [h, w, 2] of every frames pixel's centre, 0 where there is none, and whether there is one [h, w]."""
+        """Captured position [h, w, 2] of every frames pixel's centre, 0 where there is none, and whether there is
+        one [h, w]."""
         positions = captured_positions(pixel_centres(self.size), *self._cameras)
         inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
         return np.where(inside[..., None], positions, 0.0), inside
@@ -109,13 +121,21 @@ class Warp:
 
 
 def _sampled(depth: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """[...] depth [h, w] at positions [..., 2] in integer-centre px: bilinear in inverse depth on one surface, else the nearest pixel's."""
+    """[...] depth [h, w] at positions [..., 2] in integer-centre px: bilinear in inverse depth on one surface, else
+    the nearest pixel's."""
     last = np.array(depth.shape[::-1]) - 1
     at = np.clip(at, 0, last)
     low = np.minimum(at.astype(np.int64), np.maximum(last - 1, 0))
     high, share = np.minimum(low + 1, last), at - low
     four = np.stack([depth[v[..., 1], u[..., 0]] for v in (low, high) for u in (low, high)]).astype(np.float64)
-    weights = np.stack([(1 - share[..., 1]) * (1 - share[..., 0]), (1 - share[..., 1]) * share[..., 0], share[..., 1] * (1 - share[..., 0]), share[..., 1] * share[..., 0]])
+    weights = np.stack(
+        [
+            (1 - share[..., 1]) * (1 - share[..., 0]),
+            (1 - share[..., 1]) * share[..., 0],
+            share[..., 1] * (1 - share[..., 0]),
+            share[..., 1] * share[..., 0],
+        ]
+    )
     nearest = np.take_along_axis(four, weights.argmax(axis=0)[None], axis=0)[0]
     one = (four.min(axis=0) > 0) & (four.max(axis=0) <= (1 + SAME_SURFACE) * four.min(axis=0))
     return np.where(one, 1 / (weights / np.where(one, four, 1.0)).sum(axis=0), nearest)

@@ -1,9 +1,10 @@
-"""Which poses of the cameras would fit the joints best? Where they lie elsewhere than the calibration says, it is the calibration.
+"""Which poses of the cameras would fit the joints best? Where they lie elsewhere than the calibration says, it is the
+calibration.
 
-A detector's scatter averages out over frames and joints; an error of a pose moves all joints of a camera together. Bundle adjustment
-(Triggs et al., "Bundle adjustment, a modern synthesis", 2000) of all poses and points, intrinsics kept, with the points eliminated
-(Schur complement) and robust weights. The seven freedoms of the whole rig (where the world is and how large) stay as they are:
-the normal equations are solved with the least step.
+A detector's scatter averages out over frames and joints; an error of a pose moves all joints of a camera together.
+Bundle adjustment (Triggs et al., "Bundle adjustment, a modern synthesis", 2000) of all poses and points, intrinsics
+kept, with the points eliminated (Schur complement) and robust weights. The seven freedoms of the whole rig (where the
+world is and how large) stay as they are: the normal equations are solved with the least step.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class Refit:
 
 
 def refit(rig: Rig, seen: np.ndarray, space: np.ndarray) -> Refit | None:
-    """From joints seen [F, V, J, 3] px of `rig` (score 0 = unknown) and in space [F, J, 4]; None where a camera saw too few."""
+    """From joints seen [F, V, J, 3] px of `rig` (score 0 = unknown) and in space [F, J, 4]; None where a camera saw
+    too few."""
     known = space[..., 3] > 0
     observed = np.moveaxis(seen, 1, 2)[known]
     points, valid = space[known][:, :3], observed[..., 2] > 0
@@ -64,16 +66,23 @@ def refit(rig: Rig, seen: np.ndarray, space: np.ndarray) -> Refit | None:
 
 
 def pair_error(rig: Rig, found: Refit, first: int, second: int) -> tuple[float, float]:
-    """Px by which the calibration's epipolar lines miss the joints of two cameras, scatter taken out: median and its standard error.
+    """Px by which the calibration's epipolar lines miss the joints of two cameras, scatter taken out: median and its
+    standard error.
 
     Of the joints that both see, as the moved cameras show them: those fit each other exactly.
     """
     both = found.seen[:, first] & found.seen[:, second]
     if not both.any():
         return 0.0, np.inf
-    pixels = [_offsets(found.rig, found.rig.world_to_camera, found.points[both], np.zeros((int(both.sum()), len(rig), 2)))[0][:, v] for v in (first, second)]
+    pixels = [
+        _offsets(found.rig, found.rig.world_to_camera, found.points[both], np.zeros((int(both.sum()), len(rig), 2)))[0][
+            :, v
+        ]
+        for v in (first, second)
+    ]
     off = np.abs(signed_epipolar_distance(fundamental(rig, first, second), -pixels[0], -pixels[1]))
-    # Six freedoms of a pose from 2 n coordinates of scatter `after` (the median of a distance is 1.18 standard deviations).
+    # Six freedoms of a pose from 2 n coordinates of scatter `after` (the median of a distance is 1.18 standard
+    # deviations).
     return float(np.median(off)), found.after / 1.18 * float(np.sqrt(3 / both.sum()))
 
 
@@ -84,13 +93,18 @@ def _offsets(rig: Rig, poses: np.ndarray, points: np.ndarray, pixels: np.ndarray
     return pixels - np.einsum("vij,nvj->nvi", rig.intrinsics[:, :2], camera / depth[..., None]), camera
 
 
-def _step(rig: Rig, poses: np.ndarray, camera: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _step(
+    rig: Rig, poses: np.ndarray, camera: np.ndarray, offsets: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """One Gauss-Newton step: turns [V, 3] rad and shifts [V, 3] m in camera axes, and moves of the points [N, 3] m."""
     views = len(rig)
     depth = np.where(camera[..., 2] > NEAR, camera[..., 2], 1.0)
     flat = camera / depth[..., None]
     # d(K flat)/dc = K (I - flat e3^T) / z
-    along = np.einsum("vij,nvjk->nvik", rig.intrinsics[:, :2], np.eye(3) - flat[..., :, None] * np.eye(3)[2]) / depth[..., None, None]
+    along = (
+        np.einsum("vij,nvjk->nvik", rig.intrinsics[:, :2], np.eye(3) - flat[..., :, None] * np.eye(3)[2])
+        / depth[..., None, None]
+    )
     by_pose = np.concatenate([-np.einsum("nvij,nvjk->nvik", along, _cross(camera)), along], axis=-1)
     by_point = np.einsum("nvij,vjk->nvik", along, poses[:, :3, :3])
     of_poses = np.einsum("nv,nvia,nvib->vab", weights, by_pose, by_pose)
@@ -114,7 +128,9 @@ def _cross(v: np.ndarray) -> np.ndarray:
     """[..., 3] -> [..., 3, 3] with `_cross(v) w` = v x w."""
     x, y, z = np.moveaxis(v, -1, 0)
     o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], axis=-1), np.stack([z, o, -x], axis=-1), np.stack([-y, x, o], axis=-1)], axis=-2)
+    return np.stack(
+        [np.stack([o, -z, y], axis=-1), np.stack([z, o, -x], axis=-1), np.stack([-y, x, o], axis=-1)], axis=-2
+    )
 
 
 def _turn(vector: np.ndarray) -> np.ndarray:

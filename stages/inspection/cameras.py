@@ -10,9 +10,11 @@ from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.storage.model.cameras import Rig
 
 DISPLACED = (0.1, 0.25)
-"""Share of the longer side by which a lens moves a corner: a wide lens with 100 degrees makes a tenth; a quarter is mostly an error of the fit."""
+"""Share of the longer side by which a lens moves a corner: a wide lens with 100 degrees makes a tenth; a quarter is
+mostly an error of the fit."""
 OFF_CENTRE = (0.08, 0.2)
-"""Share of the longer side by which the principal point is off the middle: sensors are mounted within a few percent; more is a crop that nobody noted."""
+"""Share of the longer side by which the principal point is off the middle: sensors are mounted within a few percent;
+more is a crop that nobody noted."""
 ANISOTROPY = (0.02, 0.1)
 """Relative difference of the two focal lengths: pixels of today's sensors are square."""
 ASIDE = (0.6, 1.0)
@@ -30,8 +32,26 @@ def of_lens(rig: Rig, view: int) -> list[Finding]:
     off = float(np.abs(k[:2, 2] - size / 2).max()) / longest
     skewed = float(abs(k[0, 0] / k[1, 1] - 1))
     return [
-        measured("principal point", [name], off, "of the longer side", *OFF_CENTRE, f"the principal point ({k[0, 2]:.0f}, {k[1, 2]:.0f}) lies {off:.1%} of the longer side off the middle of {size[0]}x{size[1]} px", "check that the calibration is for this picture and not for a crop or another resolution of it; say how they relate with frames.crop"),
-        measured("focal lengths", [name], skewed, "relative", *ANISOTROPY, f"fx {k[0, 0]:.0f} px and fy {k[1, 1]:.0f} px differ by {skewed:.2%}", "calibrate with square pixels (fx = fy) unless the picture is stretched"),
+        measured(
+            "principal point",
+            [name],
+            off,
+            "of the longer side",
+            *OFF_CENTRE,
+            f"the principal point ({k[0, 2]:.0f}, {k[1, 2]:.0f}) lies {off:.1%} of the longer side off the middle of"
+            f" {size[0]}x{size[1]} px",
+            "check that the calibration is for this picture and not for a crop or another resolution of it; say how"
+            " they relate with frames.crop",
+        ),
+        measured(
+            "focal lengths",
+            [name],
+            skewed,
+            "relative",
+            *ANISOTROPY,
+            f"fx {k[0, 0]:.0f} px and fy {k[1, 1]:.0f} px differ by {skewed:.2%}",
+            "calibrate with square pixels (fx = fy) unless the picture is stretched",
+        ),
         _displacement(rig, view),
         _one_to_one(rig, view),
     ]
@@ -49,20 +69,48 @@ def _border(rig: Rig, view: int) -> np.ndarray:
 def _displacement(rig: Rig, view: int) -> Finding:
     """How far the lens moves what a camera without it would show at the border."""
     border, k = _border(rig, view), rig.intrinsics[view]
-    moved = float(np.linalg.norm((distort(border, rig.distortion[view]) - border) * k[[0, 1], [0, 1]], axis=1).max() / rig.size[view].max())
-    advice = "calibrate again with fewer coefficients (k1 k2 alone) and a board that reaches the corners; a fisheye lens needs another model"
-    return measured("lens distortion", [rig.names[view]], moved, "of the longer side", *DISPLACED, f"the lens moves the border by up to {moved:.1%} of the longer side", advice)
+    moved = float(
+        np.linalg.norm((distort(border, rig.distortion[view]) - border) * k[[0, 1], [0, 1]], axis=1).max()
+        / rig.size[view].max()
+    )
+    advice = (
+        "calibrate again with fewer coefficients (k1 k2 alone) and a board that reaches the corners; a fisheye lens"
+        " needs another model"
+    )
+    return measured(
+        "lens distortion",
+        [rig.names[view]],
+        moved,
+        "of the longer side",
+        *DISPLACED,
+        f"the lens moves the border by up to {moved:.1%} of the longer side",
+        advice,
+    )
 
 
 def _one_to_one(rig: Rig, view: int) -> Finding:
-    """Whether the lens model can be undone within the picture: the farthest point it shows before it folds back, over the farthest of the border."""
+    """Whether the lens model can be undone within the picture: the farthest point it shows before it folds back,
+    over the farthest of the border."""
     d, name = rig.distortion[view], rig.names[view]
     farthest = float(np.linalg.norm(_border(rig, view), axis=1).max())
     limit = reach(d)
     shown = float(np.linalg.norm(distort(np.array([[limit, 0.0]]), d)))
     held = min(9.99, shown / farthest)
-    sentence = "the lens model is one-to-one in the whole picture" if held >= 1 else f"the lens model folds back at {held:.0%} of the way to the corner: what lies beyond cannot be undone"
-    return measured("lens model", [name], held, "of the corner", 1.0, 0.9, sentence, "calibrate again with fewer coefficients; until then the corners stay black")
+    sentence = (
+        "the lens model is one-to-one in the whole picture"
+        if held >= 1
+        else f"the lens model folds back at {held:.0%} of the way to the corner: what lies beyond cannot be undone"
+    )
+    return measured(
+        "lens model",
+        [name],
+        held,
+        "of the corner",
+        1.0,
+        0.9,
+        sentence,
+        "calibrate again with fewer coefficients; until then the corners stay black",
+    )
 
 
 def of_sizes(rig: Rig, view: int, captured: tuple[int, int], crop: np.ndarray) -> Finding:
@@ -70,29 +118,74 @@ def of_sizes(rig: Rig, view: int, captured: tuple[int, int], crop: np.ndarray) -
     name, (w, h), size = rig.names[view], captured, rig.size[view].astype(float)
     low, high = crop[1:], crop[0] * np.array([w, h], float) + crop[1:]
     filled = float(np.prod(np.clip(np.minimum(high, size) - np.maximum(low, 0), 0, None)) / np.prod(size))
-    told = "as calibrated" if tuple(size) == (w, h) else f"the calibration is for {int(size[0])}x{int(size[1])} px, frames.crop maps them onto {filled:.1%} of it"
-    return measured("picture size", [name], filled, "filled", *COVERED, f"pictures of {w}x{h} px, {told}", f"check frames.crop: {{{name}: {{scale: ..., offset: [dx, dy]}}}}: the captured picture should fill the calibrated one")
+    told = (
+        "as calibrated"
+        if tuple(size) == (w, h)
+        else f"the calibration is for {int(size[0])}x{int(size[1])} px, frames.crop maps them onto {filled:.1%} of it"
+    )
+    return measured(
+        "picture size",
+        [name],
+        filled,
+        "filled",
+        *COVERED,
+        f"pictures of {w}x{h} px, {told}",
+        f"check frames.crop: {{{name}: {{scale: ..., offset: [dx, dy]}}}}: the captured picture should fill the"
+        " calibrated one",
+    )
 
 
 def size_unexplained(name: str, captured: tuple[int, int], calibrated: tuple[int, int], suggestion: str) -> Finding:
     """Of a camera whose pictures have another size than its calibration, and no crop says how they relate."""
-    sentence = f"pictures are {captured[0]}x{captured[1]} px, the calibration is for {calibrated[0]}x{calibrated[1]} px, and nothing says how they relate; below they are taken to be scaled to its width and centred"
-    return measured("picture size", [name], 0.0, "filled", *COVERED, sentence, f"say how they relate, for example frames: {suggestion}")
+    sentence = (
+        f"pictures are {captured[0]}x{captured[1]} px, the calibration is for {calibrated[0]}x{calibrated[1]} px, and"
+        " nothing says how they relate; below they are taken to be scaled to its width and centred"
+    )
+    return measured(
+        "picture size",
+        [name],
+        0.0,
+        "filled",
+        *COVERED,
+        sentence,
+        f"say how they relate, for example frames: {suggestion}",
+    )
 
 
 def of_aim(rig: Rig) -> list[Finding]:
     """Whether every camera has the point in its picture that all of them look at."""
     if len(rig) < 2:
-        return [unmeasured("aim", list(rig.names), "of the way to the border", *ASIDE, "one camera alone looks at no common point")]
+        return [
+            unmeasured(
+                "aim", list(rig.names), "of the way to the border", *ASIDE, "one camera alone looks at no common point"
+            )
+        ]
     point, out = look_at_point(rig), []
     for v, name in enumerate(rig.names):
         x, y, z = rig.rotations[v] @ point + rig.world_to_camera[v, :3, 3]
         k, size = rig.intrinsics[v], rig.size[v]
         pixel = np.array([k[0, 0] * x, k[1, 1] * y]) / max(z, 1e-9) + k[:2, 2]
         aside = 9.99 if z <= 0 else min(9.99, float(np.abs(2 * pixel / size - 1).max()))
-        where = "behind it" if z <= 0 else f"{z:.1f} m before it, at {aside:.0%} of the way from the middle of its picture to the border"
-        advice = "check the pose: rotation and translation must lead from the world to the camera (x_cam = R X + t), axes x right, y down, z forward; or leave the camera out with views.sources"
-        out.append(measured("aim", [name], aside, "of the way to the border", *ASIDE, f"the point all cameras look at lies {where}", advice))
+        where = (
+            "behind it"
+            if z <= 0
+            else f"{z:.1f} m before it, at {aside:.0%} of the way from the middle of its picture to the border"
+        )
+        advice = (
+            "check the pose: rotation and translation must lead from the world to the camera (x_cam = R X + t), axes x"
+            " right, y down, z forward; or leave the camera out with views.sources"
+        )
+        out.append(
+            measured(
+                "aim",
+                [name],
+                aside,
+                "of the way to the border",
+                *ASIDE,
+                f"the point all cameras look at lies {where}",
+                advice,
+            )
+        )
     return out
 
 
@@ -102,6 +195,19 @@ def of_frames(names: tuple[str, ...], numbers: list[np.ndarray]) -> list[Finding
     out = []
     for name, have in zip(names, numbers, strict=True):
         lacking = 1 - len(have) / len(every)
-        told = f"{len(have)} of the {len(every)} frames that any camera has" + (f", {have[0]}..{have[-1]}" if len(have) else "")
-        out.append(measured("frames", [name], lacking, "missing", *MISSING, told, "check that the recordings belong together and start together; cut them with frames.range to what all have"))
+        told = f"{len(have)} of the {len(every)} frames that any camera has" + (
+            f", {have[0]}..{have[-1]}" if len(have) else ""
+        )
+        out.append(
+            measured(
+                "frames",
+                [name],
+                lacking,
+                "missing",
+                *MISSING,
+                told,
+                "check that the recordings belong together and start together; cut them with frames.range to what all"
+                " have",
+            )
+        )
     return out

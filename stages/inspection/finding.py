@@ -78,13 +78,27 @@ def graded(value: float, good: float, bad: float) -> Verdict:
     return Verdict.BAD if sign * value > sign * bad else Verdict.DOUBTFUL
 
 
-def measured(measure: str, cameras: Sequence[str], value: float, unit: str, good: float, bad: float, sentence: str, advice: str) -> Finding:
+def measured(
+    measure: str, cameras: Sequence[str], value: float, unit: str, good: float, bad: float, sentence: str, advice: str
+) -> Finding:
     """A finding whose verdict follows from the bounds; the advice is left out where all is good."""
     verdict = graded(value, good, bad)
-    return Finding(measure, tuple(cameras), float(value), unit, good, bad, sentence, "" if verdict is Verdict.GOOD else advice, verdict)
+    return Finding(
+        measure,
+        tuple(cameras),
+        float(value),
+        unit,
+        good,
+        bad,
+        sentence,
+        "" if verdict is Verdict.GOOD else advice,
+        verdict,
+    )
 
 
-def unmeasured(measure: str, cameras: Sequence[str], unit: str, good: float, bad: float, why: str, advice: str = "") -> Finding:
+def unmeasured(
+    measure: str, cameras: Sequence[str], unit: str, good: float, bad: float, why: str, advice: str = ""
+) -> Finding:
     """A finding without a number."""
     return Finding(measure, tuple(cameras), None, unit, good, bad, why, advice, Verdict.UNKNOWN)
 

@@ -24,7 +24,8 @@ JOINT_FRAMES = 30
 RUN = 240
 """Consecutive frames whose joints are compared in time."""
 LOOSE = 0.1
-"""Share of the longer side within which cameras must agree on whom they see: one that is badly calibrated or out of step is to be measured, not left out."""
+"""Share of the longer side within which cameras must agree on whom they see: one that is badly calibrated or out of
+step is to be measured, not left out."""
 
 
 @dataclass(eq=False)
@@ -74,7 +75,17 @@ class Footage:
     @cached_property
     def joint_inputs(self) -> Inputs:
         """The same with the pixels that joints refer to."""
-        other = Footage(self.rig, self.source_rig, self.joint_crops, self.joint_crops, self.captured, self.numbers, self.frame_rate, self.readers, self.facts)
+        other = Footage(
+            self.rig,
+            self.source_rig,
+            self.joint_crops,
+            self.joint_crops,
+            self.captured,
+            self.numbers,
+            self.frame_rate,
+            self.readers,
+            self.facts,
+        )
         return cast(Inputs, other)
 
     @cached_property
@@ -105,7 +116,10 @@ class Footage:
     @cached_property
     def warps(self) -> list[Warp]:
         """From captured pictures to those of `rig`."""
-        return [Warp(v, tuple(self.captured[v]), self.source_rig, self.rig, self.captured_to_calibrated[v]) for v in range(len(self.rig))]
+        return [
+            Warp(v, tuple(self.captured[v]), self.source_rig, self.rig, self.captured_to_calibrated[v])
+            for v in range(len(self.rig))
+        ]
 
     def picture(self, view: int, number: int) -> np.ndarray | None:
         """[h, w, 3] uint8 of `rig`; None where the camera lacks that frame."""
@@ -136,7 +150,9 @@ class Footage:
     def people(self) -> np.ndarray:
         """[V] share of `joint_numbers` in which a camera has somebody's joints at all."""
         reader = self.source("joints")
-        return np.array([np.mean([len(reader.read(v, n)) > 0 for n in self.joint_numbers]) for v in range(len(self.rig))])
+        return np.array(
+            [np.mean([len(reader.read(v, n)) > 0 for n in self.joint_numbers]) for v in range(len(self.rig))]
+        )
 
     @cached_property
     def joint_offsets(self) -> tuple[np.ndarray, np.ndarray]:
@@ -152,10 +168,14 @@ class Footage:
 
     @cached_property
     def tracks(self) -> np.ndarray:
-        """[F, V, 17, 3] joints of up to `RUN` consecutive frames from the middle, px of `rig`; score 0 where a camera lacks the frame or the joint."""
+        """[F, V, 17, 3] joints of up to `RUN` consecutive frames from the middle, px of `rig`; score 0 where a
+        camera lacks the frame or the joint."""
         every = np.unique(np.concatenate(self.numbers))
         step = self.step
         start = int(every[max(0, (len(every) - RUN) // 2)])
-        found = [seen_joints(self.joint_inputs, n, LOOSE) for n in range(start, min(int(every[-1]), start + (RUN - 1) * step) + 1, step)]
+        found = [
+            seen_joints(self.joint_inputs, n, LOOSE)
+            for n in range(start, min(int(every[-1]), start + (RUN - 1) * step) + 1, step)
+        ]
         out = np.stack(found)
         return np.where(out[..., 2:] >= SCORE, out, 0.0)

@@ -10,7 +10,8 @@ from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.storage.model.cameras import Rig
 
 WITHIN = 0.01
-"""Share of the picture's longer side within which a joint fits: 2 to 2.5 cm on a person who fills it, as far as detectors err."""
+"""Share of the picture's longer side within which a joint fits: 2 to 2.5 cm on a person who fills it, as far as
+detectors err."""
 FEWEST = 30
 """Joints without which a camera is not judged."""
 
@@ -28,14 +29,16 @@ class JointFit:
 
 
 def joint_offsets(rig: Rig, seen: np.ndarray, space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets [F, V, J, 2] px of joints seen [F, V, J, 3] from the projections of joints in space [F, J, 4], and which are known [F, V, J]."""
+    """Offsets [F, V, J, 2] px of joints seen [F, V, J, 3] from the projections of joints in space [F, J, 4], and
+    which are known [F, V, J]."""
     pixels, depth = project(rig, space[..., :3])
     known = (seen[..., 2] > 0) & (space[..., 3] > 0)[:, None] & (np.moveaxis(depth, -1, 1) > NEAR)
     return np.where(known[..., None], seen[..., :2] - np.moveaxis(pixels, 2, 1), 0.0), known
 
 
 def joint_fit(offsets: np.ndarray, known: np.ndarray, longest: float) -> JointFit | None:
-    """Of one camera: offsets [F, J, 2] px, known [F, J], `longest` px of its longer side; None with fewer than `FEWEST` joints."""
+    """Of one camera: offsets [F, J, 2] px, known [F, J], `longest` px of its longer side; None with fewer than
+    `FEWEST` joints."""
     if known.sum() < FEWEST:
         return None
     off = np.linalg.norm(offsets, axis=-1)[known]

@@ -1,4 +1,5 @@
-"""Findings on exposure and white balance of every camera, by the measure that `effects.exposure_matching` is decided by."""
+"""Findings on exposure and white balance of every camera, by the measure that `effects.exposure_matching` is decided
+by."""
 
 from __future__ import annotations
 
@@ -11,7 +12,9 @@ from posegaussian.stages.survey.surface import surface_stops
 
 LIGHT = (0.5, 2.0)
 """Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""
-ADVICE = "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
+ADVICE = (
+    "effects.exposure_matching evens it out; better, set exposure and white balance by hand and equal in all cameras"
+)
 FEW = f"shares {FEWEST_POINTS} well exposed surface points, dark and bright ones"
 
 
@@ -37,5 +40,16 @@ def _light(name: str, proven: float, stops: np.ndarray) -> Finding:
     """A camera that is for certain `proven` stops off the middle one, and by `stops` [3] for all that is known."""
     mean = float(stops.mean())
     r, g, b = stops - mean
-    told = f"at shared surface points {abs(mean):.2f} stops {'brighter' if mean >= 0 else 'darker'} than the middle camera; white balance red {r:+.2f}, green {g:+.2f}, blue {b:+.2f}"
-    return measured("exposure", (name,), proven, "stops for sure", *LIGHT, told if proven > 0 else "no difference at shared surface points is beyond the error of the measure", ADVICE)
+    told = (
+        f"at shared surface points {abs(mean):.2f} stops {'brighter' if mean >= 0 else 'darker'} than the middle"
+        f" camera; white balance red {r:+.2f}, green {g:+.2f}, blue {b:+.2f}"
+    )
+    return measured(
+        "exposure",
+        (name,),
+        proven,
+        "stops for sure",
+        *LIGHT,
+        told if proven > 0 else "no difference at shared surface points is beyond the error of the measure",
+        ADVICE,
+    )

@@ -1,9 +1,9 @@
 """Do features that two pictures share lie on each other's epipolar lines?
 
 Features are matched by `posegaussian.stages.geometry.features`. Wrong matches lie
-anywhere, right ones beside the epipolar line as far as the calibration is off. Two answers are compared: what the calibration says,
-and what the matches say among themselves, by a robust fundamental matrix that knows no calibration. Matches that fit each other and
-not the calibration accuse the calibration; matches that fit neither say nothing.
+anywhere, right ones beside the epipolar line as far as the calibration is off. Two answers are compared: what the
+calibration says, and what the matches say among themselves, by a robust fundamental matrix that knows no calibration.
+Matches that fit each other and not the calibration accuse the calibration; matches that fit neither say nothing.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import numpy as np
 from posegaussian.stages.geometry.epipolar import signed_epipolar_distance
 
 NEAR = 0.02
-"""Share of the picture's longer side within which a match may be a right one: calibrations that are worse accuse themselves otherwise."""
+"""Share of the picture's longer side within which a match may be a right one: calibrations that are worse accuse
+themselves otherwise."""
 FREE = 2.0
 """Px within which matches fit the free fundamental matrix."""
 FEWEST_FREE, SHARE_FREE = 20, 0.3
-"""Matches, and share of all, that must fit a free fundamental matrix: of wrong matches alone it fits its own 7 and a few more, up to 13 of 35 and 22 of 205 seen."""
+"""Matches, and share of all, that must fit a free fundamental matrix: of wrong matches alone it fits its own 7 and a
+few more, up to 13 of 35 and 22 of 205 seen."""
 PROOF = 10.0
 """Log likelihood by which `near the lines` must beat `anywhere`: one in 20 000."""
 
@@ -49,10 +51,12 @@ class EpipolarFit:
 
 
 def epipolar_fit(matrix: np.ndarray, first: np.ndarray, second: np.ndarray, longest: float) -> EpipolarFit:
-    """Judge matched points [n, 2] of two cameras by the calibration's fundamental matrix; `longest`: px of the longer side.
+    """Judge matched points [n, 2] of two cameras by the calibration's fundamental matrix; `longest`: px of the longer
+    side.
 
-    Where enough matches fit a free fundamental matrix, those are the right ones and the error is theirs. Else the right ones are
-    those near the calibration's lines, by a half-normal over a uniform distribution within `NEAR`, if that is proven.
+    Where enough matches fit a free fundamental matrix, those are the right ones and the error is theirs. Else the right
+    ones are those near the calibration's lines, by a half-normal over a uniform distribution within `NEAR`, if that is
+    proven.
     """
     distances = np.abs(signed_epipolar_distance(matrix, first, second))
     free, free_error = _free_fit(first, second)
@@ -74,7 +78,9 @@ def _free_fit(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, float 
     if len(first) < FEWEST_FREE:
         return nobody, None
     cv2.setRNGSeed(0)
-    matrix, _ = cv2.findFundamentalMat(first.astype(np.float32), second.astype(np.float32), cv2.USAC_MAGSAC, FREE, 0.999, 20000)
+    matrix, _ = cv2.findFundamentalMat(
+        first.astype(np.float32), second.astype(np.float32), cv2.USAC_MAGSAC, FREE, 0.999, 20000
+    )
     if matrix is None or matrix.shape != (3, 3):
         return nobody, None
     off = np.abs(signed_epipolar_distance(matrix, first, second))
@@ -85,7 +91,8 @@ def _free_fit(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, float 
 
 
 def _mixture(distances: np.ndarray, reach: float) -> tuple[float, float, np.ndarray]:
-    """Of distances within `reach`: spread of the right ones, log likelihood over a uniform distribution, probability [n] to be right.
+    """Of distances within `reach`: spread of the right ones, log likelihood over a uniform distribution, probability
+    [n] to be right.
 
     Expectation maximisation from several spreads, the likeliest counts.
     """

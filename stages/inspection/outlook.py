@@ -1,4 +1,5 @@
-"""What to expect of a run: cameras, mattes, and a tier with the figures that were measured for such a geometry (docs/quality.md, docs/mattes.md)."""
+"""What to expect of a run: cameras, mattes, and a tier with the figures that were measured for such a geometry
+(docs/quality.md, docs/mattes.md)."""
 
 from __future__ import annotations
 
@@ -13,12 +14,15 @@ from posegaussian.stages.inspection.finding import Finding, Verdict, measured
 from posegaussian.stages.inspection.planned import Planned
 
 MATTE = (0.93, 0.5)
-"""Overlap of a matte with outlines drawn by hand: from .94 on only edges are off; at half of it there is another shape."""
+"""Overlap of a matte with outlines drawn by hand: from .94 on only edges are off; at half of it there is another
+shape."""
 OVERLAPS = {"segmented": (0.94, 0.97), "person": (0.84, 0.97), "plate": (0.72, 0.91), "none": (0.0, 0.1)}
-"""Least and largest overlap that was measured for each matte on other captures, `docs/mattes.md`: the person with an estimator's segmentation and
-by joints alone, and a background plate; where everything is foreground, a person fills a tenth of it, about."""
+"""Least and largest overlap that was measured for each matte on other captures, `docs/mattes.md`: the person with an
+estimator's segmentation and by joints alone, and a background plate; where everything is foreground, a person fills
+a tenth of it, about."""
 RING = ((22.5, 32.0, 0.971), (45.0, 28.2, 0.934), (60.0, 26.4, 0.903))
-"""Degrees between neighbours; PSNR in dB and SSIM in the person's box, by `sgbm`: simulated people, exact cameras and masks, all around."""
+"""Degrees between neighbours; PSNR in dB and SSIM in the person's box, by `sgbm`: simulated people, exact cameras
+and masks, all around."""
 HULL = ((22.5, 30.5), (45.0, 23.7), (60.0, 20.8))
 """The same of the hull alone, dB."""
 TIERS = ("sharp", "good", "fair", "poor", "not fit to be shown")
@@ -26,12 +30,15 @@ TIERS = ("sharp", "good", "fair", "poor", "not fit to be shown")
 TIER_ANGLES = (25.0, 50.0, 66.0)
 """Degrees between neighbours up to which the first three can be had."""
 CAMERAS = (5.0, 0.0)
-"""Source cameras from which on a hull can close behind the subject. Fewer are never bad by themselves, but at best fair: in simulation two cameras
-9 degrees apart come to what six that are 60 degrees apart reach."""
+"""Source cameras from which on a hull can close behind the subject. Fewer are never bad by themselves, but at best
+fair: in simulation two cameras 9 degrees apart come to what six that are 60 degrees apart reach."""
 COSTS = {
     "epipolar distance": "calibrations that are 0.3 to 1 px off cost 0.7 to 3.9 dB",
     "calibration by joints": "calibrations that are 0.3 to 1 px off cost 0.7 to 3.9 dB",
-    "mask agreement": "masks that are a pixel off cost 0.3 dB; cameras that stand elsewhere than their calibration says cost 5.6 dB on a real capture",
+    "mask agreement": (
+        "masks that are a pixel off cost 0.3 dB; cameras that stand elsewhere than their calibration says cost 5.6 dB"
+        " on a real capture"
+    ),
     "matte": "mattes are not those of the figures",
     "partners": "cameras without a partner show the hull alone",
     "time offset": "cameras out of step blur what moves",
@@ -48,8 +55,18 @@ COSTS = {
 def of_cameras(planned: Planned) -> Finding:
     """How many source cameras there are."""
     count = len(planned.sources)
-    told = f"{count} source camera{'s' if count > 1 else ''}" + ("" if count >= CAMERAS[0] else ": no hull closes behind the subject, and what no two of them see is guessed")
-    return measured("cameras", (), count, "sources", *CAMERAS, told, "more cameras, beside those that are there; until then keep to paths near them (between, arc, sway)")
+    told = f"{count} source camera{'s' if count > 1 else ''}" + (
+        "" if count >= CAMERAS[0] else ": no hull closes behind the subject, and what no two of them see is guessed"
+    )
+    return measured(
+        "cameras",
+        (),
+        count,
+        "sources",
+        *CAMERAS,
+        told,
+        "more cameras, beside those that are there; until then keep to paths near them (between, arc, sway)",
+    )
 
 
 def of_matte(planned: Planned) -> Finding:
@@ -58,7 +75,9 @@ def of_matte(planned: Planned) -> Finding:
     if matte == "given":
         return Finding("matte", (), 1.0, "as given", 0, 0, f"frames.matte: given, because {why}", "", Verdict.NOTE)
     low, high = OVERLAPS["segmented" if matte == "person" and SEGMENTED in planned.facts else matte]
-    told = f"frames.matte: {matte}, because {why}; on other captures {low:.2f} to {high:.2f} overlap with outlines by hand"
+    told = (
+        f"frames.matte: {matte}, because {why}; on other captures {low:.2f} to {high:.2f} overlap with outlines by hand"
+    )
     return measured("matte", (), (low + high) / 2, "overlap elsewhere", *MATTE, told, _better(planned))
 
 
@@ -75,20 +94,40 @@ def pair_lines(planned: Planned) -> list[str]:
         return [f"depth comes from {planned.depth.method}: no pictures are compared with each other"]
     angles = {tuple(sorted(r.views)): r.angle for r in planned.source_reports}
     pairs = sorted(planned.matched, key=lambda p: angles[p])
-    named = ", ".join(f"{planned.rig.names[a]} and {planned.rig.names[b]} ({angles[a, b]:.0f} degrees apart)" for a, b in pairs[:12])
+    named = ", ".join(
+        f"{planned.rig.names[a]} and {planned.rig.names[b]} ({angles[a, b]:.0f} degrees apart)" for a, b in pairs[:12]
+    )
     more = f" and {len(pairs) - 12} more" if len(pairs) > 12 else ""
-    out = [f"run matches {len(pairs)} of {len(planned.source_reports)} pairs ({planned.depth.method}): {named}{more}" if pairs else f"run matches none of {len(planned.source_reports)} pairs"]
+    out = [
+        (
+            f"run matches {len(pairs)} of {len(planned.source_reports)} pairs ({planned.depth.method}): {named}{more}"
+            if pairs
+            else f"run matches none of {len(planned.source_reports)} pairs"
+        )
+    ]
     for reason in Pair:
         same = sorted((r for r in planned.refused if r.verdict is reason), key=lambda r: r.angle)
         if same:
             pair, _, why = same[0].sentence.partition(": ")
-            out.append(f"run refuses {len(same)} {'pair' if len(same) == 1 else 'pairs'}, {reason}{'; the nearest' if len(same) > 1 else ''}: {pair} ({same[0].angle:.0f} degrees apart), {why.partition(', ')[2]}")
+            out.append(
+                f"run refuses {len(same)} {'pair' if len(same) == 1 else 'pairs'},"
+                f" {reason}{'; the nearest' if len(same) > 1 else ''}: {pair} ({same[0].angle:.0f} degrees apart),"
+                f" {why.partition(', ')[2]}"
+            )
     idle = len(planned.source_reports) - len(pairs) - len(planned.refused)
-    return out + ([f"run leaves {idle} usable {'pair' if idle == 1 else 'pairs'} out: nearer partners are there (depth.pairs: {planned.depth.pairs})"] if idle else [])
+    return out + (
+        [
+            f"run leaves {idle} usable {'pair' if idle == 1 else 'pairs'} out: nearer partners are there (depth.pairs:"
+            f" {planned.depth.pairs})"
+        ]
+        if idle
+        else []
+    )
 
 
 def tier(planned: Planned, findings: Sequence[Finding]) -> str:
-    """One of `TIERS`: what neighbours so far apart allow, a step less for a doubtful matte and for anything else that is doubtful, the last where anything is bad."""
+    """One of `TIERS`: what neighbours so far apart allow, a step less for a doubtful matte and for anything else
+    that is doubtful, the last where anything is bad."""
     if any(f.verdict is Verdict.BAD for f in findings):
         return TIERS[-1]
     if planned.gap is None:
@@ -102,20 +141,53 @@ def tier(planned: Planned, findings: Sequence[Finding]) -> str:
 def _lowering(planned: Planned, findings: Sequence[Finding]) -> list[Finding]:
     """Findings that lower the pictures; a second person does not where a matte cuts out one."""
     cut = planned.matte[0] in ("given", "person")
-    return [f for f in findings if f.verdict in (Verdict.BAD, Verdict.DOUBTFUL) and f.measure in COSTS and not (cut and f.measure == "people")]
+    return [
+        f
+        for f in findings
+        if f.verdict in (Verdict.BAD, Verdict.DOUBTFUL) and f.measure in COSTS and not (cut and f.measure == "people")
+    ]
 
 
 def expected(planned: Planned, findings: Sequence[Finding]) -> str:
     """The tier in one sentence, with the figures of such a geometry and what lowers them here."""
     verdict = tier(planned, findings)
     if not planned.matches:
-        return f"expected: not measured for depth.method {planned.depth.method} and {len(planned.sources)} source camera{'s' if len(planned.sources) > 1 else ''}; a single view: docs/monocular.md"
+        return (
+            f"expected: not measured for depth.method {planned.depth.method} and {len(planned.sources)} source"
+            f" camera{'s' if len(planned.sources) > 1 else ''}; a single view: docs/monocular.md"
+        )
     lowered = dict.fromkeys(COSTS[f.measure] for f in _lowering(planned, findings))
     less = f"; less here: {'; '.join(lowered)}" if lowered else ""
     if planned.gap is None:
-        hull = f"with the cameras all around, 45 to 60 degrees apart, it reached {HULL[1][1]:g} to {HULL[2][1]:g} dB in simulation, less with fewer"
+        hull = (
+            f"with the cameras all around, 45 to 60 degrees apart, it reached {HULL[1][1]:g} to {HULL[2][1]:g} dB in"
+            " simulation, less with fewer"
+        )
         return f"expected: {verdict}; no pair is matched, so all depth is the hull of the masks: {hull}{less}"
     widest, (angles, psnr, ssim) = planned.gap, zip(*RING, strict=True)
-    reached = f"at most {RING[0][1]:g} dB (SSIM {RING[0][2]:.2f})" if widest <= angles[0] else f"{np.interp(widest, angles, psnr):.1f} dB (SSIM {np.interp(widest, angles, ssim):.2f})" if widest <= angles[-1] else f"less than {RING[-1][1]:g} dB"
-    where = "near the cameras" if planned.stretch is None else "all around" if planned.stretch.closed else f"between {planned.rig.names[planned.stretch.views[0]]} and {planned.rig.names[planned.stretch.views[-1]]}, {planned.stretch.span:.0f} of 360 degrees; elsewhere the hull alone"
-    return f"expected: {verdict}, {where}; simulated people with exact cameras and masks, all around and neighbours {widest:.0f} degrees apart, reach {reached} in their box at 512 px{less}"
+    reached = (
+        f"at most {RING[0][1]:g} dB (SSIM {RING[0][2]:.2f})"
+        if widest <= angles[0]
+        else (
+            f"{np.interp(widest, angles, psnr):.1f} dB (SSIM {np.interp(widest, angles, ssim):.2f})"
+            if widest <= angles[-1]
+            else f"less than {RING[-1][1]:g} dB"
+        )
+    )
+    where = (
+        "near the cameras"
+        if planned.stretch is None
+        else (
+            "all around"
+            if planned.stretch.closed
+            else (
+                f"between {planned.rig.names[planned.stretch.views[0]]} and"
+                f" {planned.rig.names[planned.stretch.views[-1]]}, {planned.stretch.span:.0f} of 360 degrees; elsewhere"
+                " the hull alone"
+            )
+        )
+    )
+    return (
+        f"expected: {verdict}, {where}; simulated people with exact cameras and masks, all around and neighbours"
+        f" {widest:.0f} degrees apart, reach {reached} in their box at 512 px{less}"
+    )

@@ -16,16 +16,24 @@ from posegaussian.storage.model.cameras import Rig
 USELESS = 0.5
 """Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
 PARTNERED = (1.0, 0.6)
-"""Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of docs/quality.md) pictures come apart; where all
-four have a partner (`balance`) they hold together."""
+"""Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of docs/quality.md)
+pictures come apart; where all four have a partner (`balance`) they hold together."""
 NEIGHBOURS = (50.0, 66.0)
-"""Degrees from a camera to its nearest partner: people filmed by eight cameras on a ring (45 degrees, a few more by hand) come out whole; beyond 66
-nothing is matched, see docs/quality.md."""
+"""Degrees from a camera to its nearest partner: people filmed by eight cameras on a ring (45 degrees, a few more by
+hand) come out whole; beyond 66 nothing is matched, see docs/quality.md."""
 REMEDY = {
-    Verdict.TOO_WIDE: "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject",
-    Verdict.CLIPPED: "move the cameras closer together, or farther away from the subject; or try depth.method: sweep, which compares them all the same",
+    Verdict.TOO_WIDE: (
+        "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject"
+    ),
+    Verdict.CLIPPED: (
+        "move the cameras closer together, or farther away from the subject; or try depth.method: sweep, which compares"
+        " them all the same"
+    ),
     Verdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
-    Verdict.VERTICAL: "set the cameras beside each other rather than above; or try depth.method: sweep, which compares them all the same",
+    Verdict.VERTICAL: (
+        "set the cameras beside each other rather than above; or try depth.method: sweep, which compares them all the"
+        " same"
+    ),
     Verdict.COINCIDENT: "move one of the two aside",
     Verdict.BEHIND: "move one of the two aside",
     Verdict.UNSEEN: "turn the camera to the subject, or leave it out with views.sources",
@@ -42,7 +50,8 @@ class Rectified:
     kind: str
     """ok, wide, clipped, useless, or the reason of `posegaussian.stages.geometry.pairs.Verdict`."""
     fate: str
-    """matched, not needed (other partners are nearer), not asked for (not two sources, or depth compares no pictures), or refused."""
+    """matched, not needed (other partners are nearer), not asked for (not two sources, or depth compares no
+    pictures), or refused."""
     angle: float
     """Degrees at the point that all cameras look at."""
     baseline: float
@@ -54,7 +63,8 @@ class Rectified:
 
 
 def rectified(rig: Rig, report: PairReport, fate: str, views: tuple[int, int]) -> Rectified:
-    """One pair with the run's verdict on it, too wide ones told apart by what is left of the body; `views`: in the footage."""
+    """One pair with the run's verdict on it, too wide ones told apart by what is left of the body; `views`: in the
+    footage."""
     first, second = report.views
     baseline = float(np.linalg.norm(rig.centres[first] - rig.centres[second]))
     body = body_share(rig, first, second, look_at_point(rig), up_direction(rig))
@@ -67,7 +77,9 @@ def rectified(rig: Rig, report: PairReport, fate: str, views: tuple[int, int]) -
 def every_pair(planned: Planned) -> list[Rectified]:
     """All pairs of the footage."""
     place = {v: i for i, v in enumerate(planned.active)}
-    return [rectified(planned.rig, r, _fate(planned, r), (place[r.views[0]], place[r.views[1]])) for r in planned.reports]
+    return [
+        rectified(planned.rig, r, _fate(planned, r), (place[r.views[0]], place[r.views[1]])) for r in planned.reports
+    ]
 
 
 def _fate(planned: Planned, report: PairReport) -> str:
@@ -86,14 +98,29 @@ def of_pairs(planned: Planned, pairs: list[Rectified]) -> list[Finding]:
 def _partners(planned: Planned) -> Finding:
     unit = "of the cameras"
     if not planned.matches:
-        why = "a single source camera has nobody to be matched with" if len(planned.sources) < 2 else f"depth.method comes to {planned.depth.method}, which compares no pictures"
+        why = (
+            "a single source camera has nobody to be matched with"
+            if len(planned.sources) < 2
+            else f"depth.method comes to {planned.depth.method}, which compares no pictures"
+        )
         advice = "depth needs a second camera, or depth maps of your own" if len(planned.sources) < 2 else ""
         return unmeasured("partners", (), unit, *PARTNERED, why, advice)
     share = 1 - len(planned.alone) / len(planned.sources)
     told = "every source camera has a partner to be matched with"
     if planned.alone:
-        told = f"{planned.names(*planned.alone)} cannot be matched with any other: what only they see follows the hull of the masks; {'; '.join(refusal(planned, v) for v in planned.alone[:3])}"
-    return measured("partners", (), share, unit, *PARTNERED, told, "; ".join(dict.fromkeys(remedy(planned, v) for v in planned.alone)))
+        told = (
+            f"{planned.names(*planned.alone)} cannot be matched with any other: what only they see follows the hull of"
+            f" the masks; {'; '.join(refusal(planned, v) for v in planned.alone[:3])}"
+        )
+    return measured(
+        "partners",
+        (),
+        share,
+        unit,
+        *PARTNERED,
+        told,
+        "; ".join(dict.fromkeys(remedy(planned, v) for v in planned.alone)),
+    )
 
 
 def _nearest(planned: Planned, view: int) -> PairReport:
@@ -111,7 +138,10 @@ def refusal(planned: Planned, view: int) -> str:
 def remedy(planned: Planned, view: int) -> str:
     """What to do about it."""
     report = _nearest(planned, view)
-    return f"{planned.names(*report.views).replace(', ', ' and ')}: {REMEDY[report.verdict].format(bound=planned.depth.max_angle)}"
+    return (
+        f"{planned.names(*report.views).replace(', ', ' and ')}:"
+        f" {REMEDY[report.verdict].format(bound=planned.depth.max_angle)}"
+    )
 
 
 def _neighbours(planned: Planned) -> Finding:
@@ -122,16 +152,42 @@ def _neighbours(planned: Planned) -> Finding:
     if planned.gap is None:
         nearest = min(planned.source_reports, key=lambda r: r.angle)
         told = f"no two source cameras can be matched; {refusal(planned, nearest.views[0])}"
-        return Finding("neighbours", (), nearest.angle, unit, *bounds, told, remedy(planned, nearest.views[0]), Grade.BAD)
+        return Finding(
+            "neighbours", (), nearest.angle, unit, *bounds, told, remedy(planned, nearest.views[0]), Grade.BAD
+        )
     (widest, other), view = max((found, v) for v, found in planned.nearest.items())
     told = f"the nearest partner of {planned.rig.names[view]} is {planned.rig.names[other]}, {widest:.1f} degrees away"
     if planned.stretch is not None:
         order = " - ".join(planned.rig.names[v] for v in planned.stretch.views)
-        told += f"; cameras stand side by side, at most {planned.stretch.widest:.1f} degrees apart, over {planned.stretch.span:.0f} of 360 degrees ({order})"
-    return measured("neighbours", (), widest, unit, *bounds, told, f"more cameras between them: up to {NEIGHBOURS[0]:g} degrees apart a body comes out whole (docs/quality.md)")
+        told += (
+            f"; cameras stand side by side, at most {planned.stretch.widest:.1f} degrees apart, over"
+            f" {planned.stretch.span:.0f} of 360 degrees ({order})"
+        )
+    return measured(
+        "neighbours",
+        (),
+        widest,
+        unit,
+        *bounds,
+        told,
+        f"more cameras between them: up to {NEIGHBOURS[0]:g} degrees apart a body comes out whole (docs/quality.md)",
+    )
 
 
 def _note(planned: Planned, pair: Rectified) -> Finding:
     names = tuple(planned.rig.names[planned.active[v]] for v in pair.views)
-    sentence = f"{pair.fate}: {pair.sentence}; {pair.angle:.1f} degrees apart, baseline {pair.baseline:.2f} m, {pair.body:.0%} of a body kept when rectified"
-    return Finding("rectification", names, pair.angle, "degrees", 0, 0, sentence, "", Grade.GOOD if pair.kind == "ok" else Grade.NOTE)
+    sentence = (
+        f"{pair.fate}: {pair.sentence}; {pair.angle:.1f} degrees apart, baseline {pair.baseline:.2f} m, {pair.body:.0%}"
+        " of a body kept when rectified"
+    )
+    return Finding(
+        "rectification",
+        names,
+        pair.angle,
+        "degrees",
+        0,
+        0,
+        sentence,
+        "",
+        Grade.GOOD if pair.kind == "ok" else Grade.NOTE,
+    )

@@ -16,17 +16,21 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.joints import SCORE
 
 SEVERAL = (0.05, 1.0)
-"""Share of the pictures that show more than one person: now and then a passer-by is left out by the views' agreement; never bad, as one is still reconstructed."""
+"""Share of the pictures that show more than one person: now and then a passer-by is left out by the views'
+agreement; never bad, as one is still reconstructed."""
 FEWEST = 5
 """Joints above the survey's least score that make a person; a chair has fewer."""
 LEAST = 0.2
-"""Extent over that of the picture's largest person: a figure on a poster or far behind is none that could be taken for the subject."""
+"""Extent over that of the picture's largest person: a figure on a poster or far behind is none that could be taken
+for the subject."""
 SURE = 0.6
-"""How sure the estimator must be of a person: of furniture and of a person found twice it was at most 0.51, of an onlooker at least 0.69."""
+"""How sure the estimator must be of a person: of furniture and of a person found twice it was at most 0.51, of an
+onlooker at least 0.69."""
 MOST = 6
 """People looked for in a picture."""
 PICTURES = 8
-"""Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each; one a camera."""
+"""Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each; one a
+camera."""
 
 
 class Finder:
@@ -43,25 +47,52 @@ class Finder:
 
 
 def of_people(footage: Footage, planned: Planned) -> list[Finding]:
-    """One finding on the most people a picture shows, by the estimator where it is here, by the joints that came with the capture."""
+    """One finding on the most people a picture shows, by the estimator where it is here, by the joints that came
+    with the capture."""
     unit, counted = "of the pictures with more", _counted(footage)
     if not counted:
-        return [unmeasured("people", (), unit, *SEVERAL, f"no joints came with the capture and no estimator is here to look: `{FETCH}`", f"`{FETCH}`")]
+        return [
+            unmeasured(
+                "people",
+                (),
+                unit,
+                *SEVERAL,
+                f"no joints came with the capture and no estimator is here to look: `{FETCH}`",
+                f"`{FETCH}`",
+            )
+        ]
     several = {v: max(found) for v, found in counted.items() if max(found, default=0) > 1}
     if not several and "found" not in footage.readers:
-        return [unmeasured("people", (), unit, *SEVERAL, f"the capture's joints name at most one person a picture; whether the pictures show others, only an estimator tells: `{FETCH}`")]
+        return [
+            unmeasured(
+                "people",
+                (),
+                unit,
+                *SEVERAL,
+                "the capture's joints name at most one person a picture; whether the pictures show others, only an"
+                f" estimator tells: `{FETCH}`",
+            )
+        ]
     share = _crowded(counted)
     told = "one person at most in every picture that was looked at"
     if several:
         seen = ", ".join(f"{footage.names[v]} up to {n}" for v, n in several.items())
-        told = f"more than one person in {share:.0%} of the pictures that were looked at ({seen}); one is reconstructed: whom the views agree on, nearest to where they all look"
-    return [measured("people", (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))]
+        told = (
+            f"more than one person in {share:.0%} of the pictures that were looked at ({seen}); one is reconstructed:"
+            " whom the views agree on, nearest to where they all look"
+        )
+    return [
+        measured("people", (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))
+    ]
 
 
 def _advice(planned: Planned, name: str) -> str:
     """What keeps the others out, given what the run takes for masks and joints."""
     matte, estimator = planned.matte[0], planned.estimator[0]
-    choose = f"if it should be another, say where she is: detection.box: {{{name}: [left, top, right, bottom]}}, px of the captured picture"
+    choose = (
+        f"if it should be another, say where she is: detection.box: {{{name}: [left, top, right, bottom]}}, px of the"
+        " captured picture"
+    )
     if estimator not in ("blazepose", "onnx"):
         choose += ", with detection.estimator: blazepose, as given joints are taken as they are"
     held = {
@@ -74,14 +105,23 @@ def _advice(planned: Planned, name: str) -> str:
 
 
 def _counted(footage: Footage) -> dict[int, list[int]]:
-    """People a picture by camera: as the estimator finds them in one frame, or as the given joints name them, whichever are more."""
+    """People a picture by camera: as the estimator finds them in one frame, or as the given joints name them,
+    whichever are more."""
     every = range(len(footage.rig))
     some = sorted({int(v) for v in np.rint(np.linspace(0, len(every) - 1, min(len(every), PICTURES)))})
-    asked = {"found": (some, footage.looked_at[:1]), "joints": (every, footage.joint_numbers if "joints2d" in footage.facts else [])}
+    asked = {
+        "found": (some, footage.looked_at[:1]),
+        "joints": (every, footage.joint_numbers if "joints2d" in footage.facts else []),
+    }
     ways = []
     for kind, (views, numbers) in asked.items():
         if kind in footage.readers and numbers:
-            ways.append({v: [people(footage.source(kind).read(v, n)) for n in numbers if n in footage.numbers[v]] for v in views})
+            ways.append(
+                {
+                    v: [people(footage.source(kind).read(v, n)) for n in numbers if n in footage.numbers[v]]
+                    for v in views
+                }
+            )
     return max(ways, key=_crowded, default={})
 
 
@@ -91,7 +131,8 @@ def _crowded(counted: dict[int, list[int]]) -> float:
 
 
 def people(joints: Any) -> int:
-    """How many of joints [people, J, 3] (u, v, score) are people: `FEWEST` joints are seen, and they are not tiny beside the largest."""
+    """How many of joints [people, J, 3] (u, v, score) are people: `FEWEST` joints are seen, and they are not tiny
+    beside the largest."""
     extents = []
     for person in np.asarray(joints, dtype=np.float64).reshape(-1, *np.shape(joints)[1:]):
         seen = person[(person[:, 2] >= SCORE) & np.isfinite(person).all(axis=1)]

@@ -53,8 +53,15 @@ class Planned:
         """With which views each source view is compared; as the depth stage takes them."""
         if self.depth.method == "sweep":
             centre = look_at_point(self.rig.subset(self.sources))
-            return {v: list(nearest(self.rig, v, self.sources, self.depth.pairs, self.depth.max_angle, centre)) for v in self.sources}
-        return choose_pairs(self.rig, self.sources, self.depth.pairs, self.depth.max_angle) if self.matches else {v: [] for v in self.sources}
+            return {
+                v: list(nearest(self.rig, v, self.sources, self.depth.pairs, self.depth.max_angle, centre))
+                for v in self.sources
+            }
+        return (
+            choose_pairs(self.rig, self.sources, self.depth.pairs, self.depth.max_angle)
+            if self.matches
+            else {v: [] for v in self.sources}
+        )
 
     @cached_property
     def matched(self) -> frozenset[tuple[int, int]]:
@@ -63,10 +70,13 @@ class Planned:
 
     @cached_property
     def refused(self) -> list[PairReport]:
-        """Pairs of sources that cannot be matched, with the reason; sweeping asks for no rows and no rectified pictures."""
+        """Pairs of sources that cannot be matched, with the reason; sweeping asks for no rows and no rectified
+        pictures."""
         no_row_needed = self.depth.method == "sweep"
         barred = [r for r in self.source_reports if not r.usable and tuple(sorted(r.views)) not in self.matched]
-        return [r for r in barred if not no_row_needed or r.angle > self.depth.max_angle or r.verdict is Verdict.COINCIDENT]
+        return [
+            r for r in barred if not no_row_needed or r.angle > self.depth.max_angle or r.verdict is Verdict.COINCIDENT
+        ]
 
     @cached_property
     def alone(self) -> tuple[int, ...]:
@@ -87,7 +97,8 @@ class Planned:
 
     @cached_property
     def gap(self) -> float | None:
-        """Degrees between the neighbours between which pictures are best; without a stretch those of the worst served view; None where nothing is matched."""
+        """Degrees between the neighbours between which pictures are best; without a stretch those of the worst
+        served view; None where nothing is matched."""
         if not self.nearest:
             return None
         return self.stretch.widest if self.stretch is not None else max(self.nearest.values())[0]

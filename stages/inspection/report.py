@@ -26,7 +26,8 @@ IMPACT = (
     "picture size", "frames", "aim", "time offset", "mask agreement", "calibration by joints", "joint residual", "epipolar distance", "matte", "people", "partners", "neighbours",
     "cameras", "exposure", "blur against others", "focus", "lens model", "lens distortion", "principal point", "focal lengths",
 )  # fmt: skip
-"""Measures in the order in which to mend them: what makes all others wrong first, then what spoils most of the picture."""
+"""Measures in the order in which to mend them: what makes all others wrong first, then what spoils most of the
+picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +62,25 @@ class Report:
     def unmeasured(self) -> list[str]:
         """What could not be measured of anybody, and why."""
         known = {f.measure for f in self.findings if f.verdict is not Verdict.UNKNOWN}
-        return [f"{m}: {why}" for m, why in {f.measure: f.sentence for f in self.findings if f.measure not in known}.items()]
+        return [
+            f"{m}: {why}" for m, why in {f.measure: f.sentence for f in self.findings if f.measure not in known}.items()
+        ]
 
     @property
     def to_do(self) -> list[tuple[Verdict, str, str]]:
-        """(verdict, what was found, what to do), the most useful first; findings with the same advice stand together."""
+        """(verdict, what was found, what to do), the most useful first; findings with the same advice stand
+        together."""
         out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}
-        for f in sorted(worst_first(self.findings), key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT))):
+        for f in sorted(
+            worst_first(self.findings),
+            key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT)),
+        ):
             if f.advice and f.verdict in (Verdict.BAD, Verdict.DOUBTFUL):
                 out.setdefault((f.measure, f.advice), (f.verdict, []))[1].append(f)
-        return [(verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice) for (_, advice), (verdict, same) in out.items()]
-
+        return [
+            (verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice)
+            for (_, advice), (verdict, same) in out.items()
+        ]
 
     @property
     def outlook(self) -> list[str]:
@@ -88,7 +97,8 @@ class Report:
 
 
 def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
-    """Measure everything; `sizes` are the findings on picture sizes, `planned` is what a run will make of the capture."""
+    """Measure everything; `sizes` are the findings on picture sizes, `planned` is what a run will make of the
+    capture."""
     pairs = every_pair(planned)
     found = matched_pairs(footage, pairs)
     time, offsets = of_time(footage)

@@ -1,8 +1,8 @@
 """How sharp a camera's pictures are, from the width of their strongest edges.
 
-An edge blurred by s has its steepest slope lowered by sqrt(s^2 + b^2) / s when the picture is blurred by b once more; the ratio of
-the slopes before and after gives s (Zhuo and Sim, "Defocus map estimation from a single image", 2011). It does not depend on the
-edge's contrast, nor on how much texture there is, as the variance of a Laplacian would.
+An edge blurred by s has its steepest slope lowered by sqrt(s^2 + b^2) / s when the picture is blurred by b once more;
+the ratio of the slopes before and after gives s (Zhuo and Sim, "Defocus map estimation from a single image", 2011). It
+does not depend on the edge's contrast, nor on how much texture there is, as the variance of a Laplacian would.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ TYPICAL = 75
 def edge_width(picture: np.ndarray, region: tuple[int, int, int, int] | None = None) -> float | None:
     """Standard deviation in px of the blur of a picture's strong edges, [h, w, 3] uint8; None without enough edges.
 
-    region: x0, y0, x1, y1 in px of what is looked at; None: everything. Optics, motion, compression and enlargement all count.
+    region: x0, y0, x1, y1 in px of what is looked at; None: everything. Optics, motion, compression and enlargement all
+    count.
     """
     gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
     if region is not None:
@@ -50,7 +51,10 @@ def edge_width(picture: np.ndarray, region: tuple[int, int, int, int] | None = N
 def _slopes(gray: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
     """Steepness [h, w] of a picture blurred by `blur` px, and its direction as one of 4, 45 degrees apart."""
     soft = cv2.GaussianBlur(gray, (0, 0), blur)
-    dx, dy = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8), cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    dx, dy = (
+        cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8),
+        cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8),
+    )
     return np.hypot(dx, dy), np.rint(np.arctan2(dy, dx) / (np.pi / 4)).astype(int) % 4
 
 
@@ -60,6 +64,9 @@ def _ridge(slope: np.ndarray, direction: np.ndarray) -> np.ndarray:
     padded = np.pad(slope, 1)
     h, w = slope.shape
     for k, (dx, dy) in enumerate(((1, 0), (1, 1), (0, 1), (-1, 1))):
-        ahead, behind = padded[1 + dy : 1 + dy + h, 1 + dx : 1 + dx + w], padded[1 - dy : 1 - dy + h, 1 - dx : 1 - dx + w]
+        ahead, behind = (
+            padded[1 + dy : 1 + dy + h, 1 + dx : 1 + dx + w],
+            padded[1 - dy : 1 - dy + h, 1 - dx : 1 - dx + w],
+        )
         out |= (direction == k) & (slope > ahead) & (slope >= behind)
     return out

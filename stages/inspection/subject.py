@@ -21,14 +21,18 @@ from posegaussian.stages.survey.silhouettes import agreeing_share, masks_of
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""
 POSES = (0.005, 0.008)
-"""Share of the longer side by which the calibration's epipolar lines miss the joints, scatter taken out: 1.2 and 2 cm. Two views differ by
-about a centimetre in what a detector calls a hip, in every frame alike, so that less is no proof against a calibration."""
+"""Share of the longer side by which the calibration's epipolar lines miss the joints, scatter taken out: 1.2 and 2
+cm. Two views differ by about a centimetre in what a detector calls a hip, in every frame alike, so that less is no
+proof against a calibration."""
 OFFSET = (0.25, 0.75)
-"""Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be corrected."""
+"""Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be
+corrected."""
 BLUR = (0.7, 2.0)
-"""Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave none of it."""
+"""Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave
+none of it."""
 SHARP = (2.0, 4.0)
-"""Captured px of blur of an edge, whatever the others have: pictures that were enlarged, or out of focus in all cameras."""
+"""Captured px of blur of an edge, whatever the others have: pictures that were enlarged, or out of focus in all
+cameras."""
 MASKS = (0.98, 0.9)
 """Share of a mask's rim that the other masks leave something of; the pipeline clips by silhouettes from 0.98 on."""
 NO_JOINTS = "the capture has no 2D joints"
@@ -41,7 +45,10 @@ def of_poses(footage: Footage) -> list[Finding]:
         return []
     seen, space = footage.joints
     seen = np.where(seen[..., 2:] >= SCORE, seen, 0.0)
-    enough = [int(v) for v in np.flatnonzero(((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2)) >= FEWEST_POSED)]
+    enough = [
+        int(v)
+        for v in np.flatnonzero(((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2)) >= FEWEST_POSED)
+    ]
     rig = footage.rig.subset(enough)
     found = refit(rig, seen[:, enough], space)
     if found is None:
@@ -56,16 +63,28 @@ def of_poses(footage: Footage) -> list[Finding]:
         if not np.isfinite(error):
             out.append(unmeasured("calibration by joints", names, "px", *bounds, "they see no joint in common"))
             continue
-        told = f"poses of the cameras that fit the joints lie {off:.1f} +- {error:.1f} px beside the calibration's epipolar lines; they would lower the joints' median residual from {found.before * px:.1f} to {found.after * px:.1f} px in all cameras"
-        advice = "calibrate these cameras again: the joints fit each other, but not the calibration; check size, crop, units and pose.joints_frame first"
-        out.append(measured("calibration by joints", names, max(0.0, off - 2 * error), "px for sure", *bounds, told, advice))
+        told = (
+            f"poses of the cameras that fit the joints lie {off:.1f} +- {error:.1f} px beside the calibration's"
+            f" epipolar lines; they would lower the joints' median residual from {found.before * px:.1f} to"
+            f" {found.after * px:.1f} px in all cameras"
+        )
+        advice = (
+            "calibrate these cameras again: the joints fit each other, but not the calibration; check size, crop, units"
+            " and pose.joints_frame first"
+        )
+        out.append(
+            measured("calibration by joints", names, max(0.0, off - 2 * error), "px for sure", *bounds, told, advice)
+        )
     return out
 
 
 def joint_fits(footage: Footage) -> list[JointFit | None]:
     """How each camera's joints fit, captured px; None where they cannot be judged."""
     offsets, known = footage.joint_offsets
-    return [joint_fit(offsets[:, v] * footage.px[v], known[:, v], float(footage.longest[v])) for v in range(len(footage.rig))]
+    return [
+        joint_fit(offsets[:, v] * footage.px[v], known[:, v], float(footage.longest[v]))
+        for v in range(len(footage.rig))
+    ]
 
 
 def of_joints(footage: Footage) -> list[Finding]:
@@ -78,18 +97,37 @@ def of_joints(footage: Footage) -> list[Finding]:
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
         if fit is None and footage.people[len(out)] >= 0.5:
             told = f"its joints agree with no other camera's within {LOOSE:.0%} of the longer side"
-            advice = f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave it out with views.sources"
-            out.append(measured("joint residual", (name,), LOOSE * float(longest), "px at least", *bounds, told, advice))
+            advice = (
+                f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave"
+                " it out with views.sources"
+            )
+            out.append(
+                measured("joint residual", (name,), LOOSE * float(longest), "px at least", *bounds, told, advice)
+            )
         elif fit is None:
-            out.append(unmeasured("joint residual", (name,), "px", *bounds, f"fewer than {FEWEST} joints could be compared with another camera's"))
+            out.append(
+                unmeasured(
+                    "joint residual",
+                    (name,),
+                    "px",
+                    *bounds,
+                    f"fewer than {FEWEST} joints could be compared with another camera's",
+                )
+            )
         else:
             out.append(_residual(name, fit, bounds))
     return out
 
 
 def _residual(name: str, fit: JointFit, bounds: tuple[float, float]) -> Finding:
-    told = f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them, {fit.share:.0%} within {WITHIN:.0%} of the longer side"
-    advice = "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where not, the detector is (and see pose.joints_frame)"
+    told = (
+        f"{fit.count} joints lie a median of {fit.median:.1f} px from where the cameras together put them,"
+        f" {fit.share:.0%} within {WITHIN:.0%} of the longer side"
+    )
+    advice = (
+        "look at the joints in the picture: where they sit on the person, the calibration or the timing is off; where"
+        " not, the detector is (and see pose.joints_frame)"
+    )
     return measured("joint residual", (name,), fit.median, "px", *bounds, told, advice)
 
 
@@ -105,19 +143,59 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
     for v, name in enumerate(footage.names):
         told = found.sentence(v, name).partition(": ")[2]
         if not found.told[v]:
-            out.append(unmeasured("time offset", (name,), "frames", *OFFSET, told, "film a few seconds of quick movement, a clap or a jump, that all cameras see"))
+            out.append(
+                unmeasured(
+                    "time offset",
+                    (name,),
+                    "frames",
+                    *OFFSET,
+                    told,
+                    "film a few seconds of quick movement, a clap or a jump, that all cameras see",
+                )
+            )
             continue
         left = float(numbers[v] - round(float(numbers[v])))
-        late = f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of a frame" if v != found.reference else told
-        advice = f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected" if round(float(numbers[v])) else "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher rate"
-        out.append(measured("time offset", (name,), max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])), "frames for sure", *OFFSET, late, advice))
+        late = (
+            f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of"
+            " a frame"
+            if v != found.reference
+            else told
+        )
+        advice = (
+            f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected"
+            if round(float(numbers[v]))
+            else (
+                "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher"
+                " rate"
+            )
+        )
+        out.append(
+            measured(
+                "time offset",
+                (name,),
+                max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])),
+                "frames for sure",
+                *OFFSET,
+                late,
+                advice,
+            )
+        )
     return out, found
 
 
 def of_masks(footage: Footage) -> list[Finding]:
     """How well the given masks' outlines fit together."""
     if "masks" not in footage.facts:
-        return [unmeasured("mask agreement", (), "of the rim", *MASKS, "the capture has no masks of every camera", "masks help everywhere; without them a background plate is used, see frames.matte")]
+        return [
+            unmeasured(
+                "mask agreement",
+                (),
+                "of the rim",
+                *MASKS,
+                "the capture has no masks of every camera",
+                "masks help everywhere; without them a background plate is used, see frames.matte",
+            )
+        ]
     if len(footage.rig) < 2:
         return [unmeasured("mask agreement", (), "of the rim", *MASKS, "one camera's masks have nothing to fit to")]
     masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
@@ -125,10 +203,30 @@ def of_masks(footage: Footage) -> list[Finding]:
     for v, name in enumerate(footage.names):
         shares = [s for m in masks if v in m and (s := agreeing_share(footage.rig, m, v)) is not None]
         if not shares:
-            out.append(unmeasured("mask agreement", (name,), "of the rim", *MASKS, "its mask, or those of all others, are empty or missing"))
+            out.append(
+                unmeasured(
+                    "mask agreement",
+                    (name,),
+                    "of the rim",
+                    *MASKS,
+                    "its mask, or those of all others, are empty or missing",
+                )
+            )
             continue
         share = float(np.mean(shares))
-        out.append(measured("mask agreement", (name,), share, "of the rim", *MASKS, f"{share:.1%} of the outline is not contradicted by another camera's mask", "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands elsewhere than its calibration says; leave out the one that agrees least (views.sources) and inspect again"))
+        out.append(
+            measured(
+                "mask agreement",
+                (name,),
+                share,
+                "of the rim",
+                *MASKS,
+                f"{share:.1%} of the outline is not contradicted by another camera's mask",
+                "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands"
+                " elsewhere than its calibration says; leave out the one that agrees least (views.sources) and inspect"
+                " again",
+            )
+        )
     return out
 
 
@@ -142,16 +240,31 @@ def of_focus(footage: Footage) -> list[Finding]:
             out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))
             continue
         advice = f"focus {name} on the subject, clean its lens, shorten its shutter; or leave it out with views.sources"
-        out.append(measured("focus", (name,), width, "px", *SHARP, f"its strong edges are blurred by {width:.2f} px", advice))
+        out.append(
+            measured("focus", (name,), width, "px", *SHARP, f"its strong edges are blurred by {width:.2f} px", advice)
+        )
         if len(known) > 1:
-            others = float(np.median([w for o, w in zip(footage.names, found, strict=True) if w is not None and o != name]))
+            others = float(
+                np.median([w for o, w in zip(footage.names, found, strict=True) if w is not None and o != name])
+            )
             more = float(np.sqrt(max(0.0, width**2 - others**2)))
-            out.append(measured("blur against others", (name,), more, "px", *BLUR, f"its edges are blurred by {width:.2f} px, those of the others by {others:.2f} px", advice))
+            out.append(
+                measured(
+                    "blur against others",
+                    (name,),
+                    more,
+                    "px",
+                    *BLUR,
+                    f"its edges are blurred by {width:.2f} px, those of the others by {others:.2f} px",
+                    advice,
+                )
+            )
     return out
 
 
 def _width(footage: Footage, view: int) -> float | None:
-    """Median over the frames that are looked at of the edges' width in captured px, in the box around a person where the cameras look."""
+    """Median over the frames that are looked at of the edges' width in captured px, in the box around a person where
+    the cameras look."""
     region = _region(footage, view)
     found = [edge_width(footage.raw(view, n), region) for n in footage.looked_at if n in footage.numbers[view]]
     known = [w for w in found if w is not None]
@@ -159,7 +272,8 @@ def _width(footage: Footage, view: int) -> float | None:
 
 
 def _region(footage: Footage, view: int) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where she would not be in it."""
+    """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where she
+    would not be in it."""
     rig, size = footage.rig, footage.captured[view]
     body = body_points(look_at_point(rig), up_direction(rig))
     pixels, depth = project(body, rig.intrinsics[view], rig.world_to_camera[view])

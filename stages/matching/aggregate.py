@@ -17,7 +17,8 @@ DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 
 
 @njit(cache=True, nogil=True)
 def _step(cost: np.ndarray, before: np.ndarray, small: int, large: int, out: np.ndarray, total: np.ndarray) -> None:
-    """One pixel of one path: out [D + 2] from the pixel before [D + 2], both padded by a label at each end; adds to total [D]."""
+    """One pixel of one path: out [D + 2] from the pixel before [D + 2], both padded by a label at each end; adds to
+    total [D]."""
     count = len(cost)
     least = before[1]
     for d in range(2, count + 1):
@@ -33,9 +34,9 @@ def _step(cost: np.ndarray, before: np.ndarray, small: int, large: int, out: np.
 def aggregate(volume: np.ndarray, mask: np.ndarray, jumps: np.ndarray, small: int, large: int) -> np.ndarray:
     """Sum [h, w, D] uint16 over eight directions of the least cost of a path that ends at a pixel with an offset.
 
-    volume [h, w, D] uint8, mask [h, w] bool; an offset that changes by one label costs `small`, by more `large`. Paths do
-    not cross pixels outside the mask, nor from one value of `jumps` [h, w] float32 to one that differs by more than 1: there
-    two surfaces meet, whose offsets have nothing to do with each other.
+    volume [h, w, D] uint8, mask [h, w] bool; an offset that changes by one label costs `small`, by more `large`. Paths
+    do not cross pixels outside the mask, nor from one value of `jumps` [h, w] float32 to one that differs by more than
+    1: there two surfaces meet, whose offsets have nothing to do with each other.
     """
     height, width, depth = volume.shape
     total = np.zeros((height, width, depth), np.uint16)
@@ -43,7 +44,10 @@ def aggregate(volume: np.ndarray, mask: np.ndarray, jumps: np.ndarray, small: in
     for direction in range(8):
         di, dj = DIRECTIONS[direction]
         rows, start = (di != 0), (0 if di > 0 or (di == 0 and dj > 0) else 1)
-        previous, current = np.full((width + 2, depth + 2), far, np.int32), np.full((width + 2, depth + 2), far, np.int32)
+        previous, current = (
+            np.full((width + 2, depth + 2), far, np.int32),
+            np.full((width + 2, depth + 2), far, np.int32),
+        )
         for n in range(height):
             i = n if start == 0 else height - 1 - n
             for m in range(width):
@@ -66,7 +70,8 @@ def aggregate(volume: np.ndarray, mask: np.ndarray, jumps: np.ndarray, small: in
 
 @njit(cache=True, nogil=True)
 def minimum(total: np.ndarray, volume: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The label of least total [h, w] float32, with the fraction of a parabola through its neighbours; -1 where no offset is allowed."""
+    """The label of least total [h, w] float32, with the fraction of a parabola through its neighbours; -1 where no
+    offset is allowed."""
     height, width, depth = total.shape
     label = np.full((height, width), np.float32(-1), np.float32)
     for i in range(height):

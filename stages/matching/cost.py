@@ -1,12 +1,13 @@
 """The cost of every offset from a surface, in one fused kernel: warp, correlate, combine the neighbours.
 
 For the offset o, pixel q of the first view is taken to lie at inverse depth g(q) + o, g the guide surface: the window
-around a pixel follows the guide, so a slanted surface is not compared as if it faced the camera. What a neighbour shows at
-those points is compared with the first picture over the window: zero-mean normalised cross-correlation, all channels together,
-and a share for the mean colour. No rectification: a pixel (x, y) at inverse depth r lands on A (x, y, 1) + r b of a neighbour, homogeneous.
+around a pixel follows the guide, so a slanted surface is not compared as if it faced the camera. What a neighbour shows
+at those points is compared with the first picture over the window: zero-mean normalised cross-correlation, all channels
+together, and a share for the mean colour. No rectification: a pixel (x, y) at inverse depth r lands on A (x, y, 1) + r
+b of a neighbour, homogeneous.
 
-Speed comes from loops a compiler can turn into vector instructions: one row at a time, arrays cut to length beforehand, single
-precision, no branch; and from rows that are cut to where an offset is within the bounds at all.
+Speed comes from loops a compiler can turn into vector instructions: one row at a time, arrays cut to length beforehand,
+single precision, no branch; and from rows that are cut to where an offset is within the bounds at all.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ WORST = 200
 FORBIDDEN = 255
 """Cost of an offset outside the pixel's bounds."""
 COLOR, COLOR_CAP = 0.3, 30.0
-"""Share of the score that compares the windows' mean colours, which correlation ignores, and the difference at which it is 0
-(1/255): plain cloth has hardly any texture, but ends somewhere."""
+"""Share of the score that compares the windows' mean colours, which correlation ignores, and the difference at which
+it is 0 (1/255): plain cloth has hardly any texture, but ends somewhere."""
 F = np.float32
 
 
@@ -51,7 +52,8 @@ def cost_volume(
         offsets: [D] float32, added to the guide, 1/metres.
         others: [K, channel, H, W] float32, the neighbours' pictures.
         sizes: [K, 2] (width, height) of what of them counts, px.
-        transfers: [K, 3, 4] from (x, y, 1, inverse depth) to homogeneous pixels of a neighbour, integer centres in both.
+        transfers: [K, 3, 4] from (x, y, 1, inverse depth) to homogeneous pixels of a neighbour, integer centres in
+            both.
         corner: (x, y) of the window in the first picture.
         radius: half width of the matching window, px.
         noise: variance of the pictures' noise, below which texture does not count; unit of `first` squared.
@@ -81,12 +83,36 @@ def cost_volume(
                 if step >= height:
                     rings[k, slot] = F(0)
                 elif start < end:
-                    _warp_row(others[k], sizes[k], transfers[k], (corner[0], step + corner[1]), (start, end), weight[step], guide[step], offsets[d], radius, places, warped, seen[k, slot])
+                    _warp_row(
+                        others[k],
+                        sizes[k],
+                        transfers[k],
+                        (corner[0], step + corner[1]),
+                        (start, end),
+                        weight[step],
+                        guide[step],
+                        offsets[d],
+                        radius,
+                        places,
+                        warped,
+                        seen[k, slot],
+                    )
                     _sum_row(own, step, warped, (start, end), radius, places, rings[k, slot])
             if y < 0 or spans[y, 0] >= spans[y, 1]:
                 continue
             for k in range(views):
-                _score_row(rings[k], window, y, (spans[y, 0], spans[y, 1]), min(y, radius) + 1 + radius, slot, F(COLOR_CAP * np.sqrt(channels)), seen[k, y % length], sums, scores[k])
+                _score_row(
+                    rings[k],
+                    window,
+                    y,
+                    (spans[y, 0], spans[y, 1]),
+                    min(y, radius) + 1 + radius,
+                    slot,
+                    F(COLOR_CAP * np.sqrt(channels)),
+                    seen[k, y % length],
+                    sums,
+                    scores[k],
+                )
             _combine(scores, seen, y % length, (spans[y, 0], spans[y, 1]), keep, costs)
             _put(costs, mask[y], guide[y], low[y], high[y], offsets[d], (spans[y, 0], spans[y, 1]), volume[y, :, d])
     return volume
@@ -94,8 +120,8 @@ def cost_volume(
 
 @njit(cache=True, nogil=True)
 def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: np.float32) -> np.ndarray:
-    """[3 + channel, h, w] of the window around each wanted pixel: 1 / number of wanted pixels, the noise in all of them,
-    1 / root of the summed squared deviation of all channels and the noise, and the mean of each channel."""
+    """[3 + channel, h, w] of the window around each wanted pixel: 1 / number of wanted pixels, the noise in all of
+    them, 1 / root of the summed squared deviation of all channels and the noise, and the mean of each channel."""
     channels, (height, width) = own.shape[0], mask.shape
     out = np.zeros((3 + channels, height, width), np.float32)
     for y in range(height):
@@ -117,8 +143,11 @@ def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: np.float3
 
 
 @njit(cache=True, nogil=True)
-def _spans(mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, spans: np.ndarray) -> None:
-    """Fill spans [h, 2] with the columns from the first to behind the last pixel of each row whose bounds hold the offset; (w, 0) where none."""
+def _spans(
+    mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, spans: np.ndarray
+) -> None:
+    """Fill spans [h, 2] with the columns from the first to behind the last pixel of each row whose bounds hold the
+    offset; (w, 0) where none."""
     height, width = mask.shape
     for y in range(height):
         a, b = 0, width
@@ -140,10 +169,24 @@ def _widened(spans: np.ndarray, radius: int, wide: np.ndarray) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _warp_row(other: np.ndarray, size: np.ndarray, transfer: np.ndarray, at: tuple[int, int], span: tuple[int, int], weight: np.ndarray, guide: np.ndarray, offset: float, radius: int, places: np.ndarray, warped: np.ndarray, seen: np.ndarray) -> None:
+def _warp_row(
+    other: np.ndarray,
+    size: np.ndarray,
+    transfer: np.ndarray,
+    at: tuple[int, int],
+    span: tuple[int, int],
+    weight: np.ndarray,
+    guide: np.ndarray,
+    offset: float,
+    radius: int,
+    places: np.ndarray,
+    warped: np.ndarray,
+    seen: np.ndarray,
+) -> None:
     """One row of a neighbour as the first view would see it, and whether each point is in its picture, seen [w] 0 or 1.
 
-    `warped` [channel, w + 2 radius] holds column x at x + radius, 0 where the weight is and beside the row. `at` is (x, y) of the row's first pixel in the first picture.
+    `warped` [channel, w + 2 radius] holds column x at x + radius, 0 where the weight is and beside the row. `at` is (x,
+    y) of the row's first pixel in the first picture.
     """
     start, end = max(span[0] - radius, 0), min(span[1] + radius, len(guide))
     n, wide = end - start, other.shape[2]
@@ -151,7 +194,17 @@ def _warp_row(other: np.ndarray, size: np.ndarray, transfer: np.ndarray, at: tup
     for i in range(3):
         base[i] = transfer[i, 0] * (at[0] + start) + transfer[i, 1] * at[1] + transfer[i, 2]
         slope[i], along[i] = transfer[i, 0], transfer[i, 3]
-    a0, b0, w0, a1, b1, w1, a2, b2, w2 = base[0], base[1], base[2], slope[0], slope[1], slope[2], along[0], along[1], along[2]
+    a0, b0, w0, a1, b1, w1, a2, b2, w2 = (
+        base[0],
+        base[1],
+        base[2],
+        slope[0],
+        slope[1],
+        slope[2],
+        along[0],
+        along[1],
+        along[2],
+    )
     right, bottom = F(size[0] - 1), F(size[1] - 1)
     surface, inside, us, vs = guide[start:end], seen[start:end], places[0, :n], places[1, :n]
     for i in range(n):
@@ -180,12 +233,26 @@ def _add(total: np.ndarray, values: np.ndarray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _sum_row(own: np.ndarray, y: int, warped: np.ndarray, span: tuple[int, int], radius: int, products: np.ndarray, out: np.ndarray) -> None:
-    """Fill out [3, channel, w] with sums over 2 radius + 1 columns of a warped row, its square and its product with row y of own [channel, h, w + 2 radius]."""
+def _sum_row(
+    own: np.ndarray,
+    y: int,
+    warped: np.ndarray,
+    span: tuple[int, int],
+    radius: int,
+    products: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill out [3, channel, w] with sums over 2 radius + 1 columns of a warped row, its square and its product with
+    row y of own [channel, h, w + 2 radius]."""
     start, end = span
     out[:, :, start:end] = F(0)
     for c in range(own.shape[0]):
-        other, mine, square, product = warped[c, start : end + 2 * radius], own[c, y, start : end + 2 * radius], products[0, start : end + 2 * radius], products[1, start : end + 2 * radius]
+        other, mine, square, product = (
+            warped[c, start : end + 2 * radius],
+            own[c, y, start : end + 2 * radius],
+            products[0, start : end + 2 * radius],
+            products[1, start : end + 2 * radius],
+        )
         for i in range(len(other)):
             square[i] = other[i] * other[i]
             product[i] = other[i] * mine[i]
@@ -196,17 +263,34 @@ def _sum_row(own: np.ndarray, y: int, warped: np.ndarray, span: tuple[int, int],
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _score_row(ring: np.ndarray, window: np.ndarray, y: int, span: tuple[int, int], rows: int, last: int, color: np.float32, seen: np.ndarray, sums: np.ndarray, out: np.ndarray) -> None:
+def _score_row(
+    ring: np.ndarray,
+    window: np.ndarray,
+    y: int,
+    span: tuple[int, int],
+    rows: int,
+    last: int,
+    color: np.float32,
+    seen: np.ndarray,
+    sums: np.ndarray,
+    out: np.ndarray,
+) -> None:
     """How alike the windows around row y are, 0..1, -1 where unseen: out [w].
 
-    `ring` [2 radius + 1, 3, channel, w] holds the sums of the last rows, of which `rows` up to the slot `last` belong to the windows.
+    `ring` [2 radius + 1, 3, channel, w] holds the sums of the last rows, of which `rows` up to the slot `last` belong
+    to the windows.
     """
     start, end = span
     sums[:, start:end] = F(0)
     covariance, variance, apart = sums[3, start:end], sums[4, start:end], sums[5, start:end]
     count, floor, spread = window[0, y, start:end], window[1, y, start:end], window[2, y, start:end]
     for c in range(ring.shape[2]):
-        plain, square, product, mean = sums[0, start:end], sums[1, start:end], sums[2, start:end], window[3 + c, y, start:end]
+        plain, square, product, mean = (
+            sums[0, start:end],
+            sums[1, start:end],
+            sums[2, start:end],
+            window[3 + c, y, start:end],
+        )
         sums[:3, start:end] = F(0)
         for back in range(rows):
             slot = (last - back) % ring.shape[0]
@@ -229,7 +313,9 @@ def _score_row(ring: np.ndarray, window: np.ndarray, y: int, span: tuple[int, in
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _combine(scores: np.ndarray, seen: np.ndarray, slot: int, span: tuple[int, int], keep: np.ndarray, costs: np.ndarray) -> None:
+def _combine(
+    scores: np.ndarray, seen: np.ndarray, slot: int, span: tuple[int, int], keep: np.ndarray, costs: np.ndarray
+) -> None:
     """Costs [w] uint8 of the mean of the best of K neighbours' scores [K + 2, w], whose last two rows are scratch.
 
     Of n neighbours that see a point in `seen` [K, slots, w], keep[n] count.
@@ -257,7 +343,16 @@ def _combine(scores: np.ndarray, seen: np.ndarray, slot: int, span: tuple[int, i
 
 
 @njit(cache=True, nogil=True)
-def _put(costs: np.ndarray, mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, span: tuple[int, int], out: np.ndarray) -> None:
+def _put(
+    costs: np.ndarray,
+    mask: np.ndarray,
+    guide: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    offset: float,
+    span: tuple[int, int],
+    out: np.ndarray,
+) -> None:
     """Out [w] takes the costs of the wanted pixels whose bounds hold the offset."""
     for x in range(span[0], span[1]):
         r = guide[x] + offset

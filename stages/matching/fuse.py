@@ -26,12 +26,15 @@ def transfer(rig: Rig, source: int, target: int) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def fuse(depths: np.ndarray, errors: np.ndarray, focal_baselines: np.ndarray, consistency: float) -> tuple[np.ndarray, np.ndarray]:
+def fuse(
+    depths: np.ndarray, errors: np.ndarray, focal_baselines: np.ndarray, consistency: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Depth [h, w] and confidence [h, w], float32, from K candidates [K, h, w] and their disagreement in px [K, h, w].
 
     A candidate counts when its disagreement is at most `consistency` px; its weight is exp(-2 (error / consistency)^2).
-    The best candidate and those within `consistency` px of it are averaged in inverse depth. Confidence is 1/2 plus half
-    of the belief 1 - prod(1 - 0.9 weight); a candidate that counts but contradicts the best one multiplies the belief by 1/2.
+    The best candidate and those within `consistency` px of it are averaged in inverse depth. Confidence is 1/2 plus
+    half of the belief 1 - prod(1 - 0.9 weight); a candidate that counts but contradicts the best one multiplies the
+    belief by 1/2.
     """
     count, height, width = depths.shape
     depth, confidence = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
@@ -60,8 +63,11 @@ def fuse(depths: np.ndarray, errors: np.ndarray, focal_baselines: np.ndarray, co
     return depth, confidence
 
 
-def complete(depth: np.ndarray, confidence: np.ndarray, near: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and confidence [h, w] with the gaps inside the hull filled: from matched neighbours, else the hull's surface.
+def complete(
+    depth: np.ndarray, confidence: np.ndarray, near: np.ndarray, far: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and confidence [h, w] with the gaps inside the hull filled: from matched neighbours, else the hull's
+    surface.
 
     `near` and `far` [h, w] are the hull's depths, 0 outside; filled values are clamped to them.
     """

@@ -8,7 +8,8 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray, jump: float) -> np.ndarray:
-    """Bilinear look-up of values [h, w] float32 at integer-centre positions [n, m], float32; 0 means unknown, in and out.
+    """Bilinear look-up of values [h, w] float32 at integer-centre positions [n, m], float32; 0 means unknown, in and
+    out.
 
     Unknown neighbours drop out of the weights; neighbours that differ by more than the share `jump` belong to
     different surfaces, and the nearest is taken as it is.
@@ -40,12 +41,15 @@ def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray, jump: float) -> n
 
 
 def extend(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values [h, w, ...] with every unknown pixel replaced by its nearest known one; unchanged where nothing is known."""
+    """Values [h, w, ...] with every unknown pixel replaced by its nearest known one; unchanged where nothing is
+    known."""
     import cv2
 
     if known.all() or not known.any():
         return values
-    _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    _, labels = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
     where = np.flatnonzero(known)
     pixel = np.zeros(labels.max() + 1, np.int64)
     pixel[labels.ravel()[where]] = where
@@ -64,10 +68,12 @@ def beyond_silhouette(color: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def disagreement(depth: np.ndarray, other: np.ndarray, transfer: np.ndarray, focal_baseline: float) -> np.ndarray:
-    """Px of disparity by which the depth map `other` of a second view contradicts `depth` [h, w]; infinite without a match.
+    """Px of disparity by which the depth map `other` of a second view contradicts `depth` [h, w]; infinite without a
+    match.
 
-    `transfer` [3, 4] takes (x z, y z, z, 1) of the first view to homogeneous pixels of the second, both integer centres.
-    The best of the 3x3 pixels around the point's picture counts, so that a slanted surface does not contradict itself.
+    `transfer` [3, 4] takes (x z, y z, z, 1) of the first view to homogeneous pixels of the second, both integer
+    centres. The best of the 3x3 pixels around the point's picture counts, so that a slanted surface does not contradict
+    itself.
     """
     height, width = depth.shape
     out = np.full((height, width), np.inf, np.float32)
@@ -105,15 +111,20 @@ def _look(inverse: np.ndarray, mask: np.ndarray, i: int, j: int, di: int, dj: in
 def fill(inverse: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Inverse depth [h, w] with the gaps of the mask filled from the nearest known pixels left, right, above and below.
 
-    A gap is what one of two pictures could not see, so it belongs to the farther surface: the farthest neighbour counts,
-    and those within 5 % of it, weighted by distance. 0 remains where no neighbour inside the mask is known.
+    A gap is what one of two pictures could not see, so it belongs to the farther surface: the farthest neighbour
+    counts, and those within 5 % of it, weighted by distance. 0 remains where no neighbour inside the mask is known.
     """
     out = inverse.copy()
     for i in range(inverse.shape[0]):
         for j in range(inverse.shape[1]):
             if not mask[i, j] or inverse[i, j] > 0:
                 continue
-            found = (_look(inverse, mask, i, j, 0, -1), _look(inverse, mask, i, j, 0, 1), _look(inverse, mask, i, j, -1, 0), _look(inverse, mask, i, j, 1, 0))
+            found = (
+                _look(inverse, mask, i, j, 0, -1),
+                _look(inverse, mask, i, j, 0, 1),
+                _look(inverse, mask, i, j, -1, 0),
+                _look(inverse, mask, i, j, 1, 0),
+            )
             farthest = np.inf
             for value, _ in found:
                 if 0 < value < farthest:

@@ -1,8 +1,8 @@
 """Semi-global matching of one rectified pair, along a guide surface and between two bounds.
 
 Before matching, the second picture is warped by the guide's disparity, so that a point on the guide has disparity 0:
-matching windows then follow the surface instead of standing upright before it, and only the residual has to be searched.
-With the first rectified picture A and the guide's disparity D on its pixels, the warped second picture is
+matching windows then follow the surface instead of standing upright before it, and only the residual has to be
+searched. With the first rectified picture A and the guide's disparity D on its pixels, the warped second picture is
 B'(x) = B(x - D(x)). A residual r matches A(x) with B'(x - r) = B(x - r - D(x - r)), so the disparity is r + D(x - r).
 """
 
@@ -28,7 +28,8 @@ MAX_SEARCH = 512
 SLACK = 1.0
 """Px by which a match may exceed the bounds before it is dropped instead of clamped."""
 SLOPE = 10.0
-"""Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different surfaces."""
+"""Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different
+surfaces."""
 SUBPIXEL = 16
 """OpenCV's fixed-point steps of a pixel."""
 
@@ -64,7 +65,8 @@ def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.n
 
 
 def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
-    """The part of the rectified frame that holds the mask, with a margin of a matching window; None for an empty one."""
+    """The part of the rectified frame that holds the mask, with a margin of a matching window; None for an empty
+    one."""
     rows, columns = np.nonzero(mask)
     pixels, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1])[rows, columns])
     pixels = pixels[ratio > 0]
@@ -77,7 +79,8 @@ def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
 
 
 def _disparity(pair: RectifiedPair, depth: np.ndarray, source: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-    """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given; NaN = unknown."""
+    """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given; NaN =
+    unknown."""
     xs, ys = np.moveaxis(points_to_integer_centres(source), -1, 0)
     sampled = sample(depth, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
     known = (sampled > 0) & (ratio > 0)
@@ -90,13 +93,22 @@ def _jump(pair: RectifiedPair) -> float:
 
 
 def _search(low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> tuple[int, int]:
-    """Smallest residual and number of residuals (a multiple of 16, as OpenCV wants) for all but the widest percent of pixels."""
+    """Smallest residual and number of residuals (a multiple of 16, as OpenCV wants) for all but the widest percent
+    of pixels."""
     smallest = int(np.floor(np.percentile(low[wanted], 1))) - 2
     largest = int(np.ceil(np.percentile(high[wanted], 99))) + 2
     return smallest, min(-(-(largest - smallest + 1) // 16) * 16, MAX_SEARCH)
 
 
-def _residual(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, window: Window, guide: np.ndarray, smallest: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _residual(
+    pair: RectifiedPair,
+    first: np.ndarray,
+    second: np.ndarray,
+    window: Window,
+    guide: np.ndarray,
+    smallest: int,
+    count: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """Disparity [h, w] over the window and whether it was found."""
     x0, y0, w, h = window
     # OpenCV leaves out columns whose search would leave the picture, so the picture is made wider by the search.

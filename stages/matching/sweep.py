@@ -45,21 +45,38 @@ class Neighbours:
         return cls(views, transfers, np.linalg.norm(moved, axis=1))
 
 
-def nearest(rig: Rig, view: int, views: tuple[int, ...], count: int, max_angle: float, centre: np.ndarray) -> tuple[int, ...]:
-    """At most `count` of the `views` that are compared with a view: the nearest in angle at the point `centre` [3], index by index.
+def nearest(
+    rig: Rig, view: int, views: tuple[int, ...], count: int, max_angle: float, centre: np.ndarray
+) -> tuple[int, ...]:
+    """At most `count` of the `views` that are compared with a view: the nearest in angle at the point `centre` [3],
+    index by index.
 
-    Left out are views at more than `max_angle` degrees and views so near that a pixel of motion is a tenth of the distance.
+    Left out are views at more than `max_angle` degrees and views so near that a pixel of motion is a tenth of the
+    distance.
     """
     distance = float(np.linalg.norm(rig.centres[view] - centre))
     found = []
     for k in views:
         angle = round(angle_at(centre, rig.centres[view], rig.centres[k]), 1)
-        if k != view and angle <= max_angle and np.linalg.norm(rig.centres[k] - rig.centres[view]) >= MIN_BASELINE * distance:
+        if (
+            k != view
+            and angle <= max_angle
+            and np.linalg.norm(rig.centres[k] - rig.centres[view]) >= MIN_BASELINE * distance
+        ):
             found.append((angle, k))
     return tuple(k for _, k in sorted(found)[:count])
 
 
-def sweep(pictures: dict[int, np.ndarray], sizes: np.ndarray, view: int, neighbours: Neighbours, bounds: Bounds, step: float, radius: int, share: float) -> np.ndarray:
+def sweep(
+    pictures: dict[int, np.ndarray],
+    sizes: np.ndarray,
+    view: int,
+    neighbours: Neighbours,
+    bounds: Bounds,
+    step: float,
+    radius: int,
+    share: float,
+) -> np.ndarray:
     """Depth [h, w] float32 of a view, metres along its optical axis, 0 where nothing is found.
 
     Args:
@@ -84,7 +101,21 @@ def sweep(pictures: dict[int, np.ndarray], sizes: np.ndarray, view: int, neighbo
     offsets = labels((low - guide)[mask], (high - guide)[mask], step * pixel)
     others = np.stack([pictures[k] for k in neighbours.views])
     size = sizes[list(neighbours.views)].astype(np.float32)
-    volume = cost_volume(np.ascontiguousarray(pictures[view][(slice(None), *box)]), mask, guide, low, high, offsets, others, size, neighbours.transfers, (int(columns[0]), int(rows[0])), radius, NOISE**2, share)
+    volume = cost_volume(
+        np.ascontiguousarray(pictures[view][(slice(None), *box)]),
+        mask,
+        guide,
+        low,
+        high,
+        offsets,
+        others,
+        size,
+        neighbours.transfers,
+        (int(columns[0]), int(rows[0])),
+        radius,
+        NOISE**2,
+        share,
+    )
     label = minimum(aggregate(volume, mask, guide / np.float32(JUMP * pixel), SMALL, LARGE), volume, mask)
     found = np.clip(guide + offsets[0] + label * (offsets[1] - offsets[0]), low, high)
     out[box] = inverse(np.where(label >= 0, found, 0))
@@ -92,7 +123,8 @@ def sweep(pictures: dict[int, np.ndarray], sizes: np.ndarray, view: int, neighbo
 
 
 def labels(low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
-    """[D] float32 offsets in steps of `step`, through 0, over all but the widest percent of the pixels' ranges [n]; at most MOST of them, in wider steps."""
+    """[D] float32 offsets in steps of `step`, through 0, over all but the widest percent of the pixels' ranges [n];
+    at most MOST of them, in wider steps."""
     least, most = min(float(np.percentile(low, 1)), 0.0), max(float(np.percentile(high, 99)), 0.0)
     step = max(step, (most - least) / (MOST - 5))
     return (np.arange(int(np.floor(least / step)) - 1, int(np.ceil(most / step)) + 2) * step).astype(np.float32)

@@ -38,11 +38,14 @@ def nearest_pair(rig: Rig, view: int, sources: Sequence[int]) -> RectifiedPair:
     if not others:
         raise ValueError(f"view {rig.names[view]} is the only source view; a disparity needs a second one")
     subject, centres = look_at_point(rig.subset(sources)), rig.centres
-    return rectify(rig, view, min(others, key=lambda v: (round(angle_at(subject, centres[view], centres[v]), 1), v)), subject)
+    return rectify(
+        rig, view, min(others, key=lambda v: (round(angle_at(subject, centres[view], centres[v]), 1), v)), subject
+    )
 
 
 def disparity_error(depth: np.ndarray, truth: np.ndarray, pair: RectifiedPair) -> np.ndarray:
-    """[h, w] f B abs(1/z - 1/z_true), px: both depths [h, w] are those of the pair's first view, z is its rectified depth.
+    """[h, w] f B abs(1/z - 1/z_true), px: both depths [h, w] are those of the pair's first view, z is its rectified
+    depth.
 
     16 px where `depth` is 0; 0 where `truth` is 0.
     """
@@ -52,8 +55,11 @@ def disparity_error(depth: np.ndarray, truth: np.ndarray, pair: RectifiedPair) -
     return np.where(known, np.where(given, pair.focal * abs(pair.baseline) * apart, MISSING), 0.0)
 
 
-def depth_error(depth: np.ndarray, truth: np.ndarray, mask: np.ndarray, rig: Rig, view: int, sources: Sequence[int]) -> DepthError | None:
-    """EPE and 1 px share of one source view over all pixels of the truth mask [h, w] uint8 > 127; None where there are none.
+def depth_error(
+    depth: np.ndarray, truth: np.ndarray, mask: np.ndarray, rig: Rig, view: int, sources: Sequence[int]
+) -> DepthError | None:
+    """EPE and 1 px share of one source view over all pixels of the truth mask [h, w] uint8 > 127; None where there are
+    none.
 
     `depth` and `truth` [h, w] are metres along the optical axis, 0 = none. Mask pixels whose centre misses the true
     surface have no true depth and are left out. Raises ValueError for depth that is negative or not finite.

@@ -1,4 +1,5 @@
-"""LDR-FLIP, the difference seen when two pictures alternate: Andersson et al., 2020, by the authors' own `flip-evaluator`."""
+"""LDR-FLIP, the difference seen when two pictures alternate: Andersson et al., 2020, by the authors' own
+`flip-evaluator`."""
 
 from __future__ import annotations
 
@@ -15,7 +16,10 @@ def missing() -> str | None:
     try:
         version(PACKAGE)
     except PackageNotFoundError:
-        return f"metrics.measures names flip, and the package {PACKAGE} is not installed; `pip install 'posegaussian[flip]'`, or leave flip out"
+        return (
+            f"metrics.measures names flip, and the package {PACKAGE} is not installed; `pip install"
+            " 'posegaussian[flip]'`, or leave flip out"
+        )
     return None
 
 
@@ -27,11 +31,16 @@ def flip_map(picture: np.ndarray, truth: np.ndarray, data_range: float, pixels_p
     import flip_evaluator
 
     if picture.shape != truth.shape or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-        raise ValueError(f"FLIP compares pictures [h, w, 3] of equal shape with at least one pixel, got {picture.shape} and {truth.shape}")
+        raise ValueError(
+            f"FLIP compares pictures [h, w, 3] of equal shape with at least one pixel, got {picture.shape} and"
+            f" {truth.shape}"
+        )
     for p in (picture, truth):
         if not (np.isfinite(p).all() and p.min() >= 0 and p.max() <= data_range):
             raise ValueError(f"FLIP of a picture with values that are not finite or outside 0..{data_range:g}")
     given, expected = (np.ascontiguousarray(p / data_range, np.float32) for p in (picture, truth))
     settings = {"ppd": float(pixels_per_degree)}
-    found, _, _ = flip_evaluator.evaluate(expected, given, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False, parameters=settings)
+    found, _, _ = flip_evaluator.evaluate(
+        expected, given, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False, parameters=settings
+    )
     return np.asarray(found)[..., 0]

@@ -1,7 +1,8 @@
 """LPIPS: Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018, version 0.1.
 
 Both pictures go through a network that was trained to classify. At five depths the features of each pixel are scaled to
-unit length, their squared differences weighed by a trained linear layer and averaged over the picture; the sum is LPIPS.
+unit length, their squared differences weighed by a trained linear layer and averaged over the picture; the sum is
+LPIPS.
 """
 
 from __future__ import annotations
@@ -68,7 +69,11 @@ def _vgg() -> Stack:
     layers, number, last = [], 0, 3
     for block, (count, width) in enumerate(((2, 64), (2, 128), (3, 256), (3, 512), (3, 512))):
         for i in range(count):
-            layers.append(Convolution(f"features.{number}", (last, width), 3, pool=2 if block and not i else 0, compared=i == count - 1))
+            layers.append(
+                Convolution(
+                    f"features.{number}", (last, width), 3, pool=2 if block and not i else 0, compared=i == count - 1
+                )
+            )
             number, last = number + 2, width
         number += 1
     return Stack(tuple(layers), smallest=16)
@@ -96,8 +101,16 @@ class Network:
 
         Raises ValueError for unequal shapes, sides below `stack.smallest`, and values that are not finite.
         """
-        if picture.shape != truth.shape or picture.ndim != 3 or picture.shape[2] != 3 or min(picture.shape[:2]) < self.stack.smallest:
-            raise ValueError(f"LPIPS compares pictures [h, w, 3] of equal shape with sides of {self.stack.smallest} px or more, got {picture.shape} and {truth.shape}")
+        if (
+            picture.shape != truth.shape
+            or picture.ndim != 3
+            or picture.shape[2] != 3
+            or min(picture.shape[:2]) < self.stack.smallest
+        ):
+            raise ValueError(
+                f"LPIPS compares pictures [h, w, 3] of equal shape with sides of {self.stack.smallest} px or more, got"
+                f" {picture.shape} and {truth.shape}"
+            )
         both = np.stack([picture, truth]).astype(np.float64) / data_range * 2 - 1
         if not np.isfinite(both).all():
             raise ValueError("LPIPS of a picture that holds NaN or infinity")

@@ -1,8 +1,8 @@
 """Multi-scale structural similarity: Wang, Simoncelli, Bovik, "Multiscale structural similarity", 2003.
 
-Five scales with the published weights, contrast and structure from all, luminance from the coarsest. Window, constants and
-covariance are those of `ssim`, but only windows that lie inside the picture count, as in the authors' program. Between
-scales 2x2 pixels are averaged; a last odd row or column is repeated.
+Five scales with the published weights, contrast and structure from all, luminance from the coarsest. Window, constants
+and covariance are those of `ssim`, but only windows that lie inside the picture count, as in the authors' program.
+Between scales 2x2 pixels are averaged; a last odd row or column is repeated.
 """
 
 from __future__ import annotations
@@ -14,17 +14,22 @@ from posegaussian.stages.metrics.ssim import SIGMA, WINDOW
 WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 """Exponents of the scales, finest first."""
 SMALLEST = (WINDOW - 1) * 2 ** (len(WEIGHTS) - 1) + 1
-"""Px a side must have for one window at the coarsest scale: 161. Fewer scales would be another measure under the same name."""
+"""Px a side must have for one window at the coarsest scale: 161. Fewer scales would be another measure under the
+same name."""
 
 
 def ms_ssim(picture: np.ndarray, truth: np.ndarray, data_range: float) -> float:
     """MS-SSIM in 0..1, the mean over channels of [h, w] or [h, w, C] pictures, in float64.
 
-    A contrast term that is negative on average (a picture against its negative) has no real power: it counts as 0, and so
-    does that channel. Raises ValueError for unequal shapes, for sides below 161 px, and for values that are not finite.
+    A contrast term that is negative on average (a picture against its negative) has no real power: it counts as 0, and
+    so does that channel. Raises ValueError for unequal shapes, for sides below 161 px, and for values that are not
+    finite.
     """
     if picture.shape != truth.shape or min(picture.shape[:2]) < SMALLEST:
-        raise ValueError(f"MS-SSIM compares pictures of equal shape with sides of {SMALLEST} px or more, got {picture.shape} and {truth.shape}")
+        raise ValueError(
+            f"MS-SSIM compares pictures of equal shape with sides of {SMALLEST} px or more, got {picture.shape} and"
+            f" {truth.shape}"
+        )
     x, y = (np.atleast_3d(p.astype(np.float64)) for p in (picture, truth))
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ValueError("MS-SSIM of a picture that holds NaN or infinity")
@@ -44,7 +49,9 @@ def _terms(x: np.ndarray, y: np.ndarray, data_range: float) -> tuple[np.ndarray,
     inside = slice(WINDOW // 2, -(WINDOW // 2))
 
     def blur(p: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(p, (WINDOW, WINDOW), SIGMA, borderType=cv2.BORDER_REFLECT).reshape(p.shape)[inside, inside]
+        return cv2.GaussianBlur(p, (WINDOW, WINDOW), SIGMA, borderType=cv2.BORDER_REFLECT).reshape(p.shape)[
+            inside, inside
+        ]
 
     c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
     mean_x, mean_y = blur(x), blur(y)

@@ -23,11 +23,13 @@ class Unavailable:
     """What is missing, and what to do."""
 
 
-def further(picture: np.ndarray, truth: np.ndarray, regions: Regions, data_range: float, params: MetricsParams) -> dict[tuple[str, str], float | Unavailable]:
+def further(
+    picture: np.ndarray, truth: np.ndarray, regions: Regions, data_range: float, params: MetricsParams
+) -> dict[tuple[str, str], float | Unavailable]:
     """{(region, measure): value} of those of `params.measures` that are not PSNR or SSIM.
 
-    picture, truth: [h, w, 3] 0..data_range, sRGB. FLIP is the mean of the full picture's map over the region, as SSIM is;
-    MS-SSIM and LPIPS have no map: their regions are cut out first and measured by themselves.
+    picture, truth: [h, w, 3] 0..data_range, sRGB. FLIP is the mean of the full picture's map over the region, as SSIM
+    is; MS-SSIM and LPIPS have no map: their regions are cut out first and measured by themselves.
     """
     values: dict[tuple[str, str], float | Unavailable] = {}
     if "flip" in params.measures:
@@ -42,7 +44,9 @@ def further(picture: np.ndarray, truth: np.ndarray, regions: Regions, data_range
     return values
 
 
-def _cut_out(measure: str, picture: np.ndarray, truth: np.ndarray, data_range: float, params: MetricsParams) -> float | Unavailable:
+def _cut_out(
+    measure: str, picture: np.ndarray, truth: np.ndarray, data_range: float, params: MetricsParams
+) -> float | Unavailable:
     """One measure of one region."""
     if measure == "ms_ssim":
         from posegaussian.stages.metrics.ms_ssim import SMALLEST, ms_ssim
@@ -68,7 +72,12 @@ def _too_small(picture: np.ndarray, smallest: int) -> Unavailable | None:
 def without_weights(measure: str, params: MetricsParams) -> str | None:
     """What settings of LPIPS lack for a measure, or None."""
     missing = [name for name in LPIPS[measure] if name not in params.lpips_weights]
-    return f"no weight files; give {' and '.join(f'metrics.lpips_weights.{name}' for name in missing)} with their metrics.lpips_sha256" if missing else None
+    return (
+        f"no weight files; give {' and '.join(f'metrics.lpips_weights.{name}' for name in missing)} with their"
+        " metrics.lpips_sha256"
+        if missing
+        else None
+    )
 
 
 def definitions(params: MetricsParams) -> dict[str, str]:
@@ -78,7 +87,10 @@ def definitions(params: MetricsParams) -> dict[str, str]:
     cut = "; a box is cut out and measured by itself"
     lpips = "LPIPS 0.1, {}, RGB -1..1" + cut
     return {
-        "ms_ssim": f"Wang 2003, 5 scales, windows inside the picture, data range 255, negative terms 0, sides of {SMALLEST} px or more, mean over RGB" + cut,
+        "ms_ssim": (
+            f"Wang 2003, 5 scales, windows inside the picture, data range 255, negative terms 0, sides of {SMALLEST} px"
+            " or more, mean over RGB" + cut
+        ),
         "flip": f"LDR-FLIP, {params.flip_pixels_per_degree:g} px a degree, mean of the full picture's map",
         "lpips_alex": lpips.format("AlexNet"),
         "lpips_vgg": lpips.format("VGG16"),

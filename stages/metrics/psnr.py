@@ -12,7 +12,9 @@ def psnr(picture: np.ndarray, truth: np.ndarray, data_range: float, cap: float) 
     no pixels, and for values that are not finite.
     """
     if picture.shape != truth.shape or picture.size == 0:
-        raise ValueError(f"PSNR compares pictures of equal shape with at least one pixel, got {picture.shape} and {truth.shape}")
+        raise ValueError(
+            f"PSNR compares pictures of equal shape with at least one pixel, got {picture.shape} and {truth.shape}"
+        )
     error = picture.astype(np.float64) - truth.astype(np.float64)
     mse = float(np.mean(error * error))
     if not np.isfinite(mse):

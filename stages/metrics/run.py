@@ -24,11 +24,11 @@ Values = dict[tuple[str, str], float | Unavailable]
 def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     """Yield one table: the measures asked for of every held-out camera and frame, regions full and box.
 
-    Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background is
-    the same in both and carries no error. A box value of SSIM is the mean of the full picture's map over the box.
-    delta_ssim = abs(SSIM_t - SSIM_{t-1}) with the previous frame of the sequence. Frames that a camera does not serve or
-    that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has rows
-    without a value, whose definition says what.
+    Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background
+    is the same in both and carries no error. A box value of SSIM is the mean of the full picture's map over the box.
+    delta_ssim = abs(SSIM_t - SSIM_{t-1}) with the previous frame of the sequence. Frames that a camera does not serve
+    or that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has
+    rows without a value, whose definition says what.
     """
     path = inputs.path
     assert path is not None, "metrics run over a camera path"
@@ -67,17 +67,25 @@ def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: M
     regions: Regions = {"full": (slice(None), slice(None))}
     rows, columns = (np.nonzero((mask > 127).any(axis=a))[0] for a in (1, 0))
     if rows.size:
-        regions = {**regions, "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))}
+        regions = {
+            **regions,
+            "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)),
+        }
     values: Values = {}
     if "psnr" in params.measures:
-        values |= {(name, "psnr"): psnr(picture[region], reference[region], DATA_RANGE, params.psnr_cap) for name, region in regions.items()}
+        values |= {
+            (name, "psnr"): psnr(picture[region], reference[region], DATA_RANGE, params.psnr_cap)
+            for name, region in regions.items()
+        }
     if {"ssim", "delta_ssim"} & set(params.measures):
         similarity = ssim_map(picture, reference, DATA_RANGE)
         values |= {(name, "ssim"): float(similarity[region].mean()) for name, region in regions.items()}
     return values | further(picture, reference, regions, DATA_RANGE, params)
 
 
-def _append(table: dict[str, list[Any]], camera: str, frame: int, now: Values, before: Values, params: MetricsParams) -> None:
+def _append(
+    table: dict[str, list[Any]], camera: str, frame: int, now: Values, before: Values, params: MetricsParams
+) -> None:
     """Add the rows of one picture."""
     said = {
         "psnr": f"10 log10(255^2 / MSE) over RGB, at most {params.psnr_cap:g} dB",
@@ -104,9 +112,14 @@ def _append(table: dict[str, list[Any]], camera: str, frame: int, now: Values, b
 def check(block: Block, params: MetricsParams) -> list[str]:
     """Warn of measures without a value, once for each reason; raise ValueError for a value that is not finite."""
     warnings: dict[str, None] = {}
-    for camera, frame, name, value, definition in zip(*(block.data[k] for k in ("camera", "frame", "measure", "value", "definition")), strict=True):
+    for camera, frame, name, value, definition in zip(
+        *(block.data[k] for k in ("camera", "frame", "measure", "value", "definition")), strict=True
+    ):
         if value is None:
             warnings[f"{name} is {definition}"] = None
         elif not np.isfinite(value):
-            raise ValueError(f"{name} of camera {camera}, frame {frame} of the sequence (counted from 0) is {value}; every measure must be finite")
+            raise ValueError(
+                f"{name} of camera {camera}, frame {frame} of the sequence (counted from 0) is {value}; every measure"
+                " must be finite"
+            )
     return list(warnings)

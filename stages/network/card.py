@@ -24,7 +24,8 @@ class Card:
     preset: str
     """Of the network: paper, base, fast."""
     network: str
-    """Its whole shape, JSON of `posegaussian.stages.network.model.presets.Preset`: what a network of these weights is built from."""
+    """Its whole shape, JSON of `posegaussian.stages.network.model.presets.Preset`: what a network of these weights
+    is built from."""
     iterations: int
     """Most steps of refinement it was trained with."""
     data: str
@@ -42,7 +43,15 @@ class Card:
 
     def markdown(self, digest: str) -> str:
         """The card as a page; digest is the file's sha256."""
-        facts = {"preset": self.preset, "iterations": str(self.iterations), "data": self.data, "seeds": self.seeds, "minutes of training": f"{self.minutes:g}", "machine": self.machine, "sha256": digest}
+        facts = {
+            "preset": self.preset,
+            "iterations": str(self.iterations),
+            "data": self.data,
+            "seeds": self.seeds,
+            "minutes of training": f"{self.minutes:g}",
+            "machine": self.machine,
+            "sha256": digest,
+        }
         lines = [f"# {self.name}", "", *(f"- **{k}**: {v}" for k, v in facts.items()), "", "## Validation", ""]
         for i, row in enumerate(self.validation):
             lines += [f"| {' | '.join(row)} |", *(["|" + " --- |" * len(row)] if i == 0 else [])]
@@ -58,7 +67,9 @@ def read_card(path: Path) -> Card:
         with safe_open(path, framework="numpy") as f:
             return TypeAdapter(Card).validate_python(parse_json((f.metadata() or {})["card"], f"the card of {path}"))
     except (SafetensorError, KeyError, UnicodeDecodeError, ValidationError) as e:
-        raise WeightsError(f"{path} is no safetensors file with a card ({shortened(e, 300)}); write it with save_weights") from e
+        raise WeightsError(
+            f"{path} is no safetensors file with a card ({shortened(e, 300)}); write it with save_weights"
+        ) from e
 
 
 def must_exist(path: Path) -> None:

@@ -1,4 +1,5 @@
-"""What the network says of every source view of a frame: pairs are rectified, looked at, and pulled back onto the views' own pixels.
+"""What the network says of every source view of a frame: pairs are rectified, looked at, and pulled back onto the
+views' own pixels.
 
 Only changes are pulled back, not values: where the network says nothing, a view's depth stays what it was, bit by bit.
 """
@@ -25,8 +26,8 @@ from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 TRAINED_SIDE = 640
 """Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""
 TRAINED_ANGLE = 62.0
-"""Degrees. The widest pairs that the network was trained on, of rings of six cameras, stand 60 apart; where a real pair stood 65 apart, both
-views' depths agreed on 13 % fewer pixels with it than without."""
+"""Degrees. The widest pairs that the network was trained on, of rings of six cameras, stand 60 apart; where a real
+pair stood 65 apart, both views' depths agreed on 13 % fewer pixels with it than without."""
 HEADS = ("scale", "rotation", "opacity")
 """In the order of the channels of `network/numbers`."""
 NUMBERS = 8
@@ -71,8 +72,16 @@ class Looks:
         return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs))
 
 
-def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceView], iterations: int, precision: str, timer: Timer | None = None) -> dict[int, Learned]:
-    """What is learnt about every view that has a pair; `timer` is told of `rectification`, the network's modules and `pulling back`."""
+def look(
+    network: PoseGaussianNetwork,
+    looks: Looks,
+    views: Mapping[int, SourceView],
+    iterations: int,
+    precision: str,
+    timer: Timer | None = None,
+) -> dict[int, Learned]:
+    """What is learnt about every view that has a pair; `timer` is told of `rectification`, the network's modules and
+    `pulling back`."""
     clock = timer or (lambda name: nullcontext())
     found: dict[int, list[Learned]] = {}
     for pair, thirds in zip(looks.pairs, looks.thirds, strict=True):
@@ -83,23 +92,33 @@ def look(network: PoseGaussianNetwork, looks: Looks, views: Mapping[int, SourceV
                 continue
             rectified = rectified_pair(pair, shown, around, joints=network.joints)
             if network.preset.further_views:
-                rectified = replace(rectified, third=third_of(looks.rig, pair, around, {v: views[v] for v in thirds}, network.preset.stride, network.joints))
+                rectified = replace(
+                    rectified,
+                    third=third_of(
+                        looks.rig, pair, around, {v: views[v] for v in thirds}, network.preset.stride, network.joints
+                    ),
+                )
         prediction = predict(network, rectified, iterations, precision, timer)
         with clock("pulling back"):
             for which, view in enumerate(pair.views):
-                found.setdefault(view, []).append(learned_of(pair, which, around[which], rectified, prediction, shown[which].depth))
+                found.setdefault(view, []).append(
+                    learned_of(pair, which, around[which], rectified, prediction, shown[which].depth)
+                )
     with clock("pulling back"):
         return {view: _merged(parts) for view, parts in found.items()}
 
 
-def predict(network: PoseGaussianNetwork, views: Views, iterations: int, precision: str, timer: Timer | None = None) -> Prediction:
+def predict(
+    network: PoseGaussianNetwork, views: Views, iterations: int, precision: str, timer: Timer | None = None
+) -> Prediction:
     """One forward pass without gradients."""
     with torch.inference_mode(), torch.autocast(views.color.device.type, torch.bfloat16, enabled=precision == "bf16"):
         return network(views, iterations, only_last=True, timer=timer)
 
 
 def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
-    """Depth [h, w] float32, metres, with the change of its inverse; 0 stays 0, and what is not finite changes nothing."""
+    """Depth [h, w] float32, metres, with the change of its inverse; 0 stays 0, and what is not finite changes
+    nothing."""
     known = depth > 0
     inverse = 1 / np.where(known, depth, 1).astype(np.float64)
     change = np.nan_to_num(learned.inverse_depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
@@ -107,17 +126,31 @@ def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
     return np.where(known & (change != 0), 1 / moved, depth).astype(np.float32)
 
 
-def learned_of(pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray) -> Learned:
+def learned_of(
+    pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray
+) -> Learned:
     """One direction of a pair on its view's own pixels [h, w], those with a depth."""
     rectified, ratio = pair.rectified_pixels(which, pixel_centres(depth.shape[::-1]))
-    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0))
+    x, y = (
+        np.ascontiguousarray(m)
+        for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0)
+    )
     known = views.known[which, 0].numpy()
-    move = np.where(known, torch.where(views.known, prediction.disparity - views.start, 0)[which, 0].numpy(), 0) / float(views.coding.scale[which])
+    move = np.where(
+        known, torch.where(views.known, prediction.disparity - views.start, 0)[which, 0].numpy(), 0
+    ) / float(views.coding.scale[which])
     heads = torch.cat([prediction.numbers[name][which] for name in HEADS]).numpy()
     maps = [move, prediction.confidence[which, 0].numpy(), *heads]
     share = cv2.remap(known.astype(np.float32), x, y, cv2.INTER_LINEAR)
     told = (share > SEEN) & (depth > 0) & (ratio > 0)
-    pulled = [np.where(told, cv2.remap(np.where(known, m, 0).astype(np.float32), x, y, cv2.INTER_LINEAR) / np.where(told, share, 1), 0).astype(np.float32) for m in maps]
+    pulled = [
+        np.where(
+            told,
+            cv2.remap(np.where(known, m, 0).astype(np.float32), x, y, cv2.INTER_LINEAR) / np.where(told, share, 1),
+            0,
+        ).astype(np.float32)
+        for m in maps
+    ]
     return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], np.stack(pulled[2:]))
 
 
@@ -129,5 +162,7 @@ def _merged(parts: list[Learned]) -> Learned:
     total = weights.sum(axis=0)
     weights = weights / np.where(total > 0, total, 1)
     numbers = sum(w * p.numbers for w, p in zip(weights, parts, strict=True))
-    inverse, confidence = ((weights * np.stack([getattr(p, name) for p in parts])).sum(axis=0) for name in ("inverse_depth", "confidence"))
+    inverse, confidence = (
+        (weights * np.stack([getattr(p, name) for p in parts])).sum(axis=0) for name in ("inverse_depth", "confidence")
+    )
     return Learned(inverse, confidence, np.asarray(numbers, np.float32))

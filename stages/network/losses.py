@@ -1,4 +1,5 @@
-"""What training minimises: render, depth sequence and pose fusion. A mask without a pixel costs 0 and has a gradient of 0, never NaN."""
+"""What training minimises: render, depth sequence and pose fusion. A mask without a pixel costs 0 and has a gradient
+of 0, never NaN."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from torch.nn import functional
 
 WINDOW, SIGMA = 11, 1.5
 FAINT = 1e-3
-"""Mean square of heatmaps below which their error is no longer taken as a share of it: about half of what 17 joints of a person have in a crop."""
+"""Mean square of heatmaps below which their error is no longer taken as a share of it: about half of what 17 joints
+of a person have in a crop."""
 
 
 def masked_mean(values: torch.Tensor, mask: torch.Tensor | None) -> torch.Tensor:
@@ -42,10 +44,12 @@ def _blur(x: torch.Tensor) -> torch.Tensor:
 
 
 def ssim_map(picture: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """[B, C, h, w] SSIM at every pixel of pictures [B, C, h, w] in 0..1, the definition of stages/metrics/ssim.py, differentiable.
+    """[B, C, h, w] SSIM at every pixel of pictures [B, C, h, w] in 0..1, the definition of stages/metrics/ssim.py,
+    differentiable.
 
-    In float32 a variance is a difference of nearly equal numbers: the squares are taken of what differs from the picture's
-    mean, variances below 0 are 0, and SSIM stays within -1..1; where one of these bounds acts, the gradient is 0.
+    In float32 a variance is a difference of nearly equal numbers: the squares are taken of what differs from the
+    picture's mean, variances below 0 are 0, and SSIM stays within -1..1; where one of these bounds acts, the gradient
+    is 0.
     """
     c1, c2 = 0.01**2, 0.03**2
     x, y = (p.float() if p.dtype in (torch.float16, torch.bfloat16) else p for p in (picture, truth))
@@ -55,12 +59,17 @@ def ssim_map(picture: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     var_x, var_y = ((_blur(p * p) - m * m).clamp(min=0) for p, m in ((u, mu), (v, mv)))
     covariance = _blur(u * v) - mu * mv
     mean_x, mean_y = mu + centre, mv + centre
-    similarity = (2 * mean_x * mean_y + c1) * (2 * covariance + c2) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
+    similarity = (
+        (2 * mean_x * mean_y + c1) * (2 * covariance + c2) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
+    )
     return similarity.clamp(-1, 1)
 
 
-def render_loss(picture: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor | None = None, beta: float = 0.5, gamma: float = 0.5) -> torch.Tensor:
-    """Photometric loss: beta MAE + gamma (1 - SSIM) of pictures [B, C, h, w] in 0..1, over the pixels of mask [B, 1, h, w]. Always float32 or wider.
+def render_loss(
+    picture: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor | None = None, beta: float = 0.5, gamma: float = 0.5
+) -> torch.Tensor:
+    """Photometric loss: beta MAE + gamma (1 - SSIM) of pictures [B, C, h, w] in 0..1, over the pixels of mask [B, 1, h,
+    w]. Always float32 or wider.
 
     SSIM's windows look beyond the mask: what is not finite there counts as 0 in both pictures.
     """
@@ -72,7 +81,9 @@ def render_loss(picture: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor |
         return beta * masked_mean((x - y).abs(), mask) + gamma * masked_mean(1 - ssim_map(x, y), mask)
 
 
-def sequence_loss(predictions: Sequence[torch.Tensor], truth: torch.Tensor, valid: torch.Tensor, mu: float = 0.9) -> torch.Tensor:
+def sequence_loss(
+    predictions: Sequence[torch.Tensor], truth: torch.Tensor, valid: torch.Tensor, mu: float = 0.9
+) -> torch.Tensor:
     """Depth loss: sum over t = 1..T of mu^(T - t) mean |d_t - d| over the valid pixels; any T >= 1.
 
     Args:
@@ -89,11 +100,14 @@ def sequence_loss(predictions: Sequence[torch.Tensor], truth: torch.Tensor, vali
     counts = (valid > 0) & torch.isfinite(truth)
     true = torch.where(counts, truth, 0)
     last = len(predictions) - 1
-    return torch.stack([mu ** (last - t) * masked_mean((p - true).abs(), counts) for t, p in enumerate(predictions)]).sum()
+    return torch.stack(
+        [mu ** (last - t) * masked_mean((p - true).abs(), counts) for t, p in enumerate(predictions)]
+    ).sum()
 
 
 def standardised(features: torch.Tensor, floor: float = 1e-4) -> torch.Tensor:
-    """Features [B, C, h, w] less their mean over channels, divided by their deviation; the floor of the variance bounds the gradient by 100."""
+    """Features [B, C, h, w] less their mean over channels, divided by their deviation; the floor of the variance
+    bounds the gradient by 100."""
     centred = features - features.mean(dim=1, keepdim=True)
     return centred / torch.sqrt((centred * centred).mean(dim=1, keepdim=True) + floor)
 
@@ -110,8 +124,8 @@ class PoseFusionTerms(NamedTuple):
 class PoseFusion(nn.Module):
     """lambda |f_joint - f_pose|_1, made so that it cannot be won by making both constant.
 
-    f_pose is a target only (stop-gradient), both sides are standardised, a 1x1 predictor stands between them, and f_pose must
-    still tell the heatmaps: without these the effective rank of both falls to 2 and the depth gets worse.
+    f_pose is a target only (stop-gradient), both sides are standardised, a 1x1 predictor stands between them, and
+    f_pose must still tell the heatmaps: without these the effective rank of both falls to 2 and the depth gets worse.
     """
 
     def __init__(self, joint: int, pose: int, joints: int = 17, weight: float = 1.0) -> None:
@@ -119,12 +133,17 @@ class PoseFusion(nn.Module):
         super().__init__()
         self.predictor = nn.Conv2d(joint, pose, 1)
         self.reader = nn.Conv2d(pose, joints, 1)
-        nn.init.zeros_(self.reader.weight)  # else the first thing that is learnt would be to say nothing of joints that are not there
+        nn.init.zeros_(
+            self.reader.weight
+        )  # else the first thing that is learnt would be to say nothing of joints that are not there
         nn.init.zeros_(self.reader.bias)
         self.weight = weight
 
-    def forward(self, f_joint: torch.Tensor, f_pose: torch.Tensor, heatmaps: torch.Tensor, mask: torch.Tensor | None = None) -> PoseFusionTerms:
-        """Of f_joint [B, Cj, h, w], f_pose [B, Cp, h, w], heatmaps [B, J, H, W] (area-pooled to h, w) and mask [B, 1, h, w]."""
+    def forward(
+        self, f_joint: torch.Tensor, f_pose: torch.Tensor, heatmaps: torch.Tensor, mask: torch.Tensor | None = None
+    ) -> PoseFusionTerms:
+        """Of f_joint [B, Cj, h, w], f_pose [B, Cp, h, w], heatmaps [B, J, H, W] (area-pooled to h, w) and mask [B,
+        1, h, w]."""
         with torch.autocast(f_joint.device.type, enabled=False):
             aligned, pose = (f.float() if f.dtype in (torch.float16, torch.bfloat16) else f for f in (f_joint, f_pose))
             aligned = standardised(self.predictor(aligned))
@@ -143,7 +162,8 @@ def _rows(features: torch.Tensor, mask: torch.Tensor | None) -> torch.Tensor:
 
 
 def effective_rank(features: torch.Tensor, mask: torch.Tensor | None = None) -> float:
-    """How many directions features [B, C, h, w] spread over: exp of the entropy of their singular values (Roy and Vetterli, 2007).
+    """How many directions features [B, C, h, w] spread over: exp of the entropy of their singular values (Roy and
+    Vetterli, 2007).
 
     1 .. C; 0 of features that are the same everywhere.
     """
@@ -158,8 +178,11 @@ def effective_rank(features: torch.Tensor, mask: torch.Tensor | None = None) -> 
     return math.exp(float(-(p * torch.log(p.clamp(min=1e-300))).sum()))
 
 
-def heatmap_probe(features: torch.Tensor, heatmaps: torch.Tensor, mask: torch.Tensor | None = None, ridge: float = 1e-6) -> float:
-    """R^2 with which a linear map reads heatmaps [B, J, h, w] from features [B, C, h, w]: fitted on every other pixel, measured on the rest.
+def heatmap_probe(
+    features: torch.Tensor, heatmaps: torch.Tensor, mask: torch.Tensor | None = None, ridge: float = 1e-6
+) -> float:
+    """R^2 with which a linear map reads heatmaps [B, J, h, w] from features [B, C, h, w]: fitted on every other pixel,
+    measured on the rest.
 
     1: all is there; 0 or less: nothing. 0 where the heatmaps are constant. `ridge` is relative to the features' power.
     """
@@ -169,6 +192,8 @@ def heatmap_probe(features: torch.Tensor, heatmaps: torch.Tensor, mask: torch.Te
     x, y = x - x[::2].mean(dim=0), y - y[::2].mean(dim=0)
     gram = x[::2].T @ x[::2]
     damping = ridge * float(gram.diagonal().mean()) + 1e-12
-    weights = torch.linalg.solve(gram + damping * torch.eye(x.shape[1], dtype=x.dtype, device=x.device), x[::2].T @ y[::2])
+    weights = torch.linalg.solve(
+        gram + damping * torch.eye(x.shape[1], dtype=x.dtype, device=x.device), x[::2].T @ y[::2]
+    )
     total = float((y[1::2] ** 2).sum())
     return 1 - float(((x[1::2] @ weights - y[1::2]) ** 2).sum()) / total if total > 0 else 0.0

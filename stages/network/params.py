@@ -17,12 +17,25 @@ class NetworkParams(Params):
 
     weights: str = setting(
         "none",
-        "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`); or a .safetensors file that `posegaussian train` wrote.",
+        "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`);"
+        " or a .safetensors file that `posegaussian train` wrote.",
         quality_levels=["none", "fast"],
     )
-    iterations: int = setting(4, "Steps of the recurrent refinement, T.", unit="iterations", quality_levels=[1, 2, 4, 6], ge=1, le=32)
-    pairs: int = setting(2, "Neighbouring views each view is paired with; what the pairs say is averaged by their confidence.", quality_levels=[1, 2], ge=1, le=4)
-    precision: Literal["bf16", "float32"] = setting("bf16", "Of the layers; correlation, coordinates and what the heads say are float32 in both.", quality_levels=["bf16", "float32"])
+    iterations: int = setting(
+        4, "Steps of the recurrent refinement, T.", unit="iterations", quality_levels=[1, 2, 4, 6], ge=1, le=32
+    )
+    pairs: int = setting(
+        2,
+        "Neighbouring views each view is paired with; what the pairs say is averaged by their confidence.",
+        quality_levels=[1, 2],
+        ge=1,
+        le=4,
+    )
+    precision: Literal["bf16", "float32"] = setting(
+        "bf16",
+        "Of the layers; correlation, coordinates and what the heads say are float32 in both.",
+        quality_levels=["bf16", "float32"],
+    )
 
 
 def depth_reads(halo: Halo = (0, 0), unless: str | None = None) -> tuple[Read, Read]:

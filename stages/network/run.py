@@ -19,7 +19,8 @@ SURE = 0.1
 
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
-    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view; views that are not sources get zeros.
+    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view; views that are
+    not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
@@ -63,11 +64,19 @@ class _View:
     """Arrays of one view's partition."""
 
     def __init__(self, inputs: Inputs, view: int, heatmaps: str | None) -> None:
-        self.color, self.mask, self.depth, self.confidence = (inputs.read(n, view) for n in ("frames/color", "frames/mask", "depth/depth", "depth/confidence"))
+        self.color, self.mask, self.depth, self.confidence = (
+            inputs.read(n, view) for n in ("frames/color", "frames/mask", "depth/depth", "depth/confidence")
+        )
         self.heatmaps = None if heatmaps is None else inputs.read(heatmaps, view)
 
     def at(self, f: int) -> SourceView:
-        return SourceView(self.color[f], self.mask[f], self.depth[f], self.confidence[f], None if self.heatmaps is None else self.heatmaps[f])
+        return SourceView(
+            self.color[f],
+            self.mask[f],
+            self.depth[f],
+            self.confidence[f],
+            None if self.heatmaps is None else self.heatmaps[f],
+        )
 
 
 def _declared(inputs: Inputs, array: str) -> bool:
@@ -94,14 +103,27 @@ def _note(share: np.ndarray) -> tuple[str, ...]:
     mean = float(share[share > 0].mean()) if (share > 0).any() else 0.0
     if mean >= SURE:
         return ()
-    return (f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands, network.weights=none gives the same sooner",)
+    return (
+        (
+            f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands,"
+            " network.weights=none gives the same sooner"
+        ),
+    )
 
 
 def check(block: Block, params: NetworkParams) -> list[str]:
     """Raise ValueError for values that no depth, confidence or head can have."""
     data = np.asarray(block.data)
-    low, high = {"network/depth": (0.0, np.inf), "network/confidence": (0.0, 1.0), "network/share": (0.0, 1.0), "network/numbers": (-65504.0, 65504.0)}[block.array]
+    low, high = {
+        "network/depth": (0.0, np.inf),
+        "network/confidence": (0.0, 1.0),
+        "network/share": (0.0, 1.0),
+        "network/numbers": (-65504.0, 65504.0),
+    }[block.array]
     wrong = ~(np.isfinite(data) & (data >= low) & (data <= high))
     if wrong.any():
-        raise ValueError(f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in [{low:g}, {high:g}]")
+        raise ValueError(
+            f"{block.array} of view {block.view}: {int(wrong.sum())} values such as {data[wrong][0]} are not in"
+            f" [{low:g}, {high:g}]"
+        )
     return []

@@ -1,8 +1,9 @@
 """No change of depth may carry a point out of the other views' silhouettes.
 
-At the gaps between limbs, beside an outline, on a flank that the partner does not see, the network matches what is not the same
-point, or ends between two surfaces. Where another view shows background there, this can be seen, even by views too far around
-for a pair. Such a point is moved along its ray: onward, as the network may have stopped short of the surface it made for, or back.
+At the gaps between limbs, beside an outline, on a flank that the partner does not see, the network matches what is not
+the same point, or ends between two surfaces. Where another view shows background there, this can be seen, even by views
+too far around for a pair. Such a point is moved along its ray: onward, as the network may have stopped short of the
+surface it made for, or back.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ STEP = 1 / 16
 LEAST = 1 / 8
 """Share of the change below which nothing of it is kept."""
 ONWARD = 2.0
-"""A point is moved onward where that is at most so many times as far as back. Four simulated scenes (8 cameras, 6, and 6 with faults), EPE
-capped at 64 px: 0.818, 1.369, 6.11 and 3.84 as the network says, 0.857, 1.462, 6.17 and 3.95 with the start instead, 0.789, 1.360, 6.09 and 3.83 with
-the nearer of both, 0.781, 1.346, 6.06 and 3.80 with twice."""
+"""A point is moved onward where that is at most so many times as far as back. Four simulated scenes (8 cameras, 6,
+and 6 with faults), EPE capped at 64 px: 0.818, 1.369, 6.11 and 3.84 as the network says, 0.857, 1.462, 6.17 and 3.95
+with the start instead, 0.789, 1.360, 6.09 and 3.83 with the nearer of both, 0.781, 1.346, 6.06 and 3.80 with twice."""
 
 
 def silhouettes_of(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
@@ -39,26 +40,41 @@ def silhouettes_of(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
 
 
 def held(rig: Rig, view: int, depth: np.ndarray, learned: Learned, silhouettes: Silhouettes) -> Learned:
-    """What is learnt of a view with depth [h, w] m, where points would leave the silhouettes of the others with another change of depth.
+    """What is learnt of a view with depth [h, w] m, where points would leave the silhouettes of the others with another
+    change of depth.
 
-    A point may lie `TOLERANCE` px outside, or as far as its start does: a silhouette that is wrong as a whole forbids nothing. As in the
-    hull a view carves what it sees, not what lies beside its picture or behind its camera. Confidence falls with the share that is kept.
+    A point may lie `TOLERANCE` px outside, or as far as its start does: a silhouette that is wrong as a whole forbids
+    nothing. As in the hull a view carves what it sees, not what lies beside its picture or behind its camera.
+    Confidence falls with the share that is kept.
     """
     others = silhouettes.kept({*silhouettes.views} - {view})
     rows, columns = np.nonzero((depth > 0) & (learned.inverse_depth != 0) & np.isfinite(learned.inverse_depth))
-    origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view]
+    )
     inverse = 1 / depth[rows, columns].astype(np.float64)
     change = np.clip(learned.inverse_depth[rows, columns].astype(np.float64), -FURTHEST * inverse, FURTHEST * inverse)
     share = np.ones(depth.shape, np.float32)
-    share[rows, columns] = _shares(origin, directions, inverse, change, others.distance, others.projections, others.sizes)
+    share[rows, columns] = _shares(
+        origin, directions, inverse, change, others.distance, others.projections, others.sizes
+    )
     moved = learned.inverse_depth.copy()
     moved[rows, columns] = np.where(share[rows, columns] == 1, moved[rows, columns], share[rows, columns] * change)
     return replace(learned, inverse_depth=moved, confidence=np.minimum(share, 1) * learned.confidence)
 
 
 @njit(cache=True, nogil=True)
-def _shares(origin: np.ndarray, directions: np.ndarray, inverse: np.ndarray, change: np.ndarray, distance: np.ndarray, projections: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """[N] of the change of inverse depth [N]: 1 where its point stays within the silhouettes, more where it is moved onward, less where back."""
+def _shares(
+    origin: np.ndarray,
+    directions: np.ndarray,
+    inverse: np.ndarray,
+    change: np.ndarray,
+    distance: np.ndarray,
+    projections: np.ndarray,
+    sizes: np.ndarray,
+) -> np.ndarray:
+    """[N] of the change of inverse depth [N]: 1 where its point stays within the silhouettes, more where it is moved
+    onward, less where back."""
     out = np.ones(len(directions), np.float32)
     start, along = np.empty((projections.shape[0], 3)), np.empty((projections.shape[0], 3))
     for n in range(len(directions)):
@@ -75,8 +91,19 @@ def _shares(origin: np.ndarray, directions: np.ndarray, inverse: np.ndarray, cha
 
 
 @njit(cache=True, nogil=True)
-def _first(step: float, last: float, inverse: float, change: float, allowed: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray) -> float:
-    """The share nearest to 1, up to the `last`, whose point lies no farther outside than is `allowed`; 0 where there is none."""
+def _first(
+    step: float,
+    last: float,
+    inverse: float,
+    change: float,
+    allowed: float,
+    start: np.ndarray,
+    along: np.ndarray,
+    distance: np.ndarray,
+    sizes: np.ndarray,
+) -> float:
+    """The share nearest to 1, up to the `last`, whose point lies no farther outside than is `allowed`; 0 where there
+    is none."""
     for k in range(1, int((last - 1) / step + 1e-6) + 1):
         share = 1 + k * step
         if _outside(1 / (inverse + share * change), start, along, distance, sizes) <= allowed:

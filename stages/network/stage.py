@@ -11,7 +11,8 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: NetworkParams) -> Resources:
-    """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
+    """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both
+    windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
     pixels = shape["y"] * shape["x"]
     return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 36 + shape["view"] * 64 + 2500) + 2**28)
 
@@ -39,10 +40,37 @@ STAGE = Stage(
         Read.source("network"),
     ),
     writes=(
-        ArraySpec("network/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth along the optical axis, the network's blended over the analytic one; 0 where there is no surface."),
-        ArraySpec("network/confidence", ("frame", "view", "y", "x"), "float16", "1", "Share of the learned value in the blend; 0 = the analytic one alone.", keep="until_done"),
-        ArraySpec("network/share", ("frame", "view", "one"), "float32", "1", "Mean of that share over the view's surface; 0 without one."),
-        ArraySpec("network/numbers", ("frame", "view", "heads", "y", "x"), "float16", "1", "What the heads of scale (3), rotation (3) and opacity (2) say; `posegaussian.stages.network.model.heads` gives it its meaning.", keep="until_done"),
+        ArraySpec(
+            "network/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "Depth along the optical axis, the network's blended over the analytic one; 0 where there is no surface.",
+        ),
+        ArraySpec(
+            "network/confidence",
+            ("frame", "view", "y", "x"),
+            "float16",
+            "1",
+            "Share of the learned value in the blend; 0 = the analytic one alone.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "network/share",
+            ("frame", "view", "one"),
+            "float32",
+            "1",
+            "Mean of that share over the view's surface; 0 without one.",
+        ),
+        ArraySpec(
+            "network/numbers",
+            ("frame", "view", "heads", "y", "x"),
+            "float16",
+            "1",
+            "What the heads of scale (3), rotation (3) and opacity (2) say; `posegaussian.stages.network.model.heads`"
+            " gives it its meaning.",
+            keep="until_done",
+        ),
     ),
     over=("sequence", "time"),
     params=NetworkParams,

@@ -43,7 +43,10 @@ def packed(state: Mapping[str, torch.Tensor], card: Card, where: str) -> bytes:
         if value.is_floating_point():
             largest = float(value.abs().max()) if value.numel() else 0.0
             if not largest <= LARGEST:
-                raise WeightsError(f"{where}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within {LARGEST:g}")
+                raise WeightsError(
+                    f"{where}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within"
+                    f" {LARGEST:g}"
+                )
             value = value.half()
         tensors[key] = value.detach().cpu().contiguous().clone()
     return save(tensors, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
@@ -53,25 +56,37 @@ def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> N
     """Load weights by name into a network, in the network's dtypes; nothing is changed unless everything fits.
 
     Raises:
-        WeightsError: where the file is missing, damaged or not the expected one, and where a key is missing, superfluous or of
-            another shape: it names the keys, the shapes and the file.
+        WeightsError: where the file is missing, damaged or not the expected one, and where a key is missing,
+            superfluous or of another shape: it names the keys, the shapes and the file.
     """
     must_exist(path)
     if digest is not None and (found := sha256(path)) != digest:
-        raise WeightsError(f"{path} has sha256 {found}, expected {digest}: it is damaged or another version; fetch it again")
+        raise WeightsError(
+            f"{path} has sha256 {found}, expected {digest}: it is damaged or another version; fetch it again"
+        )
     try:
         with safe_open(path, framework="pt") as f:
             tensors = {key: f.get_tensor(key) for key in f.keys()}  # noqa: SIM118 (it is no mapping)
     except SafetensorError as e:
         raise WeightsError(f"{path} is no safetensors file: {e}") from e
     own = network.state_dict()
-    wrong = [f"{k} is {tuple(tensors[k].shape)} in the file, {tuple(own[k].shape)} in the network" for k in sorted(own.keys() & tensors.keys()) if tensors[k].shape != own[k].shape]
+    wrong = [
+        f"{k} is {tuple(tensors[k].shape)} in the file, {tuple(own[k].shape)} in the network"
+        for k in sorted(own.keys() & tensors.keys())
+        if tensors[k].shape != own[k].shape
+    ]
     wrong += [f"{k} {tuple(own[k].shape)} is missing in the file" for k in sorted(own.keys() - tensors.keys())]
     wrong += [f"{k} {tuple(tensors[k].shape)} is not known to the network" for k in sorted(tensors.keys() - own.keys())]
-    wrong += [f"{k} {tuple(v.shape)} holds what is not finite" for k, v in sorted(tensors.items()) if v.is_floating_point() and not torch.isfinite(v).all()]
+    wrong += [
+        f"{k} {tuple(v.shape)} holds what is not finite"
+        for k, v in sorted(tensors.items())
+        if v.is_floating_point() and not torch.isfinite(v).all()
+    ]
     if wrong:
         more = f"; and {len(wrong) - 4} more" if len(wrong) > 4 else ""
-        raise WeightsError(f"{path} does not fit this network: {'; '.join(wrong[:4])}{more}. Are preset and variant those of its card?")
+        raise WeightsError(
+            f"{path} does not fit this network: {'; '.join(wrong[:4])}{more}. Are preset and variant those of its card?"
+        )
     with torch.no_grad():
         for key, value in own.items():
             value.copy_(tensors[key])

@@ -1,10 +1,10 @@
 """Several frames' evidence bridges an occlusion: joints that a frame cannot triangulate, from the frames around it.
 
-A frame's result is made from the frames within `reach` of it and nothing else, each time anew; there is no state that runs
-along. First what cannot be is rejected: bones of the wrong length, joints that jump away and back. Then, from hips and
-shoulders outwards, a missing joint goes where it hangs on its parent: the offset between the two is interpolated over the
-frames before and after, by a cubic where two are known on each side, and brought to the length the bone has there. A
-detection of a single view, which says where the joint is but not how deep, moves it onto its ray.
+A frame's result is made from the frames within `reach` of it and nothing else, each time anew; there is no state that
+runs along. First what cannot be is rejected: bones of the wrong length, joints that jump away and back. Then, from hips
+and shoulders outwards, a missing joint goes where it hangs on its parent: the offset between the two is interpolated
+over the frames before and after, by a cubic where two are known on each side, and brought to the length the bone has
+there. A detection of a single view, which says where the joint is but not how deep, moves it onto its ray.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ DRIFT = 0.02
 BONE = 0.02
 """metres by which a bone's length is; they decide how deep a joint lies on a single view's ray."""
 ASIDE = 0.1
-"""Metres, and half as much again for every frame to the nearest known one, that a single view's ray may pass the expected place by."""
+"""Metres, and half as much again for every frame to the nearest known one, that a single view's ray may pass the
+expected place by."""
 _HIPS = ("LHip", "RHip")
 
 
@@ -65,14 +66,17 @@ class Bones:
         return cls(np.array(chosen.limbs, dtype=np.int64).reshape(-1, 2), tuple(order), tuple(parents))
 
 
-def bridge(rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int, bones: Bones, min_score: float) -> np.ndarray:
-    """Points [J, 4] (x, y, z, score) of frame `at`, world metres, 0 score = unknown, from those of the frames around it.
+def bridge(
+    rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int, bones: Bones, min_score: float
+) -> np.ndarray:
+    """Points [J, 4] (x, y, z, score) of frame `at`, world metres, 0 score = unknown, from those of the frames around
+    it.
 
-    points [F, J, 4] as triangulated; joints [V, J, 3] the detections of frame `at` in pixels of `rig` (no lens); only frames
-    within `reach` are looked at. A joint known here and not rejected is returned bit by bit. A frame in which nothing is
-    known stays so: nobody may be there. A bridged joint's score falls from that of the frames it comes from, by
-    1 / (reach + 1) for every frame to the nearest of them; it is halved where there is only a before or only an after,
-    which takes a view's ray to be believed.
+    points [F, J, 4] as triangulated; joints [V, J, 3] the detections of frame `at` in pixels of `rig` (no lens); only
+    frames within `reach` are looked at. A joint known here and not rejected is returned bit by bit. A frame in which
+    nothing is known stays so: nobody may be there. A bridged joint's score falls from that of the frames it comes from,
+    by 1 / (reach + 1) for every frame to the nearest of them; it is halved where there is only a before or only an
+    after, which takes a view's ray to be believed.
     """
     first = max(0, at - reach)
     window, here = points[first : at + reach + 1], at - first
@@ -85,10 +89,11 @@ def bridge(rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int
 
 
 def rejected(points: np.ndarray, bones: Bones) -> np.ndarray:
-    """[F, J] known joints of [F, J, 4] that cannot be: at the end of bones of another length, or that jump away and back.
+    """[F, J] known joints of [F, J, 4] that cannot be: at the end of bones of another length, or that jump away and
+    back.
 
-    Of a frame's impossible bones, the joint goes first that most of them meet at; of equals, the one that they are the greater
-    share of and that fewer views agree on, by share less score.
+    Of a frame's impossible bones, the joint goes first that most of them meet at; of equals, the one that they are the
+    greater share of and that fewer views agree on, by share less score.
     """
     known = points[..., 3] > 0
     bad, ends = _jumps(points, known), bones.ends
@@ -162,7 +167,9 @@ def _joint(rig: Rig, seen: np.ndarray, expected: _Expected | None, min_score: fl
     return np.array([*place, expected.score if expected.between else expected.score / 2])
 
 
-def _expect(window: np.ndarray, sound: np.ndarray, here: int, reach: int, j: int, parent: int, out: np.ndarray) -> _Expected | None:
+def _expect(
+    window: np.ndarray, sound: np.ndarray, here: int, reach: int, j: int, parent: int, out: np.ndarray
+) -> _Expected | None:
     """From the two nearest frames on either side, of those where the parent is known, too, if it is known here."""
     hangs = parent >= 0 and out[parent, 3] > 0 and bool((sound[:, j] & sound[:, parent]).any())
     known = np.flatnonzero(sound[:, j] & sound[:, parent] if hangs else sound[:, j])

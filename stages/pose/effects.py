@@ -16,4 +16,12 @@ def _no_joints(evidence: Evidence) -> str | None:
     return None if {"joints2d", "joints3d"} & evidence.facts else "the capture has no joints"
 
 
-POSE_HEATMAPS = Effect("pose_heatmaps", "Draw a heatmap of every joint in every view.", "source views with joints", 0.0, "views", _heatmaps, lacks=_no_joints)
+POSE_HEATMAPS = Effect(
+    "pose_heatmaps",
+    "Draw a heatmap of every joint in every view.",
+    "source views with joints",
+    0.0,
+    "views",
+    _heatmaps,
+    lacks=_no_joints,
+)

@@ -13,7 +13,8 @@ MIN_SIGMA = CELL / 2
 
 
 def grid_of(sizes: np.ndarray) -> tuple[int, int]:
-    """(rows, columns) of the heatmaps of views with sizes [V, 2] (width, height): those of the largest, as frames/* is padded."""
+    """(rows, columns) of the heatmaps of views with sizes [V, 2] (width, height): those of the largest, as frames/*
+    is padded."""
     width, height = (int(n) for n in sizes.max(axis=0))
     return -(-height // CELL), -(-width // CELL)
 
@@ -21,10 +22,11 @@ def grid_of(sizes: np.ndarray) -> tuple[int, int]:
 def draw(joints: np.ndarray, sigma: np.ndarray, size: tuple[int, int], grid: tuple[int, int]) -> np.ndarray:
     """Joints [F, J, 3] (u, v, score) px with sigma [F, J] px -> heatmaps [F, J, rows, columns] float16.
 
-    Cell (i, j) holds score * exp(-d^2 / (2 sigma^2)), d the distance in px from the joint to the cell's centre (4j + 2, 4i + 2):
-    the Gaussian of height `score` sampled there, so the largest value is below the score by how far the joint is off a
-    centre. A joint outside the picture `size` (width, height) leaves no mass, one inside near the border is cut there and not
-    renormalised, and cells that lie in the padding beyond the picture stay 0. Values under 1e-3 are 0; sigma is at least 2 px.
+    Cell (i, j) holds score * exp(-d^2 / (2 sigma^2)), d the distance in px from the joint to the cell's centre (4j + 2,
+    4i + 2): the Gaussian of height `score` sampled there, so the largest value is below the score by how far the joint
+    is off a centre. A joint outside the picture `size` (width, height) leaves no mass, one inside near the border is
+    cut there and not renormalised, and cells that lie in the padding beyond the picture stay 0. Values under 1e-3 are
+    0; sigma is at least 2 px.
     """
     (width, height), (rows, columns) = size, grid
     u, v, score = (joints[..., i] for i in range(3))
@@ -39,7 +41,8 @@ def draw(joints: np.ndarray, sigma: np.ndarray, size: tuple[int, int], grid: tup
 
 
 def _bell(at: np.ndarray, sigma: np.ndarray, cells: int, pixels: int) -> np.ndarray:
-    """[F, J] position and sigma, px -> [F, J, cells] Gaussian at the cell centres, 0 in cells that start beyond `pixels`."""
+    """[F, J] position and sigma, px -> [F, J, cells] Gaussian at the cell centres, 0 in cells that start beyond
+    `pixels`."""
     start = CELL * np.arange(cells)
     bell = np.exp(-0.5 * ((start + CELL / 2 - at[..., None]) / sigma[..., None]) ** 2)
     return np.where(start < pixels, bell, 0.0)

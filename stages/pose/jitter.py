@@ -13,7 +13,8 @@ SLOW = 0.005
 
 
 def off_heatmaps(maps: np.ndarray) -> np.ndarray:
-    """[..., J, 3] (u, v, score) px of heatmaps [..., J, rows, columns]: the middle of what rises above half of the peak, and its height."""
+    """[..., J, 3] (u, v, score) px of heatmaps [..., J, rows, columns]: the middle of what rises above half of the
+    peak, and its height."""
     values = maps.astype(np.float64)
     peak = values.max(axis=(-2, -1))
     above = np.maximum(values - 0.5 * peak[..., None, None], 0.0)
@@ -31,9 +32,9 @@ def in_space(rig: Rig, joints: np.ndarray, min_score: float, max_residual: float
 def measures(points: np.ndarray, truth: np.ndarray) -> dict[str, float | None]:
     """Of found joints [F, 17, 4] against true ones [F, 17, 3], over known ones: errors and jitter in mm, lag in frames.
 
-    Jitter is the mean length of the error's second difference from frame to frame. Lag is the t that explains most of the error
-    by the joints' own velocity: the least squares solution of found(f) = true(f) - t true'(f), velocities by central differences;
-    None for a body that hardly moves.
+    Jitter is the mean length of the error's second difference from frame to frame. Lag is the t that explains most of
+    the error by the joints' own velocity: the least squares solution of found(f) = true(f) - t true'(f), velocities by
+    central differences; None for a body that hardly moves.
     """
     known = points[..., 3] > 0
     error = np.where(known[..., None], points[..., :3] - truth, 0.0)
@@ -47,5 +48,9 @@ def measures(points: np.ndarray, truth: np.ndarray) -> dict[str, float | None]:
         "median mm": float(np.median(length[known])),
         "95 % mm": float(np.percentile(length[known], 95)),
         "jitter mm": float(second[three].mean()),
-        "lag frames": None if np.sqrt((velocity**2).sum(axis=-1).mean()) < SLOW else float(-(error[1:-1] * velocity).sum() / (velocity**2).sum()),
+        "lag frames": (
+            None
+            if np.sqrt((velocity**2).sum(axis=-1).mean()) < SLOW
+            else float(-(error[1:-1] * velocity).sum() / (velocity**2).sum())
+        ),
     }

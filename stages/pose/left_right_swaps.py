@@ -1,13 +1,13 @@
 """Left and right exchanged by a detector, in some views or in some frames: found, and put back.
 
-Detectors take a back for a front and name the whole body the wrong way round, or only the legs of a person seen from the
-side. Arms and legs are therefore judged each on its own, and the head follows where both turn.
+Detectors take a back for a front and name the whole body the wrong way round, or only the legs of a person seen from
+the side. Arms and legs are therefore judged each on its own, and the head follows where both turn.
 
-Within a frame, views are compared: of each part, a detection and its mirror image are two candidates of one view, and the
-point hypothesis (see `triangulate`) wins that the best candidates of all views agree with. That settles which views name
-the part alike, but not who is right. Frames are compared to know that: the part's 3D joints about their middle go on from
-frame to frame either as they are or exchanged, and all views of all frames within reach, brought to the same side by
-these links, vote. Where the vote is even, or a link or a view says nothing clearly, nothing is changed.
+Within a frame, views are compared: of each part, a detection and its mirror image are two candidates of one view, and
+the point hypothesis (see `triangulate`) wins that the best candidates of all views agree with. That settles which views
+name the part alike, but not who is right. Frames are compared to know that: the part's 3D joints about their middle go
+on from frame to frame either as they are or exchanged, and all views of all frames within reach, brought to the same
+side by these links, vote. Where the vote is even, or a link or a view says nothing clearly, nothing is changed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ class Sides:
         """Sides of a joint set; SourceError for an unknown one."""
         chosen = joint_set(set_id)
         flips = np.array(chosen.flips)
-        legs, arms = (np.array([any(word in name for word in words) for name in chosen.names]) for words in (_LEGS, _ARMS))
+        legs, arms = (
+            np.array([any(word in name for word in words) for name in chosen.names]) for words in (_LEGS, _ARMS)
+        )
         two = flips != np.arange(len(flips))
         return cls(flips, np.stack([two & arms & ~legs, two & legs, two & ~arms & ~legs]))
 
@@ -60,7 +62,8 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One frame's detections of the subject, and what has to be exchanged so that its views name left and right alike."""
+    """One frame's detections of the subject, and what has to be exchanged so that its views name left and right
+    alike."""
 
     joints: np.ndarray
     """[V, J, 3] (u, v, score) px as detected."""
@@ -80,7 +83,8 @@ class Sighting:
         return (self.gain < -clear).sum(axis=0) - (self.gain > clear).sum(axis=0)
 
     def settled(self, turn: np.ndarray, even: np.ndarray) -> np.ndarray:
-        """[V, 3] parts to exchange if in those of `turn` [3] it is the other views that are wrong; none in those that are `even` [3]."""
+        """[V, 3] parts to exchange if in those of `turn` [3] it is the other views that are wrong; none in those
+        that are `even` [3]."""
         out = np.where(turn, self.gain < 0, self.exchanged) & ~even
         opposes = np.where(turn[HEAD], self.gain, -self.gain)[:, HEAD] >= MARGIN * self.weights[:, HEAD]
         out[:, HEAD] = out[:, ARMS] & out[:, LEGS] & ~opposes
@@ -101,11 +105,16 @@ def between_views(rig: Rig, joints: np.ndarray, sides: Sides, min_score: float, 
         gain = mirrored - own
         exchanged = gain > MARGIN * weights
         exchanged[:, HEAD] = exchanged[:, ARMS] & exchanged[:, LEGS] & (gain[:, HEAD] > -MARGIN * weights[:, HEAD])
-    return Sighting(joints, exchanged, triangulate(rig, sides.exchange(joints, exchanged), min_score, max_residual), gain, weights)
+    return Sighting(
+        joints, exchanged, triangulate(rig, sides.exchange(joints, exchanged), min_score, max_residual), gain, weights
+    )
 
 
-def _evidence(rig: Rig, joints: np.ndarray, points: np.ndarray, sides: Sides, min_score: float, max_residual: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Agreement [V, 3] of every view's parts with points [J, 4], as detected and mirrored, and its largest possible value."""
+def _evidence(
+    rig: Rig, joints: np.ndarray, points: np.ndarray, sides: Sides, min_score: float, max_residual: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Agreement [V, 3] of every view's parts with points [J, 4], as detected and mirrored, and its largest possible
+    value."""
     views = np.arange(len(rig))
     parts = sides.parts.T.astype(np.float64)
     out = []
@@ -139,7 +148,8 @@ def between_frames(sightings: Sequence[Sighting], at: int, reach: int, sides: Si
     """[V, 3] the parts to exchange in frame `at`, judged by the frames up to `reach` before and after it.
 
     A part's votes of all frames that are linked to this one are summed, each brought to this frame's side. If the sum
-    speaks for the exchange, views that were to stay are exchanged and the others stay; if it is even, all stay as detected.
+    speaks for the exchange, views that were to stay are exchanged and the others stay; if it is even, all stay as
+    detected.
     """
     here = sightings[at]
     others = np.array([_votes(sightings, at, reach, sides, part) for part in range(3)])
@@ -168,7 +178,8 @@ def _votes(sightings: Sequence[Sighting], at: int, reach: int, sides: Sides, par
 
 
 def _link(a: np.ndarray, b: np.ndarray, sides: Sides, part: int) -> int | None:
-    """How a part of points [J, 4] goes on in another frame's: 1 as it is, -1 exchanged, 0 unclear; None where it is unknown."""
+    """How a part of points [J, 4] goes on in another frame's: 1 as it is, -1 exchanged, 0 unclear; None where it is
+    unknown."""
     known = (a[:, 3] > 0) & (b[:, 3] > 0)
     joints = np.flatnonzero(sides.parts[part] & known & known[sides.flips])
     if not len(joints):
@@ -182,7 +193,9 @@ def _link(a: np.ndarray, b: np.ndarray, sides: Sides, part: int) -> int | None:
     return 1 if same < other else -1
 
 
-def mended(rig: Rig, sightings: Sequence[Sighting], at: int, reach: int, sides: Sides, min_score: float, max_residual: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mended(
+    rig: Rig, sightings: Sequence[Sighting], at: int, reach: int, sides: Sides, min_score: float, max_residual: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frame `at` after both comparisons: joints [V, J, 3], their points [J, 4], and [V, 3] which parts were exchanged.
 
     Where nothing was, the joints are those detected and the points those of `triangulate`, bit by bit.

@@ -10,15 +10,32 @@ from posegaussian.stages.contract.declaration import Facts, Params, setting
 class PoseParams(Params):
     """How joints are believed, and how wide a heatmap's peak is."""
 
-    joints_frame: Literal["video", "calibrated"] = setting("video", "Pixels that given joints refer to: the captured video's, or the calibrated picture's (after frames.crop).")
+    joints_frame: Literal["video", "calibrated"] = setting(
+        "video",
+        "Pixels that given joints refer to: the captured video's, or the calibrated picture's (after frames.crop).",
+    )
     min_score: float = setting(0.2, "Detections below this score are not triangulated.", ge=0, le=1)
-    max_residual: float = setting(0.02, "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side.", gt=0, le=0.5)
+    max_residual: float = setting(
+        0.02,
+        "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side.",
+        gt=0,
+        le=0.5,
+    )
     bridge: int = setting(
-        6, "Frames on either side whose joints bridge an occlusion and tell left from right; 0: every frame by itself.", unit="frames", quality_levels=[0, 3, 6, 12], ge=0, le=64
+        6,
+        "Frames on either side whose joints bridge an occlusion and tell left from right; 0: every frame by itself.",
+        unit="frames",
+        quality_levels=[0, 3, 6, 12],
+        ge=0,
+        le=64,
     )
     sigma: float = setting(0.04, "Standard deviation of a joint's Gaussian.", unit="m, or px with sigma_unit: px", gt=0)
-    sigma_unit: Literal["m", "px"] = setting("m", "Whether sigma is in metres around the 3D joint or in pixels of the full-size picture.")
-    heatmaps: Literal["model", "drawn"] = setting("model", "Heatmaps of estimated joints: the estimator's own, or a Gaussian at each joint as for given ones.")
+    sigma_unit: Literal["m", "px"] = setting(
+        "m", "Whether sigma is in metres around the 3D joint or in pixels of the full-size picture."
+    )
+    heatmaps: Literal["model", "drawn"] = setting(
+        "model", "Heatmaps of estimated joints: the estimator's own, or a Gaussian at each joint as for given ones."
+    )
 
 
 def uses_model_maps(params: PoseParams, facts: Facts) -> bool:

@@ -1,4 +1,5 @@
-"""The pose kernel: the subject's joints in the source views, triangulated, fill every view by reprojection, draw heatmaps."""
+"""The pose kernel: the subject's joints in the source views, triangulated, fill every view by reprojection, draw
+heatmaps."""
 
 from __future__ import annotations
 
@@ -24,24 +25,35 @@ NEAREST_SUBJECT = 0.5
 
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
-    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; where an estimator segments people pose/chosen, too.
+    """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; where an
+    estimator segments people pose/chosen, too.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
-    detections are read, of frames where the view is valid; every other view knows its camera only and gets reprojections.
-    With one source view its detections pass through and joints3d is unknown, unless the capture gives 3D joints.
-    A joint whose estimate stands has the estimator's own heatmap while `params.heatmaps` is model, every other one a Gaussian.
+    detections are read, of frames where the view is valid; every other view knows its camera only and gets
+    reprojections. With one source view its detections pass through and joints3d is unknown, unless the capture gives 3D
+    joints. A joint whose estimate stands has the estimator's own heatmap while `params.heatmaps` is model, every other
+    one a Gaussian.
     """
     set_id = joint_set_of(inputs)
     followed = follow(inputs, params, set_id)
     frames = [_frame(inputs, params, followed, f, set_id) for f in range(len(inputs.partition))]
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
-    chosen = followed.chosen if "detected" in inputs.facts or SEGMENTED not in inputs.facts else found_subject(inputs, joints2d, set_id)
+    chosen = (
+        followed.chosen
+        if "detected" in inputs.facts or SEGMENTED not in inputs.facts
+        else found_subject(inputs, joints2d, set_id)
+    )
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
     yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*swaps_told(followed, inputs), *unknown))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         told = v in inputs.views.sources or not in_one_picture(inputs.facts)
-        yield Block("pose/joints2d", joints2d[:, v].astype(np.float32), v, notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else ())
+        yield Block(
+            "pose/joints2d",
+            joints2d[:, v].astype(np.float32),
+            v,
+            notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else (),
+        )
         if SEGMENTED in inputs.facts:
             yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
         if "pose_heatmaps" not in inputs.facts:
@@ -49,7 +61,13 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         sigma = np.full(depth[:, v].shape, params.sigma)
         if params.sigma_unit == "m":
             sigma *= np.sqrt(inputs.rig.intrinsics[v, 0, 0] * inputs.rig.intrinsics[v, 1, 1]) / depth[:, v]
-        coco = to_set(np.concatenate([joints2d[:, v, :, :2], sigma[..., None], joints2d[:, v, :, 2:], stands[:, v, :, None]], axis=-1), set_id, "coco17")
+        coco = to_set(
+            np.concatenate(
+                [joints2d[:, v, :, :2], sigma[..., None], joints2d[:, v, :, 2:], stands[:, v, :, None]], axis=-1
+            ),
+            set_id,
+            "coco17",
+        )
         width, height = (int(n) for n in inputs.rig.size[v])
         maps = draw(coco[..., [0, 1, 3]], coco[..., 2], (width, height), grid)
         if uses_model_maps(params, inputs.facts) and v in inputs.views.sources:
@@ -57,11 +75,13 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         yield Block("pose/heatmaps", maps, v)
 
 
-def _frame(inputs: Inputs, params: PoseParams, followed: Followed, frame: int, set_id: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _frame(
+    inputs: Inputs, params: PoseParams, followed: Followed, frame: int, set_id: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Joints of one frame of the partition.
 
-    3D [J, 4], 2D in all views [V, J, 3], depth of each [V, J] in metres, and whether a view's own detection stands [V, J].
-    A 3D joint that the capture gives is believed after what the frame's views say and before what other frames do.
+    3D [J, 4], 2D in all views [V, J, 3], depth of each [V, J] in metres, and whether a view's own detection stands [V,
+    J]. A 3D joint that the capture gives is believed after what the frame's views say and before what other frames do.
     """
     joints3d = followed.points[frame]
     if "joints3d" in inputs.facts:
@@ -78,12 +98,15 @@ def _given(inputs: Inputs, frame: int) -> np.ndarray:
     return np.where(known[:, None], np.concatenate([given[:, :3], np.minimum(given[:, 3:], 1.0)], axis=-1), 0.0)
 
 
-def _in_views(rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: PoseParams) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """2D joints [V, J, 3], the depth [V, J] at which they lie, and which of them are detections, from joints3d [J, 4] and detections [V, J, 3].
+def _in_views(
+    rig: Rig, joints3d: np.ndarray, detected: np.ndarray, params: PoseParams
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """2D joints [V, J, 3], the depth [V, J] at which they lie, and which of them are detections, from joints3d [J, 4]
+    and detections [V, J, 3].
 
-    A detection stands where it agrees with the 3D joint or where there is none; elsewhere the reprojection takes its place
-    with the 3D joint's score. A joint without 3D lies at the mean depth of the known ones, and where none is known as
-    deep as the point all cameras look at.
+    A detection stands where it agrees with the 3D joint or where there is none; elsewhere the reprojection takes its
+    place with the 3D joint's score. A joint without 3D lies at the mean depth of the known ones, and where none is
+    known as deep as the point all cameras look at.
     """
     pixels, depth = (np.moveaxis(a, 0, 1) for a in project(rig, joints3d[:, :3]))
     known = (joints3d[:, 3] > 0) & (depth > NEAR)
@@ -121,4 +144,13 @@ def in_one_picture(facts: Facts) -> bool:
 def unknown_note(array: str, joints: np.ndarray) -> tuple[str, ...]:
     """A sentence where most joints [..., (..., score)] are unknown."""
     unknown = float((joints[..., -1] == 0).mean()) if joints.size else 0.0
-    return (f"{array}: {unknown:.0%} of the joints are unknown; do enough views see the person, and does pose.joints_frame fit the joints?",) if unknown > 0.5 else ()
+    return (
+        (
+            (
+                f"{array}: {unknown:.0%} of the joints are unknown; do enough views see the person, and does"
+                " pose.joints_frame fit the joints?"
+            ),
+        )
+        if unknown > 0.5
+        else ()
+    )

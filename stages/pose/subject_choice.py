@@ -12,13 +12,15 @@ from posegaussian.storage.model.cameras import Rig
 
 
 def subject(rig: Rig, people: Sequence[np.ndarray], min_score: float, max_residual: float) -> np.ndarray:
-    """People of one frame, V arrays [P_v, J, 3] in pixels of `rig` -> joints [V, J, 3] of the one subject, zeros where unseen.
+    """People of one frame, V arrays [P_v, J, 3] in pixels of `rig` -> joints [V, J, 3] of the one subject, zeros where
+    unseen.
 
     Every two detections of different views are triangulated joint by joint; every view answers with the person that
     agrees best with the result, and the pair with the greatest agreement over all views wins. Agreement is weighted by
-    1 / (1 + (d / r)^2), d the distance of the skeleton from the point all cameras look at and r the cameras' mean distance
-    from it, so that of two people seen equally well the one in the middle is taken in every frame. A view where nobody
-    agrees gives nothing. Where no two views agree on anybody, every view gives its largest person by score times extent.
+    1 / (1 + (d / r)^2), d the distance of the skeleton from the point all cameras look at and r the cameras' mean
+    distance from it, so that of two people seen equally well the one in the middle is taken in every frame. A view
+    where nobody agrees gives nothing. Where no two views agree on anybody, every view gives its largest person by score
+    times extent.
     """
     count = people[0].shape[1]
     out = np.zeros((len(people), count, 3))
@@ -33,7 +35,9 @@ def subject(rig: Rig, people: Sequence[np.ndarray], min_score: float, max_residu
     return out
 
 
-def _agreed(rig: Rig, views: np.ndarray, joints: np.ndarray, min_score: float, max_residual: float) -> np.ndarray | None:
+def _agreed(
+    rig: Rig, views: np.ndarray, joints: np.ndarray, min_score: float, max_residual: float
+) -> np.ndarray | None:
     """Tracks of the person the views agree on, at most one a view; None when no pair of views agrees on any joint."""
     pairs = pairs_of(views)
     if not len(pairs):
@@ -52,11 +56,15 @@ def _agreed(rig: Rig, views: np.ndarray, joints: np.ndarray, min_score: float, m
 
 
 def _centrality(rig: Rig, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """[P] factor in 0..1 of skeletons [P, J, 3] with joint weights [P, J]: 1 at the rig's focus, 1/2 at the cameras' distance."""
+    """[P] factor in 0..1 of skeletons [P, J, 3] with joint weights [P, J]: 1 at the rig's focus, 1/2 at the cameras'
+    distance."""
     looked_at = focus(rig)
     radius = np.linalg.norm(rig.centres - looked_at, axis=-1).mean()
     total = weights.sum(-1)
-    mean = np.where(weights[..., None] > 0, weights[..., None] * points, 0.0).sum(1) / np.where(total > 0, total, 1.0)[:, None]
+    mean = (
+        np.where(weights[..., None] > 0, weights[..., None] * points, 0.0).sum(1)
+        / np.where(total > 0, total, 1.0)[:, None]
+    )
     distance = np.linalg.norm(mean - looked_at, axis=-1)
     return 1.0 / (1.0 + (distance / max(radius, 1e-6)) ** 2)
 

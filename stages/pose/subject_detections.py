@@ -1,4 +1,5 @@
-"""What the source views saw of the subject: detections from files or of the detection stage, brought to frames/*, one person a view."""
+"""What the source views saw of the subject: detections from files or of the detection stage, brought to frames/*,
+one person a view."""
 
 from __future__ import annotations
 
@@ -22,14 +23,16 @@ def joint_set_of(inputs: Inputs) -> str:
 
 
 def span_of(inputs: Inputs) -> range:
-    """Frame indices whose 2D joints may be asked for: the partition and its halo; the partition where there are no 2D joints."""
+    """Frame indices whose 2D joints may be asked for: the partition and its halo; the partition where there are no
+    2D joints."""
     if "joints2d" not in inputs.facts:
         return inputs.partition
     return inputs.span(DETECTIONS if "detected" in inputs.facts else "joints")
 
 
 def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is; -1: none, or not told.
+    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is;
+    -1: none, or not told.
 
     F: frames of `span_of(inputs)`; zeros where a view did not see her, is no source, or there are no 2D joints.
     """
@@ -41,7 +44,14 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
     numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
     for f in range(frames):
-        people = [in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame) if read is None else in_frames(inputs, v, read[v][f]) for v in sources]
+        people = [
+            (
+                in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame)
+                if read is None
+                else in_frames(inputs, v, read[v][f])
+            )
+            for v in sources
+        ]
         seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
         if read is not None:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
@@ -50,11 +60,16 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
 
 def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:
     """[P, J, 3] people in the capture's files of one source view, as given; nobody in a frame without a picture."""
-    return np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3) if valid else np.zeros((0, count, 3))
+    return (
+        np.asarray(inputs.source("joints").read(view, number)).reshape(-1, count, 3)
+        if valid
+        else np.zeros((0, count, 3))
+    )
 
 
 def in_frames(inputs: Inputs, view: int, people: np.ndarray, joints_frame: str = "video") -> np.ndarray:
-    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0. joints_frame: as of `PoseParams`."""
+    """[P, J, 3] people of one source view in pixels of frames/*; what is not finite or cannot be mapped has score 0.
+    joints_frame: as of `PoseParams`."""
     people = np.asarray(people, dtype=np.float64)
     if not len(people):
         return people

@@ -11,8 +11,8 @@ from posegaussian.storage.model.joint_sets import BLAZEPOSE33, joint_set, to_set
 FEWEST = 5
 """Joints that both must have before they are compared."""
 SAME = 0.12
-"""Median distance of two detectors' joints, as a share of the body's extent, up to which they are one person: they put hips and shoulders 2 % apart,
-and a person beside the subject is a quarter of a body away."""
+"""Median distance of two detectors' joints, as a share of the body's extent, up to which they are one person: they
+put hips and shoulders 2 % apart, and a person beside the subject is a quarter of a body away."""
 FLIPS = np.array(joint_set("coco17").flips)
 
 
@@ -32,7 +32,8 @@ def found_subject(inputs: Inputs, joints: np.ndarray, set_id: str) -> np.ndarray
 
 
 def nearest(people: np.ndarray, subject: np.ndarray) -> int:
-    """Index of the person [P, 17, 3] that lies on the subject [17, 3], px; -1 where none does. Left and right do not count: an estimator mirrors whom it sees from behind."""
+    """Index of the person [P, 17, 3] that lies on the subject [17, 3], px; -1 where none does. Left and right do not
+    count: an estimator mirrors whom it sees from behind."""
     known = subject[:, 2] > 0
     if known.sum() < FEWEST:
         return -1

@@ -19,7 +19,8 @@ class Followed:
     """The subject in the F frames of a partition."""
 
     joints: np.ndarray
-    """[F, V, J, 3] (u, v, score) px of frames/*: detections, left and right as all views and frames agree; zeros where there is none."""
+    """[F, V, J, 3] (u, v, score) px of frames/*: detections, left and right as all views and frames agree; zeros
+    where there is none."""
     points: np.ndarray
     """[F, J, 4] (x, y, z, score) world metres; 0 score = unknown."""
     bridged: np.ndarray
@@ -31,7 +32,8 @@ class Followed:
 
 
 def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
-    """The 2D joints of the subject in the source views, and what they say in space; each frame from those within the halo only.
+    """The 2D joints of the subject in the source views, and what they say in space; each frame from those within the
+    halo only.
 
     Views of a frame are always compared: it takes little where they agree, and no sample of frames could tell that a
     detector exchanges left and right in none. Frames are compared and bridged while `params.bridge` is not 0.
@@ -51,8 +53,15 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
         joints[f, sources], exchanged[f, sources] = found, parts
     out = points[at]
     if params.bridge:
-        out = np.stack([bridge(rig, joints[f, sources], points, f + at.start, params.bridge, bones, params.min_score) for f in range(count)])
-    return Followed(joints, out, (out != points[at]).any(axis=-1) & (out[..., 3] > 0), exchanged, chosen[own.start : own.stop])
+        out = np.stack(
+            [
+                bridge(rig, joints[f, sources], points, f + at.start, params.bridge, bones, params.min_score)
+                for f in range(count)
+            ]
+        )
+    return Followed(
+        joints, out, (out != points[at]).any(axis=-1) & (out[..., 3] > 0), exchanged, chosen[own.start : own.stop]
+    )
 
 
 def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:
@@ -62,4 +71,9 @@ def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:
         return ()
     views = ", ".join(f"{inputs.views.names[v]} {int(n)}" for v, n in enumerate(swapped.sum(axis=0)) if n)
     frames = np.flatnonzero(swapped.any(axis=1))
-    return (f"joints2d: left and right were exchanged, and put back, in {len(frames)} of {len(swapped)} frames, first in frame {inputs.source_frames[frames[0]]} (frames by camera: {views})",)
+    return (
+        (
+            f"joints2d: left and right were exchanged, and put back, in {len(frames)} of {len(swapped)} frames, first"
+            f" in frame {inputs.source_frames[frames[0]]} (frames by camera: {views})"
+        ),
+    )

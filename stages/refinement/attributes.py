@@ -1,4 +1,5 @@
-"""The Gaussians of one source view as numbers to optimise: offsets from the maps, in units in which a step means the same everywhere."""
+"""The Gaussians of one source view as numbers to optimise: offsets from the maps, in units in which a step means the
+same everywhere."""
 
 from __future__ import annotations
 
@@ -47,10 +48,12 @@ class Learnt:
 
 
 class ViewGaussians:
-    """The Gaussians of one frame of one source view, float32 on the CPU; their opacity does not depend on the side they are seen from."""
+    """The Gaussians of one frame of one source view, float32 on the CPU; their opacity does not depend on the side
+    they are seen from."""
 
     def __init__(self, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> None:
-        """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. All offsets are 0."""
+        """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. All
+        offsets are 0."""
         self.given = maps
         depth, opacity = (torch.as_tensor(np.asarray(m, np.float32)) for m in (maps.depth, maps.opacity))
         self.pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
@@ -125,16 +128,33 @@ class ViewGaussians:
         self.put({name: self._at(m) for name, m in learnt.maps.items()})
 
     def maps(self) -> Maps:
-        """The optimised maps, types as given; a pixel whose Gaussian is not finite, or that has none, stays as it was."""
+        """The optimised maps, types as given; a pixel whose Gaussian is not finite, or that has none, stays as it
+        was."""
         with torch.no_grad():
             depth, normal, scale, opacity, color = (t.numpy() for t in self._values())
         length = np.sqrt((normal * normal).sum(axis=0))
-        good = np.isfinite(depth) & np.isfinite(normal).all(axis=0) & np.isfinite(scale).all(axis=0) & np.isfinite(opacity).all(axis=0) & np.isfinite(color).all(axis=0) & (length > 0)
+        good = (
+            np.isfinite(depth)
+            & np.isfinite(normal).all(axis=0)
+            & np.isfinite(scale).all(axis=0)
+            & np.isfinite(opacity).all(axis=0)
+            & np.isfinite(color).all(axis=0)
+            & (length > 0)
+        )
         rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
-        out = Maps(*(np.array(m) for m in (self.given.color, self.given.depth, self.given.scale, self.given.normal, self.given.opacity)))
+        out = Maps(
+            *(
+                np.array(m)
+                for m in (self.given.color, self.given.depth, self.given.scale, self.given.normal, self.given.opacity)
+            )
+        )
         out.color[rows, columns] = np.rint(color[:, good].T * 255).clip(0, 255)
         out.depth[rows, columns] = depth[good]
-        for target, values in ((out.scale, scale), (out.normal, normal / np.where(length > 0, length, 1)), (out.opacity, opacity)):
+        for target, values in (
+            (out.scale, scale),
+            (out.normal, normal / np.where(length > 0, length, 1)),
+            (out.opacity, opacity),
+        ):
             target[:, rows, columns] = values[:, good]
         return out
 

@@ -16,7 +16,8 @@ from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Re
 from posegaussian.stages.splatting.rasterizer import rasterize
 
 RATES = {"color": 0.0025, "scale": 0.02, "rotation": 0.01, "opacity": 0.1, "depth": 0.4}
-"""Of Adam, in the units of the offsets. About half of them gained a fifth less in 50 steps (seeds 2 and 3); twice those of normal, scale and colour overfit by 100."""
+"""Of Adam, in the units of the offsets. About half of them gained a fifth less in 50 steps (seeds 2 and 3); twice
+those of normal, scale and colour overfit by 100."""
 MEAN, SQUARE = 0.9, 0.999
 """Decay of the running means of a gradient and of its square."""
 COVERAGE = 0.05
@@ -69,7 +70,8 @@ class Outcome:
 
 
 class _Adam:
-    """Adam for the offsets of one view, in numpy: torch's own may round by an element's place in the array, which threads share out."""
+    """Adam for the offsets of one view, in numpy: torch's own may round by an element's place in the array, which
+    threads share out."""
 
     def __init__(self) -> None:
         self.mean: Offsets = {}
@@ -95,7 +97,9 @@ class _Adam:
             square += np.float32(1 - SQUARE) * (g * g - square)
             size = np.sqrt(square / np.float32(1 - SQUARE**self.count))
             ahead = np.isfinite(size) & (size > 0)
-            values -= np.float32(RATES[name] / (1 - MEAN**self.count)) * np.divide(mean, size, out=np.zeros_like(mean), where=ahead)
+            values -= np.float32(RATES[name] / (1 - MEAN**self.count)) * np.divide(
+                mean, size, out=np.zeros_like(mean), where=ahead
+            )
         gaussians.confine()
 
 
@@ -107,8 +111,8 @@ def draw(parts: Sequence[Gaussians], camera: Camera) -> Rendering:
 def loss(rendered: Rendering, filmed: Filmed) -> torch.Tensor:
     """Sum of w (mean_rgb |color - picture| + COVERAGE |alpha - mask|) over the pixels, all premultiplied.
 
-    w is 1 beside the person, where all should be empty, and the rendered alpha, as a constant, on the person: what no depth map
-    holds is a hole, and Gaussians around it that grow to fill it in one picture are wrong in every other.
+    w is 1 beside the person, where all should be empty, and the rendered alpha, as a constant, on the person: what no
+    depth map holds is a hole, and Gaussians around it that grow to fill it in one picture are wrong in every other.
     """
     alpha = rendered.alpha[0]
     difference = (rendered.color[0] - filmed.color).abs()
@@ -136,11 +140,19 @@ def judged(gaussians: Mapping[int, ViewGaussians], plan: Schedule, filmed: Filme
         return distance(draw([g.gaussians() for v, g in gaussians.items() if v != plan.judge], filmed.camera), filmed)
 
 
-def optimise(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], plan: Schedule, steps: int, before: Mapping[int, Learnt], error: float) -> Outcome:
-    """Change the offsets of a frame's Gaussians, by view, to those of the best judged step with less than `error`, if there is one.
+def optimise(
+    gaussians: Mapping[int, ViewGaussians],
+    filmed: Mapping[int, Filmed],
+    plan: Schedule,
+    steps: int,
+    before: Mapping[int, Learnt],
+    error: float,
+) -> Outcome:
+    """Change the offsets of a frame's Gaussians, by view, to those of the best judged step with less than `error`, if
+    there is one.
 
-    The start is what the frame `before` learnt where the judge finds that better. Deterministic: equal arguments give equal
-    bits on any number of threads.
+    The start is what the frame `before` learnt where the judge finds that better. Deterministic: equal arguments give
+    equal bits on any number of threads.
     """
     judge = filmed[plan.judge]
     warm = bool(before) and _start(gaussians, plan, judge, before)

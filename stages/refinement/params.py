@@ -8,10 +8,18 @@ from posegaussian.stages.contract.declaration import Params, setting
 class RefinementParams(Params):
     """How long each frame's Gaussians are optimised, and what a frame starts from."""
 
-    steps: int = setting(0, "Steps of two source pictures each; 0 leaves the stage out.", unit="steps", quality_levels=[0, 20, 50, 200], ge=0, le=10000)
+    steps: int = setting(
+        0,
+        "Steps of two source pictures each; 0 leaves the stage out.",
+        unit="steps",
+        quality_levels=[0, 20, 50, 200],
+        ge=0,
+        le=10000,
+    )
     group: int = setting(
         4,
-        "Frames of a group, counted from the sequence's first: each but a group's first may start from what the one before it learnt; 1: every frame starts from its own Gaussians.",
+        "Frames of a group, counted from the sequence's first: each but a group's first may start from what the one"
+        " before it learnt; 1: every frame starts from its own Gaussians.",
         unit="frames",
         ge=1,
         le=64,

@@ -1,4 +1,5 @@
-"""Kernel of the refinement stage: frame by frame, each from its own Gaussians or from what the frame before it in its group learnt."""
+"""Kernel of the refinement stage: frame by frame, each from its own Gaussians or from what the frame before it in
+its group learnt."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
 
     Frames are grouped by their index in the sequence, `params.group` at a time. What a frame starts from depends on the
     frames before it in its group alone, so those of them that lie before the partition are optimised again; results do
-    not depend on how the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps
-    its maps bit by bit.
+    not depend on how the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined
+    keeps its maps bit by bit.
     """
     frames = _Frames(inputs)
     first, stop = inputs.partition.start, inputs.partition.stop
@@ -58,13 +59,20 @@ def _nothing(width: int, height: int) -> Maps:
     return Maps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
 
 
-def _refined(frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: dict[int, Learnt]) -> Outcome:
+def _refined(
+    frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: dict[int, Learnt]
+) -> Outcome:
     """Optimise the Gaussians of frame `i` in place, where enough views can teach and judge."""
-    plan = schedule(frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians)))
+    plan = schedule(
+        frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians))
+    )
     if plan is None:
         return Outcome(len(gaussians))
     filmed, rig = {v: frames.filmed(i, v) for v in gaussians}, frames.inputs.rig
-    lifted = {v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu")) for v, _ in plan.neighbours}
+    lifted = {
+        v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
+        for v, _ in plan.neighbours
+    }
     return optimise(gaussians, filmed, plan, params.steps, before, unrefined(lifted, plan, filmed[plan.judge]))
 
 
@@ -74,7 +82,9 @@ class _Frames:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
         self.start = inputs.span("frames/mask").start
-        self.arrays = {v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources}
+        self.arrays = {
+            v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources
+        }
         self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
 
     def maps(self, i: int, view: int) -> Maps:
@@ -82,7 +92,8 @@ class _Frames:
         return Maps(*(a[i - self.start] for a in self.arrays[view]))
 
     def usable(self, i: int) -> dict[int, ViewGaussians]:
-        """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of the halo has a picture is told by its mask."""
+        """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
+        the halo has a picture is told by its mask."""
         rig, found = self.inputs.rig, {}
         for v in self.inputs.views.sources:
             gaussians = ViewGaussians(thinned(self.maps(i, v)), rig.intrinsics[v], rig.world_to_camera[v])
@@ -96,22 +107,36 @@ class _Frames:
         width, height = (int(n) for n in rig.size[view])
         cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
         color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
-        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), torch.from_numpy(color), torch.from_numpy(cover))
+        return Filmed(
+            Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height),
+            torch.from_numpy(color),
+            torch.from_numpy(cover),
+        )
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:
-    """Warn of frames that were passed on as they came, and of gradients set to 0; raise ValueError for values that are not finite."""
+    """Warn of frames that were passed on as they came, and of gradients set to 0; raise ValueError for values that
+    are not finite."""
     data = np.asarray(block.data)
     if not np.isfinite(data).all():
-        raise ValueError(f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} values are not finite; every refined Gaussian must be. Force the gaussians stage, or set refinement.steps to 0")
+        raise ValueError(
+            f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} values are not finite; every"
+            " refined Gaussian must be. Force the gaussians stage, or set refinement.steps to 0"
+        )
     if block.array != "refinement/outcome":
         return []
     few, same, masked = data[:, 0] < FEWEST, ~(data[:, 3] < data[:, 2]), data[:, 6]
     warnings = []
     if few.any():
-        warnings.append(f"{int(few.sum())} of {len(data)} frames were passed on as they came: fewer than {FEWEST} source views have a picture, a mask and depth")
+        warnings.append(
+            f"{int(few.sum())} of {len(data)} frames were passed on as they came: fewer than {FEWEST} source views have"
+            " a picture, a mask and depth"
+        )
     if (same & ~few).any():
-        warnings.append(f"{int((same & ~few).sum())} of {len(data)} frames were passed on as they came: no step made the judging view's picture better")
+        warnings.append(
+            f"{int((same & ~few).sum())} of {len(data)} frames were passed on as they came: no step made the judging"
+            " view's picture better"
+        )
     if masked.any():
         warnings.append(f"{int(masked.sum())} gradients were not finite and were set to 0")
     return warnings

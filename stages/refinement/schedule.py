@@ -30,19 +30,24 @@ class Schedule:
 
 
 def schedule(rig: Rig, sources: tuple[int, ...], usable: np.ndarray) -> Schedule | None:
-    """The schedule of a frame whose `usable` [V] bool views have a picture and Gaussians; None with fewer than `FEWEST` of them.
+    """The schedule of a frame whose `usable` [V] bool views have a picture and Gaussians; None with fewer than `FEWEST`
+    of them.
 
-    The judge is the view with the nearest neighbours, the first of equals (1e-3 rad): its picture is rendered most like those
-    in between.
+    The judge is the view with the nearest neighbours, the first of equals (1e-3 rad): its picture is rendered most like
+    those in between.
     """
     views = [v for v in sources if usable[v]]
     if len(views) < FEWEST:
         return None
     subject = look_at_point(rig.subset(sources))
     angles = {v: angles_at(subject, rig.centres, rig.centres[v]) for v in views}
-    judge = min(views, key=lambda v: (round(float(np.sort(angles[v][[u for u in views if u != v]])[:NEIGHBOURS].max()), 3), v))
+    judge = min(
+        views, key=lambda v: (round(float(np.sort(angles[v][[u for u in views if u != v]])[:NEIGHBOURS].max()), 3), v)
+    )
     others = [v for v in views if v != judge]
-    return Schedule(judge, tuple(choose(angles[judge], np.isin(np.arange(len(rig)), others), NEIGHBOURS)), _apart(others))
+    return Schedule(
+        judge, tuple(choose(angles[judge], np.isin(np.arange(len(rig)), others), NEIGHBOURS)), _apart(others)
+    )
 
 
 def _apart(views: list[int]) -> tuple[int, ...]:

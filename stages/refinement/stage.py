@@ -10,10 +10,12 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
-    """Maps of the partition and its halo (24 bytes a pixel and view), as many again to write, one frame's optimisation, one picture's gradients.
+    """Maps of the partition and its halo (24 bytes a pixel and view), as many again to write, one frame's optimisation,
+    one picture's gradients.
 
-    As if every pixel had depth: of every sixth a Gaussian of ten numbers, with its gradient, the means of it and of its square, the
-    best value, the lifted copy, and its slots in a picture's gradients; what was learnt, by pixel; the judge's picture of two views.
+    As if every pixel had depth: of every sixth a Gaussian of ten numbers, with its gradient, the means of it and of its
+    square, the best value, the lifted copy, and its slots in a picture's gradients; what was learnt, by pixel; the
+    judge's picture of two views.
     """
     before, _ = halo(params)
     pixels = shape["y"] * shape["x"]
@@ -35,21 +37,61 @@ STAGE = Stage(
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
-        *(Read(name, halo=halo) for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")),
+        *(
+            Read(name, halo=halo)
+            for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
+        ),
         *depth_reads(halo),
     ),
     writes=(
-        ArraySpec("refinement/color", ("frame", "view", "y", "x", "rgb"), "uint8", "sRGB", "Colour of the Gaussian of each pixel; the picture where there is none.", keep="until_done"),
-        ArraySpec("refinement/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth of the Gaussian of each pixel along the optical axis; 0 where there is no surface.", keep="until_done"),
-        ArraySpec("refinement/scale", ("frame", "view", "axis", "y", "x"), "float16", "m", "Standard deviations along (tangent, tangent, normal).", keep="until_done"),
-        ArraySpec("refinement/rotation", ("frame", "view", "axis", "y", "x"), "float16", "1", "Unit normal in camera axes; it is the Gaussian's third axis.", keep="until_done"),
-        ArraySpec("refinement/opacity", ("frame", "view", "faces", "y", "x"), "float16", "1", "Opacity seen face-on and at grazing angle.", keep="until_done"),
+        ArraySpec(
+            "refinement/color",
+            ("frame", "view", "y", "x", "rgb"),
+            "uint8",
+            "sRGB",
+            "Colour of the Gaussian of each pixel; the picture where there is none.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "Depth of the Gaussian of each pixel along the optical axis; 0 where there is no surface.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/scale",
+            ("frame", "view", "axis", "y", "x"),
+            "float16",
+            "m",
+            "Standard deviations along (tangent, tangent, normal).",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/rotation",
+            ("frame", "view", "axis", "y", "x"),
+            "float16",
+            "1",
+            "Unit normal in camera axes; it is the Gaussian's third axis.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/opacity",
+            ("frame", "view", "faces", "y", "x"),
+            "float16",
+            "1",
+            "Opacity seen face-on and at grazing angle.",
+            keep="until_done",
+        ),
         ArraySpec(
             "refinement/outcome",
             ("frame", "outcome"),
             "float32",
             "1",
-            "Usable source views, index of the judging one (-1: none), its mean squared error before and after (sRGB 0..1), the step that was kept, whether it started from the frame before, and how many gradients were not finite.",
+            "Usable source views, index of the judging one (-1: none), its mean squared error before and after (sRGB"
+            " 0..1), the step that was kept, whether it started from the frame before, and how many gradients were not"
+            " finite.",
         ),
     ),
     over=("sequence", "time"),

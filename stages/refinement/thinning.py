@@ -1,7 +1,7 @@
 """From maps with a Gaussian at every pixel to few that all views share: every sixth pixel, twice as wide.
 
-Gaussians of single pixels know nothing but their own view's picture: optimised, they fit it and little else. Fewer and wider ones,
-of all views together, have to agree in every picture; and a step with them takes a fraction of the time.
+Gaussians of single pixels know nothing but their own view's picture: optimised, they fit it and little else. Fewer and
+wider ones, of all views together, have to agree in every picture; and a step with them takes a fraction of the time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ STEP = (0.7548776662466927, 0.5698402909980532)
 
 
 def thinned(maps: Maps) -> Maps:
-    """The maps with opacity, the same from all sides, at every sixth pixel that had some, and none elsewhere; other values as they were."""
+    """The maps with opacity, the same from all sides, at every sixth pixel that had some, and none elsewhere; other
+    values as they were."""
     rows, columns = np.indices(np.shape(maps.depth))
     chosen = ((rows * STEP[0] + columns * STEP[1]) % 1.0 < 1.0 / EVERY) & (np.asarray(maps.opacity)[0] > 0)
     opacity = np.repeat(np.where(chosen, OPACITY, 0.0)[None], 2, axis=0).astype(np.asarray(maps.opacity).dtype)

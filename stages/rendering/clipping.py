@@ -1,4 +1,5 @@
-"""What the source masks say about a rendered picture: its soft silhouette, nothing beyond it, and no small holes within it."""
+"""What the source masks say about a rendered picture: its soft silhouette, nothing beyond it, and no small holes
+within it."""
 
 from __future__ import annotations
 
@@ -9,34 +10,71 @@ from numba import njit
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
-from posegaussian.stages.silhouettes.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, clip_ray, foreground, in_sphere, into_views, searched_radius
+from posegaussian.stages.silhouettes.hull import (
+    MOST_POINTS,
+    WITNESSES,
+    Silhouettes,
+    beside,
+    clip_ray,
+    foreground,
+    in_sphere,
+    into_views,
+    searched_radius,
+)
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 HOLE = 3 / 512
-"""Half the root of the area of the largest hole that is filled, over the longer side of the picture: 36 px at 512. Larger ones are as
-often the background between an arm and the body. Two simulated people, eight cameras: box PSNR +0.4 and +0.7 dB with clipping; four times the area: -0.5 and +0.7."""
+"""Half the root of the area of the largest hole that is filled, over the longer side of the picture: 36 px at 512.
+Larger ones are as often the background between an arm and the body. Two simulated people, eight cameras: box PSNR
++0.4 and +0.7 dB with clipping; four times the area: -0.5 and +0.7."""
 FINE = 0.5
 """Px between points of a ray near a silhouette."""
 
 
 def cover(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray) -> np.ndarray:
-    """[h, w] float32 share 0..1 of each `wanted` [h, w] bool pixel that the hull of the silhouettes covers; 1 where not wanted.
+    """[h, w] float32 share 0..1 of each `wanted` [h, w] bool pixel that the hull of the silhouettes covers; 1 where not
+    wanted.
 
-    The largest share, along the pixel's ray, of what every mask that sees the point leaves of it: the masks' soft edges carry
-    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. 1 everywhere without silhouettes.
+    The largest share, along the pixel's ray, of what every mask that sees the point leaves of it: the masks' soft edges
+    carry over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. 1
+    everywhere without silhouettes.
     """
     out = np.ones(wanted.shape, np.float32)
     rows, columns = np.nonzero(wanted)
     if silhouettes.views and len(rows):
-        origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), camera.intrinsics, camera.world_to_camera)
+        origin, directions = rays(
+            points_from_integer_centres(np.stack([columns, rows], axis=-1)), camera.intrinsics, camera.world_to_camera
+        )
         s = silhouettes
-        out[rows, columns] = _cover(origin, directions, s.distance, s.projections, s.boxes, s.sizes, s.focals, s.centre, s.radius, FINE * s.pixel)
+        out[rows, columns] = _cover(
+            origin,
+            directions,
+            s.distance,
+            s.projections,
+            s.boxes,
+            s.sizes,
+            s.focals,
+            s.centre,
+            s.radius,
+            FINE * s.pixel,
+        )
     return out
 
 
 @njit(cache=True, nogil=True)
-def _cover(origin: np.ndarray, directions: np.ndarray, distance: np.ndarray, projections: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, focals: np.ndarray, centre: np.ndarray, radius: float, step: float) -> np.ndarray:
+def _cover(
+    origin: np.ndarray,
+    directions: np.ndarray,
+    distance: np.ndarray,
+    projections: np.ndarray,
+    boxes: np.ndarray,
+    sizes: np.ndarray,
+    focals: np.ndarray,
+    centre: np.ndarray,
+    radius: float,
+    step: float,
+) -> np.ndarray:
     """[N] float32 of rays [N, 3]; `step` metres."""
     count = projections.shape[0]
     out = np.zeros(len(directions), np.float32)
@@ -80,27 +118,40 @@ def clipped(color: np.ndarray, alpha: np.ndarray, covered: np.ndarray) -> tuple[
 
 
 def filled(color: np.ndarray, alpha: np.ndarray, covered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Color [h, w, 3], premultiplied, and alpha [h, w] with small holes, and what shines through inside, closed up to what is `covered` [h, w]; float32.
+    """Color [h, w, 3], premultiplied, and alpha [h, w] with small holes, and what shines through inside, closed up to
+    what is `covered` [h, w]; float32.
 
-    A hole is a small patch of less than half alpha that the opaque part surrounds: what is open to the background may be background.
-    It takes the mean colour of its surroundings, weighted by alpha and nearness; an opaque pixel without a transparent neighbour keeps its own.
+    A hole is a small patch of less than half alpha that the opaque part surrounds: what is open to the background may
+    be background. It takes the mean colour of its surroundings, weighted by alpha and nearness; an opaque pixel without
+    a transparent neighbour keeps its own.
     """
     size = 2 * HOLE * max(alpha.shape)
     solid = alpha > 0.5
     _, labels, statistics, _ = cv2.connectedComponentsWithStats((~solid).astype(np.uint8), connectivity=8)
     x, y, w, h = (statistics[:, i] for i in range(4))
-    small = (statistics[:, cv2.CC_STAT_AREA] <= size**2) & (x > 0) & (y > 0) & (x + w < alpha.shape[1]) & (y + h < alpha.shape[0])
+    small = (
+        (statistics[:, cv2.CC_STAT_AREA] <= size**2)
+        & (x > 0)
+        & (y > 0)
+        & (x + w < alpha.shape[1])
+        & (y + h < alpha.shape[0])
+    )
     hole = small[labels] & ~solid
     inner = cv2.erode((solid | hole).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
     nearby, weight = (cv2.GaussianBlur(a.astype(np.float32), (0, 0), max(size / 4, 0.5)) for a in (color, alpha))
     more = np.where(hole | (inner & solid), np.maximum(covered - alpha, 0), 0) * (weight > 1e-3)
     own = color / np.where(solid, alpha, 1)[..., None]
     around = nearby / np.maximum(weight, 1e-3)[..., None]
-    return (color + more[..., None] * np.where(solid[..., None], own, around)).astype(np.float32), (alpha + more).astype(np.float32)
+    return (color + more[..., None] * np.where(solid[..., None], own, around)).astype(np.float32), (
+        alpha + more
+    ).astype(np.float32)
 
 
-def retouched(color: np.ndarray, alpha: np.ndarray, silhouettes: Silhouettes, camera: Camera, fill: bool, clip: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then clipped, as told; float32.
+def retouched(
+    color: np.ndarray, alpha: np.ndarray, silhouettes: Silhouettes, camera: Camera, fill: bool, clip: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then clipped, as told;
+    float32.
 
     The cover is asked for where there is some alpha, and as far around it as holes reach.
     """
@@ -113,7 +164,8 @@ def retouched(color: np.ndarray, alpha: np.ndarray, silhouettes: Silhouettes, ca
 
 
 def silhouettes_of(rig: Rig, masks: dict[int, np.ndarray]) -> Silhouettes:
-    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, and of none where no mask has a background."""
+    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, and of none where no mask
+    has a background."""
     views = sorted(masks)
     if not views:
         return Silhouettes.of(rig, {}, np.zeros(3), 0.0)

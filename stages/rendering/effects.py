@@ -1,4 +1,5 @@
-"""What rendering does only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing, colour by the angle of view."""
+"""What rendering does only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing,
+colour by the angle of view."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from posegaussian.stages.survey.disagreement import FEWEST, disagreement
 from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
 
 TRUSTED = 0.98
-"""Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1 px too small:
-0.98; calibration off by 1 px: 0.84 to 0.97."""
+"""Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1
+px too small: 0.98; calibration off by 1 px: 0.84 to 0.97."""
 
 
 def _trusted(evidence: Evidence, bound: float) -> Decision | None:
@@ -28,15 +29,26 @@ def _trusted(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _clipping(evidence: Evidence, bound: float) -> Decision | None:
-    # Two simulated people in a room, six cameras: clipping by estimated masks changes box PSNR by -0.49 and +0.05 dB, filling by +0.46 and +0.11.
+    # Two simulated people in a room, six cameras: clipping by estimated masks changes box PSNR by -0.49 and +0.05 dB,
+    # filling by +0.46 and +0.11.
     if "masks" not in evidence.facts:
-        return Decision(False, None, bound, "the masks are estimated: where they are too small, clipping by them takes away more than it mends")
+        return Decision(
+            False,
+            None,
+            bound,
+            "the masks are estimated: where they are too small, clipping by them takes away more than it mends",
+        )
     return _trusted(evidence, bound)
 
 
 def _filling(evidence: Evidence, bound: float) -> Decision | None:
     if "masks" not in evidence.facts:
-        return Decision(True, None, bound, "the person is segmented in the source views: a small hole within all her outlines is hers")
+        return Decision(
+            True,
+            None,
+            bound,
+            "the person is segmented in the source views: a small hole within all her outlines is hers",
+        )
     return _trusted(evidence, bound)
 
 
@@ -47,7 +59,8 @@ def _no_masks(evidence: Evidence) -> str | None:
 
 
 def coarseness(evidence: Evidence) -> float:
-    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view; 0 without any target."""
+    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view; 0 without
+    any target."""
     rig = evidence.rig.subset(list(evidence.sources))
     subject = look_at_point(rig)
     found = [0.0]
@@ -55,14 +68,22 @@ def coarseness(evidence: Evidence) -> float:
         k, pose = path.intrinsics[path.served], path.world_to_camera[path.served]  # [N, 3, 3], [N, 4, 4]
         away = np.linalg.norm(pose[:, :3, :3] @ subject + pose[:, :3, 3], axis=1)
         found += (away / k[:, [0, 1], [0, 1]].mean(axis=1)).tolist()
-    return float(max(found) / (np.linalg.norm(rig.centres - subject, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)).min())
+    return float(
+        max(found)
+        / (np.linalg.norm(rig.centres - subject, axis=1) / rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)).min()
+    )
 
 
 def _aliases(evidence: Evidence, bound: float) -> Decision:
     ratio = coarseness(evidence)
     if not ratio:
         return Decision(False, None, bound, "no picture is rendered")
-    return Decision(bool(ratio > bound), ratio, bound, f"a pixel of the coarsest target camera covers {ratio:.2f} of the finest source's at the subject")
+    return Decision(
+        bool(ratio > bound),
+        ratio,
+        bound,
+        f"a pixel of the coarsest target camera covers {ratio:.2f} of the finest source's at the subject",
+    )
 
 
 def _one_view(evidence: Evidence) -> str | None:
@@ -80,12 +101,20 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
     if not {COLORS, SURFACE, NOISE} <= evidence.noted.keys():
         return None
     colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
-    matching = match(evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
+    matching = (
+        match(evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
+    )
     left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
     if patches < FEWEST:
         return Decision(False, None, bound, f"cameras share fewer than {FEWEST} patches of the body beside joints")
     even = " after exposure matching" if matching is not None else ""
-    return Decision(bool(left > bound), left, bound, f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of {noise:.1f}/255")
+    return Decision(
+        bool(left > bound),
+        left,
+        bound,
+        f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
+        f" {noise:.1f}/255",
+    )
 
 
 SILHOUETTE_CLIPPING = Effect(
@@ -121,7 +150,8 @@ VIEW_DEPENDENT_COLOR = Effect(
     "view_dependent_color",
     "Blend the colour of Gaussians from the source views that see them, by angle to the picture's camera.",
     "difference of source views on patches they share, beyond noise",
-    # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a strong gloss 8 to 14.
+    # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a
+    # strong gloss 8 to 14.
     5.0,
     "of 255",
     _views_disagree,

@@ -42,7 +42,11 @@ class MapReader:
         """Maps of the i-th frame of the partition, and the view's intrinsics [3, 3] and pose [4, 4]."""
         if view not in self._maps:
             self._maps[view] = tuple(self.inputs.read(name, view) for name in map_arrays(self.inputs.facts))
-        return Maps(*(a[i] for a in self._maps[view])), self.inputs.rig.intrinsics[view], self.inputs.rig.world_to_camera[view]
+        return (
+            Maps(*(a[i] for a in self._maps[view])),
+            self.inputs.rig.intrinsics[view],
+            self.inputs.rig.world_to_camera[view],
+        )
 
     def masks(self, i: int) -> dict[int, np.ndarray]:
         """Masks [h, w] of the i-th frame by source view that has a picture."""
@@ -65,20 +69,37 @@ class FrameRenderer:
         self._photos: dict[int, Photo] = {}
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
-        """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without any source view."""
+        """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without
+        any source view."""
         angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
-        chosen = [(int(v), 1.0) for v in np.flatnonzero(self.usable)] if self.refined else choose(angles, self.usable, self.params.sources)
+        chosen = (
+            [(int(v), 1.0) for v in np.flatnonzero(self.usable)]
+            if self.refined
+            else choose(angles, self.usable, self.params.sources)
+        )
         if not chosen:
             return None
         views = [v for v, _ in chosen]
         for view in views:
             self._prepare(view)
-        parts = [self._seen(camera, view, weight, views, left_out(angles, self.usable, self.params.sources)) for view, weight in chosen]
-        cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if "anti_aliasing" in self.facts else Cutoffs()
+        parts = [
+            self._seen(camera, view, weight, views, left_out(angles, self.usable, self.params.sources))
+            for view, weight in chosen
+        ]
+        cutoffs = (
+            mip_filter(camera, self.rig, views, self.reader.subject) if "anti_aliasing" in self.facts else Cutoffs()
+        )
         picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
         color, alpha = picture.color[0], picture.alpha[0]
         if self.silhouettes is not None:
-            touched = retouched(color.cpu().numpy(), alpha.cpu().numpy(), self.silhouettes, camera, "hole_filling" in self.facts, "silhouette_clipping" in self.facts)
+            touched = retouched(
+                color.cpu().numpy(),
+                alpha.cpu().numpy(),
+                self.silhouettes,
+                camera,
+                "hole_filling" in self.facts,
+                "silhouette_clipping" in self.facts,
+            )
             color, alpha = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
         return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
 
@@ -96,5 +117,9 @@ class FrameRenderer:
         if self.refined:
             return lifted.from_all_sides()
         seen = lifted.seen_from(camera)
-        color = color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit) if self._photos else seen.color
+        color = (
+            color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit)
+            if self._photos
+            else seen.color
+        )
         return replace(seen, opacity=seen.opacity * weight, color=color)

@@ -58,9 +58,9 @@ class Lifted:
         opacity = cosine * self.faces[:, 0] + (1 - cosine) * self.faces[:, 1]
         return Gaussians(self.mean, self.rotation, self.scale, torch.where(cosine > 0, opacity, 0.0), self.color)
 
-
     def from_all_sides(self) -> Gaussians:
-        """The Gaussians with their opacity face-on, whoever looks from wherever: what a splat file holds, and what a refined frame shows."""
+        """The Gaussians with their opacity face-on, whoever looks from wherever: what a splat file holds, and what a
+        refined frame shows."""
         return Gaussians(self.mean, self.rotation, self.scale, self.faces[:, 0], self.color)
 
 
@@ -79,8 +79,11 @@ class Pixels:
     """Pixels left out because their depth or opacity was not a finite number."""
 
     @classmethod
-    def of(cls, depth: torch.Tensor, face_on: torch.Tensor, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> Pixels:
-        """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w]. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
+    def of(
+        cls, depth: torch.Tensor, face_on: torch.Tensor, intrinsics: np.ndarray, world_to_camera: np.ndarray
+    ) -> Pixels:
+        """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w]. intrinsics [3, 3]
+        px in our pixel centres; world_to_camera [4, 4]."""
         usable = torch.isfinite(depth) & (depth > 0) & (face_on > 0)
         masked = int((~usable & ~(depth <= 0) & ~(face_on <= 0)).sum())
         rows, columns = torch.nonzero(usable, as_tuple=True)
@@ -98,26 +101,47 @@ class Pixels:
         color = torch.as_tensor(values).to(self.x.device)[self.rows, self.columns]
         return color.to(self.x.dtype) / 255 if color.dtype == torch.uint8 else color.to(self.x.dtype)
 
-    def lift(self, depth: torch.Tensor, normal: Sequence[torch.Tensor], scale: torch.Tensor, faces: torch.Tensor, color: torch.Tensor) -> Lifted:
-        """Gaussians of values at the pixels: depth [N] m, normal 3 x [N] of any length in camera axes, scale [N, 3] m, faces [N, 2], color [N, 3]."""
+    def lift(
+        self,
+        depth: torch.Tensor,
+        normal: Sequence[torch.Tensor],
+        scale: torch.Tensor,
+        faces: torch.Tensor,
+        color: torch.Tensor,
+    ) -> Lifted:
+        """Gaussians of values at the pixels: depth [N] m, normal 3 x [N] of any length in camera axes, scale [N, 3]
+        m, faces [N, 2], color [N, 3]."""
         axis = _unit(*normal)
-        mean = _to_world(self.pose, (self.x * depth - self.pose[0][3], self.y * depth - self.pose[1][3], depth - self.pose[2][3]))
-        rotation = torch.stack([_to_world(self.pose, v) for v in (*tangents(*axis), axis)], dim=2)  # [N, 3 world, 3 axes]
+        mean = _to_world(
+            self.pose, (self.x * depth - self.pose[0][3], self.y * depth - self.pose[1][3], depth - self.pose[2][3])
+        )
+        rotation = torch.stack(
+            [_to_world(self.pose, v) for v in (*tangents(*axis), axis)], dim=2
+        )  # [N, 3 world, 3 axes]
         return Lifted(mean, rotation, scale, faces, color, self.masked)
 
 
-def lift(maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device) -> Lifted:
+def lift(
+    maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
+) -> Lifted:
     """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 
     Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
-    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not finite, or
-    whose opacity is no number, make no Gaussian and are counted; the rasterizer masks what else is not finite. Nothing but sums, products, quotients and square roots of
-    single elements is taken, so the result does not depend on the number of threads.
+    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not
+    finite, or whose opacity is no number, make no Gaussian and are counted; the rasterizer masks what else is not
+    finite. Nothing but sums, products, quotients and square roots of single elements is taken, so the result does not
+    depend on the number of threads.
     """
     depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
     pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
     (z,) = pixels.at(depth[None])
-    return pixels.lift(z, pixels.at(maps.normal), torch.stack(pixels.at(maps.scale), dim=1), torch.stack(pixels.at(opacity), dim=1), pixels.colors(maps.color))
+    return pixels.lift(
+        z,
+        pixels.at(maps.normal),
+        torch.stack(pixels.at(maps.scale), dim=1),
+        torch.stack(pixels.at(opacity), dim=1),
+        pixels.colors(maps.color),
+    )
 
 
 def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -130,4 +154,6 @@ def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tens
 
 def _to_world(pose: list[list[float]], vector: Sequence[torch.Tensor]) -> torch.Tensor:
     """[N, 3] = R^T v for v 3 x [N], written out: a matrix product's rounding may depend on the number of threads."""
-    return torch.stack([pose[0][i] * vector[0] + pose[1][i] * vector[1] + pose[2][i] * vector[2] for i in range(3)], dim=1)
+    return torch.stack(
+        [pose[0][i] * vector[0] + pose[1][i] * vector[1] + pose[2][i] * vector[2] for i in range(3)], dim=1
+    )

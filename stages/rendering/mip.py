@@ -9,13 +9,16 @@ from posegaussian.storage.model.cameras import Rig
 
 
 def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> Cutoffs:
-    """Cut-offs under which a picture that samples the subject [3] more coarsely than the finest of its source views is averaged over its pixels.
+    """Cut-offs under which a picture that samples the subject [3] more coarsely than the finest of its source views is
+    averaged over its pixels.
 
     A pixel that is r source pixels wide is a box of r samples of the full picture, of variance (1 - 1 / r^2) / 12 px^2.
-    Every Gaussian is widened by it and loses as much opacity, so that it keeps its energy (Yu et al., "Mip-Splatting", 2024).
-    Against the averaged full picture (analytic person, 256 px, true depth), PSNR at a half and a quarter of the size: 34.4
-    and 30.8 dB, 28.8 and 24.6 unfiltered, 23.7 and 17.6 without the loss of opacity; 3DGS, 0.3 px^2 without loss: 18.1 and 15.3.
+    Every Gaussian is widened by it and loses as much opacity, so that it keeps its energy (Yu et al., "Mip-Splatting",
+    2024). Against the averaged full picture (analytic person, 256 px, true depth), PSNR at a half and a quarter of the
+    size: 34.4 and 30.8 dB, 28.8 and 24.6 unfiltered, 23.7 and 17.6 without the loss of opacity; 3DGS, 0.3 px^2 without
+    loss: 18.1 and 15.3.
     """
+
     def pixel(intrinsics: np.ndarray, centre: np.ndarray) -> float:
         return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
 

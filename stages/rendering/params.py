@@ -10,6 +10,20 @@ from posegaussian.stages.contract.declaration import Params, setting
 class RenderingParams(Params):
     """Which pictures, from how many views, how exactly."""
 
-    paths: list[str] | None = setting(None, 'Camera paths to render: "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a JSON file of cameras. null: held_out where there are held-out cameras, else between the source cameras that stand side by side, or sway where no two can be matched.', volatile=True)
-    sources: int = setting(2, "Source views whose Gaussians make one picture, nearest in angle first.", quality_levels=[1, 2, 3, 4], ge=1, le=16)
-    precision: Literal["float32", "float64"] = setting("float32", "Arithmetic of the rasterizer.", quality_levels=["float32", "float64"])
+    paths: list[str] | None = setting(
+        None,
+        'Camera paths to render: "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM'
+        ' [DEGREES]]", or a JSON file of cameras. null: held_out where there are held-out cameras, else between the'
+        " source cameras that stand side by side, or sway where no two can be matched.",
+        volatile=True,
+    )
+    sources: int = setting(
+        2,
+        "Source views whose Gaussians make one picture, nearest in angle first.",
+        quality_levels=[1, 2, 3, 4],
+        ge=1,
+        le=16,
+    )
+    precision: Literal["float32", "float64"] = setting(
+        "float32", "Arithmetic of the rasterizer.", quality_levels=["float32", "float64"]
+    )

@@ -27,7 +27,10 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
     assert path is not None, "rendering runs over a camera path"
     frames, cameras = path.served.shape
     width, height = (int(n) for n in path.size.max(axis=0))
-    color, alpha = np.zeros((frames, cameras, height, width, 3), np.uint8), np.zeros((frames, cameras, height, width), np.uint8)
+    color, alpha = (
+        np.zeros((frames, cameras, height, width, 3), np.uint8),
+        np.zeros((frames, cameras, height, width), np.uint8),
+    )
     reader, masked = MapReader(inputs), np.zeros((frames, cameras), int)
     for i in range(frames):
         renderer = FrameRenderer(reader, i, params)
@@ -35,18 +38,25 @@ def run(inputs: Inputs, params: RenderingParams) -> Iterator[Block]:
             w, h = (int(n) for n in path.size[c])
             drawn = renderer.picture(Camera(path.intrinsics[i, c], path.world_to_camera[i, c], w, h))
             if drawn is not None:
-                color[i, c, :h, :w], alpha[i, c, :h, :w], masked[i, c] = quantise(drawn[0]), quantise(drawn[1]), drawn[2]
+                color[i, c, :h, :w], alpha[i, c, :h, :w], masked[i, c] = (
+                    quantise(drawn[0]),
+                    quantise(drawn[1]),
+                    drawn[2],
+                )
     yield Block("rendering/{path}/color", color, notes=masked_note(masked, inputs.source_frames))
     yield Block("rendering/{path}/alpha", alpha)
 
 
 def masked_note(masked: np.ndarray, numbers: np.ndarray) -> tuple[str, ...]:
-    """A sentence for the frames in which Gaussians were masked: `masked` [F, C] of each picture, `numbers` [F] the source's of the frames."""
+    """A sentence for the frames in which Gaussians were masked: `masked` [F, C] of each picture, `numbers` [F] the
+    source's of the frames."""
     most = masked.max(axis=1, initial=0)
     found = np.nonzero(most)[0]
     if not len(found):
         return ()
-    others = f"; so were others in {len(found) - 1} more of the frames {numbers[0]}-{numbers[-1]}" if len(found) > 1 else ""
+    others = (
+        f"; so were others in {len(found) - 1} more of the frames {numbers[0]}-{numbers[-1]}" if len(found) > 1 else ""
+    )
     return (f"{most[found[0]]} Gaussians of frame {numbers[found[0]]} were not finite and were left out{others}",)
 
 
@@ -54,5 +64,7 @@ def check(block: Block, params: RenderingParams) -> list[str]:
     """Warn when nothing at all was rendered: the cameras look elsewhere, or no source view has depth."""
     data = np.asarray(block.data)
     if block.array.endswith("/alpha") and data.size and not data.any():
-        return ["every picture of the partition is empty: the cameras look past the subject, or no source view has depth"]
+        return [
+            "every picture of the partition is empty: the cameras look past the subject, or no source view has depth"
+        ]
     return []

@@ -17,7 +17,8 @@ OUTCOME = "refinement/outcome"
 
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
-    """What the Gaussians of a view are lifted from before refinement, in the order `posegaussian.stages.rendering.lift.Maps` takes it."""
+    """What the Gaussians of a view are lifted from before refinement, in the order
+    `posegaussian.stages.rendering.lift.Maps` takes it."""
     return ("frames/color", depth_array(facts), *OF_GAUSSIANS)
 
 
@@ -35,7 +36,8 @@ def refined_frames(inputs: Inputs) -> np.ndarray:
 
 
 def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """[V] angle in radians at the subject [3] between each camera centre [V, 3] and the target's centre [3], world metres."""
+    """[V] angle in radians at the subject [3] between each camera centre [V, 3] and the target's centre [3], world
+    metres."""
     rays, ray = centres - subject, target - subject
     across = np.linalg.norm(np.cross(rays, ray), axis=1)
     return np.arctan2(across, rays @ ray)
@@ -44,15 +46,19 @@ def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> n
 def choose(angles: np.ndarray, usable: np.ndarray, count: int) -> list[tuple[int, float]]:
     """(view, weight 0..1) of at most `count` usable views, nearest first, equal angles by index.
 
-    angles [V] rad, usable [V] bool. weight = sqrt(1 - angle / angle of the first view left out), divided by the largest:
-    a view has faded to nothing when another takes its place, so that a moving camera sees no jump. Where no view is left
-    out, pi stands for its angle. Measured on true depth (45 degree ring, a tenth of the way from one source to the
-    next): box PSNR 33.9 dB against 33.1 with equal weights and 32.4 with the nearest view alone.
+    angles [V] rad, usable [V] bool. weight = sqrt(1 - angle / angle of the first view left out), divided by the
+    largest: a view has faded to nothing when another takes its place, so that a moving camera sees no jump. Where no
+    view is left out, pi stands for its angle. Measured on true depth (45 degree ring, a tenth of the way from one
+    source to the next): box PSNR 33.9 dB against 33.1 with equal weights and 32.4 with the nearest view alone.
     """
     order, limit = [int(v) for v in np.argsort(angles, kind="stable") if usable[v]], left_out(angles, usable, count)
     weights = [np.sqrt(max(0.0, 1 - float(angles[v]) / limit)) if limit > 0 else 0.0 for v in order[:count]]
     largest = max(weights, default=0.0)
-    return [(v, float(w / largest) if largest > 0 else 1.0) for v, w in zip(order, weights, strict=False) if w > 0 or largest == 0]
+    return [
+        (v, float(w / largest) if largest > 0 else 1.0)
+        for v, w in zip(order, weights, strict=False)
+        if w > 0 or largest == 0
+    ]
 
 
 def left_out(angles: np.ndarray, usable: np.ndarray, count: int) -> float:

@@ -11,14 +11,25 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians, their colours while they are blended; the pictures."""
+    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians,
+    their colours while they are blended; the pictures."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
     lifted = pixels * shape["view"] * 24 * wide
     # A refined frame draws every sixth pixel of all views.
-    picture = pixels * (max(params.sources, shape["view"] / 6) * 64 + 40) * wide + shape["camera_y"] * shape["camera_x"] * 20 * wide
-    maps_and_output = shape["frame"] * (pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4)
-    return Resources(cpu=1, gpu=1, ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 8), vram=int(lifted + picture + 2**28))
+    picture = (
+        pixels * (max(params.sources, shape["view"] / 6) * 64 + 40) * wide
+        + shape["camera_y"] * shape["camera_x"] * 20 * wide
+    )
+    maps_and_output = shape["frame"] * (
+        pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
+    )
+    return Resources(
+        cpu=1,
+        gpu=1,
+        ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 8),
+        vram=int(lifted + picture + 2**28),
+    )
 
 
 STAGE = Stage(
@@ -34,7 +45,13 @@ STAGE = Stage(
         Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
     ),
     writes=(
-        ArraySpec("rendering/{path}/color", ("frame", "camera", "camera_y", "camera_x", "rgb"), "uint8", "sRGB", "Rendered picture, premultiplied on black."),
+        ArraySpec(
+            "rendering/{path}/color",
+            ("frame", "camera", "camera_y", "camera_x", "rgb"),
+            "uint8",
+            "sRGB",
+            "Rendered picture, premultiplied on black.",
+        ),
         ArraySpec("rendering/{path}/alpha", ("frame", "camera", "camera_y", "camera_x"), "uint8", "1/255", "Coverage."),
     ),
     over=("sequence", "time", "path"),

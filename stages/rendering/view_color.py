@@ -1,8 +1,9 @@
-"""The colour that a source view's Gaussians show to a camera: blended from the source views that see the same points, by angle.
+"""The colour that a source view's Gaussians show to a camera: blended from the source views that see the same points,
+by angle.
 
-As in image-based rendering (Buehler et al., "Unstructured lumigraph rendering", 2001): where source views disagree about a
-point, because it shines or because they are noisy, the Gaussians of either would otherwise show their own view's word for it,
-and which of them lies in front is chance.
+As in image-based rendering (Buehler et al., "Unstructured lumigraph rendering", 2001): where source views disagree
+about a point, because it shines or because they are noisy, the Gaussians of either would otherwise show their own
+view's word for it, and which of them lies in front is chance.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ class Photo:
     """[4, 4]."""
 
     @classmethod
-    def of(cls, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device) -> Photo:
+    def of(
+        cls, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
+    ) -> Photo:
         """From the maps that Gaussians are lifted from."""
         color = torch.as_tensor(maps.color).to(device)
         color = color.to(dtype) / 255 if color.dtype == torch.uint8 else color.to(dtype)
@@ -52,10 +55,14 @@ class Photo:
     def at(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Colours [N, 3] of world points [N, 3] and how far they are seen [N], 0..1.
 
-        Bilinear, of those of the four pixels around whose depth is the point's within 1 %; their share is how far it is seen.
+        Bilinear, of those of the four pixels around whose depth is the point's within 1 %; their share is how far it is
+        seen.
         """
         pose, k = self.world_to_camera.tolist(), self.intrinsics.tolist()
-        x, y, z = (pose[i][0] * points[:, 0] + pose[i][1] * points[:, 1] + pose[i][2] * points[:, 2] + pose[i][3] for i in range(3))
+        x, y, z = (
+            pose[i][0] * points[:, 0] + pose[i][1] * points[:, 1] + pose[i][2] * points[:, 2] + pose[i][3]
+            for i in range(3)
+        )
         ahead = z > Cutoffs.near
         far = torch.where(ahead, z, 1.0)
         v = k[1][1] * (y / far) + k[1][2] - HALF
@@ -80,15 +87,15 @@ class Photo:
 def color_towards(camera: Camera, lifted: Lifted, own: int, photos: Mapping[int, Photo], limit: float) -> torch.Tensor:
     """[N, 3] sRGB of one view's Gaussians as a camera sees them, blended over the views of `photos`, `own` among them.
 
-    A view's weight is the square of 1 - (chord of its ray and the camera's) / (chord of `limit`), at least 0, times the cosine
-    between the normal and its ray, times how far it sees the point; `limit` in radians is the angle of the first view left out,
-    so that a view has no say left when another takes its place. Nothing but sums, products, quotients and square roots of single
-    elements is taken, so that the result does not depend on the number of threads.
+    A view's weight is the square of 1 - (chord of its ray and the camera's) / (chord of `limit`), at least 0, times the
+    cosine between the normal and its ray, times how far it sees the point; `limit` in radians is the angle of the first
+    view left out, so that a view has no say left when another takes its place. Nothing but sums, products, quotients
+    and square roots of single elements is taken, so that the result does not depend on the number of threads.
 
-    Simulated people of strength-2 gloss, 8 cameras, 384 px, swept depth, held-out cameras in the middle of gaps: box PSNR
-    24.30 -> 24.51 dB, on no scene less; matte people 25.58 -> 25.70. On true depth it costs 0.15 dB: opacities fade views by
-    angle already, and what is looked up in another view is blurred by sampling. Blends of smoothed colours, of all views that
-    see a point, or without the cosine gain less.
+    Simulated people of strength-2 gloss, 8 cameras, 384 px, swept depth, held-out cameras in the middle of gaps: box
+    PSNR 24.30 -> 24.51 dB, on no scene less; matte people 25.58 -> 25.70. On true depth it costs 0.15 dB: opacities
+    fade views by angle already, and what is looked up in another view is blurred by sampling. Blends of smoothed
+    colours, of all views that see a point, or without the cosine gain less.
     """
     normal = lifted.rotation[:, :, 2]
     towards = _ray(lifted.mean, camera.centre)

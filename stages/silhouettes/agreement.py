@@ -1,8 +1,9 @@
-"""Do the silhouettes of several views fit together? A foreground pixel is explained when somewhere along its ray no other view sees background.
+"""Do the silhouettes of several views fit together? A foreground pixel is explained when somewhere along its ray no
+other view sees background.
 
-A silhouette that is wrong as a whole (shifted, another moment, another camera) carves the subject away in all other views. It
-is found because the others explain each other once it is left out. All rays are walked once: a point that a single
-view carves would be explained without that view.
+A silhouette that is wrong as a whole (shifted, another moment, another camera) carves the subject away in all other
+views. It is found because the others explain each other once it is left out. All rays are walked once: a point that a
+single view carves would be explained without that view.
 """
 
 from __future__ import annotations
@@ -14,7 +15,15 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.silhouettes.hull import MOST_POINTS, WITNESSES, Silhouettes, beside, foreground, in_sphere, into_views
+from posegaussian.stages.silhouettes.hull import (
+    MOST_POINTS,
+    WITNESSES,
+    Silhouettes,
+    beside,
+    foreground,
+    in_sphere,
+    into_views,
+)
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 RAYS = 400
@@ -22,7 +31,8 @@ RAYS = 400
 STEP = 2.0
 """Px from one point of a ray to the next."""
 TOLERANCE = 2.5
-"""Px by which a point may lie outside a silhouette: more than the step, and than what good calibrations and masks are off."""
+"""Px by which a point may lie outside a silhouette: more than the step, and than what good calibrations and masks
+are off."""
 LEAST = 0.05
 """Share of unexplained pixels from which on a silhouette is suspected."""
 RELIEF = 0.5
@@ -66,23 +76,45 @@ def agreement(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouette
     before = of_others(suspect, False)
     if before < LEAST or of_others(suspect, True) > RELIEF * before:
         return Agreement(frozenset(views), everything)
-    return Agreement(frozenset(views) - {suspect}, {v: float(s[-1] if v == suspect else s[views.index(suspect)]) for v, s in shares.items()})
+    return Agreement(
+        frozenset(views) - {suspect},
+        {v: float(s[-1] if v == suspect else s[views.index(suspect)]) for v, s in shares.items()},
+    )
 
 
 def _unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes) -> np.ndarray:
-    """[S + 1] share of a view's foreground that is not explained without each of the S views, and (last) with all of them."""
+    """[S + 1] share of a view's foreground that is not explained without each of the S views, and (last) with all of
+    them."""
     rows, columns = np.nonzero(foreground(mask[: rig.size[view, 1], : rig.size[view, 0]]))
     some = slice(None, None, max(1, len(rows) // RAYS))
-    origin, directions = rays(points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)),
+        rig.intrinsics[view],
+        rig.world_to_camera[view],
+    )
     others = np.array([i for i, v in enumerate(silhouettes.views) if v != view], np.int64)
     s = silhouettes
-    found = _explained(origin, directions, others, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, STEP * s.pixel)
+    found = _explained(
+        origin, directions, others, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, STEP * s.pixel
+    )
     return 1 - found.mean(axis=0)
 
 
 @njit(cache=True, nogil=True)
-def _explained(origin: np.ndarray, directions: np.ndarray, others: np.ndarray, distance: np.ndarray, projections: np.ndarray, sizes: np.ndarray, focals: np.ndarray, centre: np.ndarray, radius: float, pixel: float) -> np.ndarray:
-    """[N, S + 1] bool: whether a ray has a point that nobody but view s carves, and (last) that nobody carves; `pixel` metres a step."""
+def _explained(
+    origin: np.ndarray,
+    directions: np.ndarray,
+    others: np.ndarray,
+    distance: np.ndarray,
+    projections: np.ndarray,
+    sizes: np.ndarray,
+    focals: np.ndarray,
+    centre: np.ndarray,
+    radius: float,
+    pixel: float,
+) -> np.ndarray:
+    """[N, S + 1] bool: whether a ray has a point that nobody but view s carves, and (last) that nobody carves;
+    `pixel` metres a step."""
     count = projections.shape[0]
     out = np.zeros((len(directions), count + 1), np.bool_)
     start, along = np.empty((count, 3)), np.empty((count, 3))

@@ -1,15 +1,17 @@
 """The visual hull seen from one view: the nearest and the farthest point of every pixel's ray that all masks allow.
 
-Image-based: no voxels. For each foreground pixel the ray is first clipped, exactly, to the boxes around the other views'
-masks, then walked in steps of about one pixel of motion in the other views, or farther where a silhouette is farther away;
-both ends are refined by bisection (Matusik et al., "Image-based visual hulls", 2000, find the same intervals on the epipolar lines).
+Image-based: no voxels. For each foreground pixel the ray is first clipped, exactly, to the boxes around the other
+views' masks, then walked in steps of about one pixel of motion in the other views, or farther where a silhouette is
+farther away; both ends are refined by bisection (Matusik et al., "Image-based visual hulls", 2000, find the same
+intervals on the epipolar lines).
 
-A view carves only what it can see: a point beside its picture or behind its camera stays, and a view whose mask is empty
-says nothing. A point that fewer than two other views see (or the only other one) is not part of the hull, because too
-little speaks for it: the opposite camera of a ring sees a ray from end to end and carves none of it.
+A view carves only what it can see: a point beside its picture or behind its camera stays, and a view whose mask is
+empty says nothing. A point that fewer than two other views see (or the only other one) is not part of the hull, because
+too little speaks for it: the opposite camera of a ring sees a ray from end to end and carves none of it.
 
-A ray without a hull is tried again: with silhouettes a little wider, for masks and calibrations that are off, then against the
-vote of one view, whose mask may lack a limb. Masks that are wrong as a whole are found by `posegaussian.stages.silhouettes.agreement`.
+A ray without a hull is tried again: with silhouettes a little wider, for masks and calibrations that are off, then
+against the vote of one view, whose mask may lack a limb. Masks that are wrong as a whole are found by
+`posegaussian.stages.silhouettes.agreement`.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ FARTHEST = 64.0
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
 MOST_POINTS = 2**15
-"""Points of a ray that are looked at: about as many as a ray has px in the largest pictures. Cameras of another scale than the scene would walk for ever."""
+"""Points of a ray that are looked at: about as many as a ray has px in the largest pictures. Cameras of another
+scale than the scene would walk for ever."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -79,60 +82,116 @@ class Silhouettes:
     """Metres around it that are searched."""
 
     @classmethod
-    def of(cls, rig: Rig, masks: Mapping[int, np.ndarray], centre: np.ndarray, radius: float, tolerance: float = TOLERANCE[1]) -> Silhouettes:
-        """Of masks [h, w] uint8 by view index; the pictures lie at the top left of the arrays and `rig.size` says how large they are.
+    def of(
+        cls,
+        rig: Rig,
+        masks: Mapping[int, np.ndarray],
+        centre: np.ndarray,
+        radius: float,
+        tolerance: float = TOLERANCE[1],
+    ) -> Silhouettes:
+        """Of masks [h, w] uint8 by view index; the pictures lie at the top left of the arrays and `rig.size` says how
+        large they are.
 
         `tolerance`: px beyond a silhouette that will be asked for, at most.
         """
         views = [v for v in sorted(masks) if foreground(masks[v][: rig.size[v, 1], : rig.size[v, 0]]).any()]
         shape = next((m.shape for m in masks.values()), (0, 0))
-        distance = np.stack([_distance_to_foreground(masks[v], rig.size[v]) for v in views]) if views else np.zeros((0, *shape), np.float32)
+        distance = (
+            np.stack([_distance_to_foreground(masks[v], rig.size[v]) for v in views])
+            if views
+            else np.zeros((0, *shape), np.float32)
+        )
         boxes = np.array([_box(masks[v], rig.size[v], tolerance) for v in views]).reshape(-1, 4)
         pixels = np.linalg.norm(rig.centres[views] - centre, axis=1) / rig.intrinsics[views, 0, 0]
         projections = to_integer_centres(rig.intrinsics[views]) @ rig.world_to_camera[views, :3]
-        return cls(tuple(views), distance, projections, boxes, rig.size[views].astype(np.float64), OBLIQUE * rig.intrinsics[views][:, [0, 1], [0, 1]].max(axis=1, initial=0), pixels, centre, radius)
+        return cls(
+            tuple(views),
+            distance,
+            projections,
+            boxes,
+            rig.size[views].astype(np.float64),
+            OBLIQUE * rig.intrinsics[views][:, [0, 1], [0, 1]].max(axis=1, initial=0),
+            pixels,
+            centre,
+            radius,
+        )
 
     @property
     def pixel(self) -> float:
-        """Metres from one point of a ray to the next: a px at the centre of the sharpest view, or more where the sphere would take more than `MOST_POINTS`."""
+        """Metres from one point of a ray to the next: a px at the centre of the sharpest view, or more where the
+        sphere would take more than `MOST_POINTS`."""
         return max(float(self.pixels.min()), 2 * self.radius / MOST_POINTS)
 
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""
         chosen = [i for i, v in enumerate(self.views) if v in views]
-        parts: dict[str, Any] = {n: np.ascontiguousarray(getattr(self, n)[chosen]) for n in ("distance", "projections", "boxes", "sizes", "focals", "pixels")}
+        parts: dict[str, Any] = {
+            n: np.ascontiguousarray(getattr(self, n)[chosen])
+            for n in ("distance", "projections", "boxes", "sizes", "focals", "pixels")
+        }
         return replace(self, views=tuple(self.views[i] for i in chosen), **parts)
 
-    def ends(self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True) -> np.ndarray:
-        """[N, 2] depth at which rays origin [3] + depth * directions [N, 3] enter and leave the hull, 0 where they miss it.
+    def ends(
+        self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True
+    ) -> np.ndarray:
+        """[N, 2] depth at which rays origin [3] + depth * directions [N, 3] enter and leave the hull, 0 where they miss
+        it.
 
         Rays that miss it are tried again with the second tolerance, px, then, with `votes`, against one view.
         """
         out = np.zeros((len(directions), 2))
         if self.views and len(directions):
-            tries = [(t, 0) for t in dict.fromkeys(tolerance)] + ([(tolerance[1], 1)] if votes and len(self.views) >= OUTVOTED else [])
-            _march(origin, directions, self.distance, self.projections, self.boxes, self.sizes, self.focals, self.centre, self.radius, self.pixel, tries, out)
+            tries = [(t, 0) for t in dict.fromkeys(tolerance)] + (
+                [(tolerance[1], 1)] if votes and len(self.views) >= OUTVOTED else []
+            )
+            _march(
+                origin,
+                directions,
+                self.distance,
+                self.projections,
+                self.boxes,
+                self.sizes,
+                self.focals,
+                self.centre,
+                self.radius,
+                self.pixel,
+                tries,
+                out,
+            )
         return out
 
 
-def visual_hull(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def visual_hull(
+    rig: Rig,
+    view: int,
+    mask: np.ndarray,
+    silhouettes: Silhouettes,
+    tolerance: tuple[float, float] = TOLERANCE,
+    votes: bool = True,
+) -> tuple[np.ndarray, np.ndarray]:
     """Near and far depth [h, w] float32 of the hull along each foreground ray of `view`, metres along its optical axis.
 
-    `mask` [h, w] uint8 is the view's own; `silhouettes` may hold the view itself, which cannot carve its own rays. `tolerance`
-    in px lets a point lie that far outside another view's silhouette; rays that miss the hull are tried again with the second
-    value, then, with `votes`, against one view, so that errors of calibration and matting do not eat limbs. Both maps are 0
-    where the pixel is background and where no point of its ray is in the hull.
+    `mask` [h, w] uint8 is the view's own; `silhouettes` may hold the view itself, which cannot carve its own rays.
+    `tolerance` in px lets a point lie that far outside another view's silhouette; rays that miss the hull are tried
+    again with the second value, then, with `votes`, against one view, so that errors of calibration and matting do not
+    eat limbs. Both maps are 0 where the pixel is background and where no point of its ray is in the hull.
     """
     own = foreground(mask)
     near, far = np.zeros(own.shape, np.float32), np.zeros(own.shape, np.float32)
     rows, columns = np.nonzero(own)
-    origin, directions = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
-    near[rows, columns], far[rows, columns] = silhouettes.kept({*silhouettes.views} - {view}).ends(origin, directions, tolerance, votes).T
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view]
+    )
+    near[rows, columns], far[rows, columns] = (
+        silhouettes.kept({*silhouettes.views} - {view}).ends(origin, directions, tolerance, votes).T
+    )
     return near, far
 
 
 def _distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """[h, w] float32: px by which a pixel lies outside the silhouette, sub-pixel from the soft edge, saturated; inside <= 0."""
+    """[h, w] float32: px by which a pixel lies outside the silhouette, sub-pixel from the soft edge, saturated;
+    inside <= 0."""
     import cv2
 
     soft = mask[: size[1], : size[0]]
@@ -141,7 +200,12 @@ def _distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
     out = np.full(mask.shape, FARTHEST, np.float32)
     # Around the edge the covered share itself says where the silhouette runs: share 1/2 at distance 0.
     edge = 0.5 - soft.astype(np.float32) / 255
-    out[: size[1], : size[0]] = np.minimum(np.where(inside, np.minimum(edge, 0), np.where(soft > 0, np.minimum(edge, steps), np.maximum(steps - 0.5, 0.5))), FARTHEST)
+    out[: size[1], : size[0]] = np.minimum(
+        np.where(
+            inside, np.minimum(edge, 0), np.where(soft > 0, np.minimum(edge, steps), np.maximum(steps - 0.5, 0.5))
+        ),
+        FARTHEST,
+    )
     return out
 
 
@@ -156,11 +220,14 @@ def _box(mask: np.ndarray, size: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def beside(z: float, v: int, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray) -> tuple[float, float, float]:
-    """Of a ray's point at depth z in view v: px outside the silhouette, px to the picture's edge and depth; (-inf, 0, 0) where it is not seen.
+def beside(
+    z: float, v: int, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray
+) -> tuple[float, float, float]:
+    """Of a ray's point at depth z in view v: px outside the silhouette, px to the picture's edge and depth; (-inf, 0,
+    0) where it is not seen.
 
-    Seen is what lies in front of the camera and between the outermost pixel centres. Whole arrays are handed over: a slice
-    costs more than the rest.
+    Seen is what lies in front of the camera and between the outermost pixel centres. Whole arrays are handed over: a
+    slice costs more than the rest.
     """
     w = start[v, 2] + z * along[v, 2]
     if w <= 1e-9:
@@ -178,8 +245,19 @@ def beside(z: float, v: int, start: np.ndarray, along: np.ndarray, distance: np.
 
 
 @njit(cache=True, nogil=True)
-def _outside(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray, focals: np.ndarray, order: np.ndarray, tolerance: float, overruled: int) -> float:
-    """0 where the ray's point at depth z lies in the hull (enough views see it, and no more than `overruled` of them carve it); else metres around it that surely do not.
+def _outside(
+    z: float,
+    start: np.ndarray,
+    along: np.ndarray,
+    distance: np.ndarray,
+    sizes: np.ndarray,
+    focals: np.ndarray,
+    order: np.ndarray,
+    tolerance: float,
+    overruled: int,
+) -> float:
+    """0 where the ray's point at depth z lies in the hull (enough views see it, and no more than `overruled` of them
+    carve it); else metres around it that surely do not.
 
     A view that carves goes to the front of the `order` [S] in which they are asked: it will carve the next point, too.
     """
@@ -200,8 +278,11 @@ def _outside(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarra
 
 
 @njit(cache=True, nogil=True)
-def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float) -> tuple[float, float]:
-    """The part of [z0, z1] that one view sees inside a box of its picture; a box is convex, so there is one part. Empty: (inf, -inf)."""
+def _part(
+    start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float
+) -> tuple[float, float]:
+    """The part of [z0, z1] that one view sees inside a box of its picture; a box is convex, so there is one part.
+    Empty: (inf, -inf)."""
     for side in range(5):
         # Side 4 is the camera's plane; the others say sign * (coordinate - bound * w) >= 0. All are linear in z.
         bound = (x0, y0, x1, y1, 0.0)[side]
@@ -220,7 +301,9 @@ def _part(start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float,
 
 
 @njit(cache=True, nogil=True)
-def clip_ray(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
+def clip_ray(
+    start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float
+) -> tuple[float, float]:
     """The part of [z0, z1] that can hold the hull: seen by enough views, and in the box of all that see its ends."""
     views = start.shape[0]
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
@@ -246,8 +329,21 @@ def clip_ray(start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.
 
 
 @njit(cache=True, nogil=True)
-def _end(z: float, step: float, pixel: float, last: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray, focals: np.ndarray, order: np.ndarray, how: tuple[float, int]) -> float:
-    """Depth at which the walk from z by `step` (`pixel` metres) towards `last` enters the hull, refined by bisection; -1 if it never does."""
+def _end(
+    z: float,
+    step: float,
+    pixel: float,
+    last: float,
+    start: np.ndarray,
+    along: np.ndarray,
+    distance: np.ndarray,
+    sizes: np.ndarray,
+    focals: np.ndarray,
+    order: np.ndarray,
+    how: tuple[float, int],
+) -> float:
+    """Depth at which the walk from z by `step` (`pixel` metres) towards `last` enters the hull, refined by
+    bisection; -1 if it never does."""
     count = int(min(abs(last - z) / abs(step), MOST_POINTS)) + 2
     i = 0
     while i < count:
@@ -312,7 +408,9 @@ def _march(
 
 
 @njit(cache=True, nogil=True)
-def into_views(origin: np.ndarray, d: np.ndarray, projections: np.ndarray, start: np.ndarray, along: np.ndarray) -> None:
+def into_views(
+    origin: np.ndarray, d: np.ndarray, projections: np.ndarray, start: np.ndarray, along: np.ndarray
+) -> None:
     """Fill start and along [S, 3]: the point at depth z of a ray is start + z along in the views' homogeneous px."""
     for v in range(projections.shape[0]):
         for i in range(3):
@@ -323,7 +421,8 @@ def into_views(origin: np.ndarray, d: np.ndarray, projections: np.ndarray, start
 
 @njit(cache=True, nogil=True)
 def in_sphere(to: np.ndarray, d: np.ndarray, radius: float) -> tuple[float, float]:
-    """Depths at which a ray along d [3] enters and leaves a sphere, `to` [3] from the sphere's middle to the ray's origin; (1, 0) where it misses it."""
+    """Depths at which a ray along d [3] enters and leaves a sphere, `to` [3] from the sphere's middle to the ray's
+    origin; (1, 0) where it misses it."""
     a = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     b = d[0] * to[0] + d[1] * to[1] + d[2] * to[2]
     inside = b * b - a * (to[0] * to[0] + to[1] * to[1] + to[2] * to[2] - radius * radius)

@@ -27,13 +27,16 @@ class Fields:
     """[S, 3, 4] world metres to homogeneous cells, integer centres."""
 
 
-def ray_support(fields: Fields, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Possible [N] and confirmed [N], 0..1 float32, of rays origin [3] + depth * directions [N, 3], walked at `depths` [K].
+def ray_support(
+    fields: Fields, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, joints: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Possible [N] and confirmed [N], 0..1 float32, of rays origin [3] + depth * directions [N, 3], walked at `depths`
+    [K].
 
-    Possible is the most, along the ray, of the least that any view holds possible: a view that does not see a point, beside
-    its picture or behind its camera, carves nothing. A point that fewer than two views see (or not the only other one) is
-    possible only near a joint [J, 3], metres, where there are any. Confirmed is the most of the least that was seen, over
-    points that so many views see; 0 where there are none.
+    Possible is the most, along the ray, of the least that any view holds possible: a view that does not see a point,
+    beside its picture or behind its camera, carves nothing. A point that fewer than two views see (or not the only
+    other one) is possible only near a joint [J, 3], metres, where there are any. Confirmed is the most of the least
+    that was seen, over points that so many views see; 0 where there are none.
     """
     possible, confirmed = np.ones(len(directions), np.float32), np.zeros(len(directions), np.float32)
     if len(fields.projections) and len(depths):
@@ -51,13 +54,27 @@ def _near(x: float, y: float, z: float, joints: np.ndarray) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _walk(possible: np.ndarray, seen: np.ndarray, projections: np.ndarray, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray, joints: np.ndarray, out_possible: np.ndarray, out_confirmed: np.ndarray) -> None:
+def _walk(
+    possible: np.ndarray,
+    seen: np.ndarray,
+    projections: np.ndarray,
+    origin: np.ndarray,
+    directions: np.ndarray,
+    depths: np.ndarray,
+    joints: np.ndarray,
+    out_possible: np.ndarray,
+    out_confirmed: np.ndarray,
+) -> None:
     views, height, width = possible.shape
     needed = min(WITNESSES, views)
     for n in range(directions.shape[0]):
         best, sure = np.float32(0), np.float32(0)
         for z in depths:
-            x, y, w = origin[0] + z * directions[n, 0], origin[1] + z * directions[n, 1], origin[2] + z * directions[n, 2]
+            x, y, w = (
+                origin[0] + z * directions[n, 0],
+                origin[1] + z * directions[n, 1],
+                origin[2] + z * directions[n, 2],
+            )
             least, least_seen, witnesses = np.float32(1), np.float32(1), 0
             for v in range(views):
                 p = projections[v]

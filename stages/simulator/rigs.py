@@ -15,7 +15,8 @@ from posegaussian.storage.model.cameras import Rig, rigid
 
 
 def pointed(centre: np.ndarray, target: np.ndarray, up: Sequence[float], roll: float) -> np.ndarray:
-    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], `up` upwards in the picture, then rolled by degrees."""
+    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], `up` upwards in the picture, then rolled by
+    degrees."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-9:  # straight up or down: left of the picture is left of the subject
@@ -27,7 +28,9 @@ def pointed(centre: np.ndarray, target: np.ndarray, up: Sequence[float], roll: f
     return rigid(rotation, -rotation @ centre)
 
 
-def _intrinsics(size: tuple[int, int], focal: float | None, fill: float, distance: float, subject_height: float) -> np.ndarray:
+def _intrinsics(
+    size: tuple[int, int], focal: float | None, fill: float, distance: float, subject_height: float
+) -> np.ndarray:
     width, height = size
     f = focal * max(size) if focal is not None else fill * height * distance / subject_height
     return np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
@@ -55,8 +58,8 @@ def _turns(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
     """The true cameras of a scene, source cameras first, and how many of them are sources.
 
-    span: metres above the ground from the subject's lowest to its highest point; cameras look at its middle. Held-out cameras given by number stand midway
-    between neighbours, spread over the rig, with the lens of the rig.
+    span: metres above the ground from the subject's lowest to its highest point; cameras look at its middle. Held-out
+    cameras given by number stand midway between neighbours, spread over the rig, with the lens of the rig.
     """
     target, subject_height = np.array([0.0, 0.0, (span[0] + span[1]) / 2]), span[1] - span[0]
     rows: list[tuple[str, np.ndarray, np.ndarray, tuple[int, int]]] = []
@@ -64,7 +67,10 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
         rows += [_listed(c, target, subject_height) for c in scene.rig.cameras]
     else:
         around, above = _turns(scene)
-        rows += [_placed(scene, f"cam{i:02d}", a, e, target, subject_height) for i, (a, e) in enumerate(zip(around, above, strict=True))]
+        rows += [
+            _placed(scene, f"cam{i:02d}", a, e, target, subject_height)
+            for i, (a, e) in enumerate(zip(around, above, strict=True))
+        ]
     sources = len(rows)
     if isinstance(scene.held_out, list):
         rows += [_listed(c, target, subject_height) for c in scene.held_out]
@@ -78,15 +84,24 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
             centre = -poses[v, :3, :3].T @ poses[v, :3, 3] + away
             roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else scene.rig.roll
             poses[v] = pointed(centre, target, (0, 0, 1), roll)
-    return Rig(tuple(r[0] for r in rows), np.stack([r[1] for r in rows]), np.zeros((n, 8)), poses, np.array([r[3] for r in rows], dtype=np.int64)), sources
+    return (
+        Rig(
+            tuple(r[0] for r in rows),
+            np.stack([r[1] for r in rows]),
+            np.zeros((n, 8)),
+            poses,
+            np.array([r[3] for r in rows], dtype=np.int64),
+        ),
+        sources,
+    )
 
 
 def framed(scene: Scene, poses: np.ndarray) -> tuple[Rig, int]:
     """As `make_rig`, but the rig's `fill` is the least share of the height that the subject fills in any picture.
 
-    poses [M, V, 3] the subject's vertices in the world, metres, at the moments that count; they are in front of all cameras.
-    Cameras stand around the middle of the ground that the subject takes up; what they look at is raised or lowered until as
-    much is left free above as below.
+    poses [M, V, 3] the subject's vertices in the world, metres, at the moments that count; they are in front of all
+    cameras. Cameras stand around the middle of the ground that the subject takes up; what they look at is raised or
+    lowered until as much is left free above as below.
     """
     assert not isinstance(scene.rig, Listed)
     bounds = poses.reshape(-1, 3).min(axis=0), poses.reshape(-1, 3).max(axis=0)
@@ -96,7 +111,16 @@ def framed(scene: Scene, poses: np.ndarray) -> tuple[Rig, int]:
         moved = rig.world_to_camera.copy()
         moved[:, :3, 3] -= rig.rotations @ middle
         rig = dataclasses.replace(rig, world_to_camera=moved)
-        rows = np.array([[(r.min(), r.max()) for p in poses for r in [project(p, rig.intrinsics[v], rig.world_to_camera[v])[0][:, 1]]] for v in range(len(rig))])
+        rows = np.array(
+            [
+                [
+                    (r.min(), r.max())
+                    for p in poses
+                    for r in [project(p, rig.intrinsics[v], rig.world_to_camera[v])[0][:, 1]]
+                ]
+                for v in range(len(rig))
+            ]
+        )
         height, focal = scene.rig.size[1], rig.intrinsics[0, 1, 1]
         factor = scene.rig.fill * height / np.ptp(rows, axis=2).min()
         lower = (0.5 * (rows.min() + rows.max()) - 0.5 * height) * scene.rig.radius / focal
@@ -118,20 +142,47 @@ def _gaps(scene: Scene) -> list[tuple[float, float]]:
         return [((around[2 * p] + around[2 * p + 1]) / 2, 0.0) for p in pairs]
     firsts = np.linspace(0, n if closed else n - 1, scene.held_out, endpoint=False).astype(int)
     step = 360.0 / n
-    return [(around[i] + step / 2, above[i]) if closed else ((around[i] + around[min(i + 1, n - 1)]) / 2, (above[i] + above[min(i + 1, n - 1)]) / 2) for i in firsts]
+    return [
+        (
+            (around[i] + step / 2, above[i])
+            if closed
+            else ((around[i] + around[min(i + 1, n - 1)]) / 2, (above[i] + above[min(i + 1, n - 1)]) / 2)
+        )
+        for i in firsts
+    ]
 
 
-def _placed(scene: Scene, name: str, around: float, above: float, target: np.ndarray, subject_height: float) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
+def _placed(
+    scene: Scene, name: str, around: float, above: float, target: np.ndarray, subject_height: float
+) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
     rig = scene.rig
     assert not isinstance(rig, Listed)
     a, e = math.radians(around), math.radians(above)
-    centre = np.array([rig.radius * math.cos(a) * math.cos(e), rig.radius * math.sin(a) * math.cos(e), rig.height + rig.radius * math.sin(e)])
+    centre = np.array(
+        [
+            rig.radius * math.cos(a) * math.cos(e),
+            rig.radius * math.sin(a) * math.cos(e),
+            rig.height + rig.radius * math.sin(e),
+        ]
+    )
     pose = pointed(centre, target, (0, 0, 1), rig.roll)
-    return name, _intrinsics(rig.size, rig.focal, rig.fill, float(np.linalg.norm(centre - target)), subject_height), pose, rig.size
+    return (
+        name,
+        _intrinsics(rig.size, rig.focal, rig.fill, float(np.linalg.norm(centre - target)), subject_height),
+        pose,
+        rig.size,
+    )
 
 
-def _listed(camera: Camera, target: np.ndarray, subject_height: float) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
+def _listed(
+    camera: Camera, target: np.ndarray, subject_height: float
+) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
     centre = np.array(camera.position)
     at = target if camera.look_at is None else np.array(camera.look_at)
     pose = pointed(centre, at, camera.up, camera.roll)
-    return camera.name, _intrinsics(camera.size, camera.focal, camera.fill, float(np.linalg.norm(centre - at)), subject_height), pose, camera.size
+    return (
+        camera.name,
+        _intrinsics(camera.size, camera.focal, camera.fill, float(np.linalg.norm(centre - at)), subject_height),
+        pose,
+        camera.size,
+    )

@@ -11,7 +11,8 @@ from posegaussian.stages.simulator.subjects.motion import turn
 
 
 def parse_obj(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, str | None]:
-    """Vertices [V, 3], tris [T, 3], uv [T, 3, 2] (0 where a corner has none) and the name of the material file, or None.
+    """Vertices [V, 3], tris [T, 3], uv [T, 3, 2] (0 where a corner has none) and the name of the material file, or
+    None.
 
     Polygons become fans; indices may be negative. Raises ValueError with the line number for what cannot be read.
     """
@@ -57,11 +58,16 @@ def texture_name(material: str) -> str | None:
     return None
 
 
-_TO_OURS = {"z": np.eye(3), "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])}
+_TO_OURS = {
+    "z": np.eye(3),
+    "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+}
 
 
 def scan_mesh(vertices: np.ndarray, tris: np.ndarray, uv: np.ndarray, picture: np.ndarray | None, scan: Scan) -> Mesh:
-    """A scan stood on the ground above the origin, in metres, Z up: v' = (v - translation) / scale, turned upright, then `height`.
+    """A scan stood on the ground above the origin, in metres, Z up: v' = (v - translation) / scale, turned upright,
+    then `height`.
 
     picture [h, w, 3] uint8 sRGB; without one the scan is grey.
     """
@@ -72,4 +78,13 @@ def scan_mesh(vertices: np.ndarray, tris: np.ndarray, uv: np.ndarray, picture: n
     v = (v - [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]) @ turn("z", np.deg2rad(scan.heading)).T
     albedo = np.full((1, 1, 3), 0.4, np.float32) if picture is None else decode(picture / 255.0)
     bones, weights = np.zeros((len(v), 4), np.int64), np.tile([1.0, 0, 0, 0], (len(v), 1))
-    return Mesh(v, tris.astype(np.int32), uv.astype(np.float32), np.zeros(len(tris), np.int32), (Texture(albedo, 0.03),), bones, weights, np.zeros(len(v)))
+    return Mesh(
+        v,
+        tris.astype(np.int32),
+        uv.astype(np.float32),
+        np.zeros(len(tris), np.int32),
+        (Texture(albedo, 0.03),),
+        bones,
+        weights,
+        np.zeros(len(v)),
+    )

@@ -1,7 +1,7 @@
 """A scene file: who is filmed, doing what, by which cameras, and which effects spoil the pictures.
 
-All lengths are metres, angles degrees, times seconds unless a field says otherwise. The subject stands at the origin, Z is
-up, the ground is z = 0, and it faces +x. Every random choice follows from `seed` alone.
+All lengths are metres, angles degrees, times seconds unless a field says otherwise. The subject stands at the origin, Z
+is up, the ground is z = 0, and it faces +x. Every random choice follows from `seed` alone.
 """
 
 from __future__ import annotations
@@ -50,8 +50,13 @@ class Scan(Params):
     """A textured mesh."""
 
     obj: Path = Field(description="OBJ file, relative to the scene file; its material names the texture.")
-    up: Literal["x", "y", "z"] = Field("y", description="Axis of the file that points up; THuman2.0 and Twindom scans: y.")
-    translation: Point = Field((0.0, 0.0, 0.0), description="Taken from every vertex first, in the file's unit: `translation` of a THuman2.0 fit.")
+    up: Literal["x", "y", "z"] = Field(
+        "y", description="Axis of the file that points up; THuman2.0 and Twindom scans: y."
+    )
+    translation: Point = Field(
+        (0.0, 0.0, 0.0),
+        description="Taken from every vertex first, in the file's unit: `translation` of a THuman2.0 fit.",
+    )
     scale: float = Field(1.0, gt=0, description="Every vertex is divided by it: `scale` of a THuman2.0 fit.")
     height: float | None = Field(None, gt=0, description="Height the scan is brought to; null: as it is after `scale`.")
     heading: float = Field(0.0, description="Degrees it is turned to the left.")
@@ -75,8 +80,15 @@ class Motion(Params):
 
 class _Lens(Params):
     size: Size = Field((512, 512), description="(width, height) of the pictures in px.")
-    focal: float | None = Field(None, gt=0, description="Focal length over the longer side of the picture; null: from `fill`.")
-    fill: float = Field(0.86, gt=0, le=1.5, description="Share of the picture's height that the subject at rest fills, where `focal` is null.")
+    focal: float | None = Field(
+        None, gt=0, description="Focal length over the longer side of the picture; null: from `fill`."
+    )
+    fill: float = Field(
+        0.86,
+        gt=0,
+        le=1.5,
+        description="Share of the picture's height that the subject at rest fills, where `focal` is null.",
+    )
     roll: float = Field(0.0, description="Degrees every camera is rolled about its axis, clockwise as it looks.")
 
 
@@ -86,7 +98,13 @@ class _Around(_Lens):
     height: float = Field(1.15, description="Height of the cameras above the ground.")
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
     start: float = Field(0.0, description="Degrees to the left of the subject's front where the first camera stands.")
-    framing: Literal["rest", "frames"] = Field("rest", description="What `fill` holds for: the subject at rest, or wherever it fills least in the frames filmed (focal null, level pictures).")
+    framing: Literal["rest", "frames"] = Field(
+        "rest",
+        description=(
+            "What `fill` holds for: the subject at rest, or wherever it fills least in the frames filmed (focal null,"
+            " level pictures)."
+        ),
+    )
 
 
 class Ring(_Around):
@@ -107,7 +125,9 @@ class Dome(_Around):
 
     kind: Literal["dome"]
     rings: int = Field(3, ge=1, le=16, description="Number of rings that share the cameras.")
-    top: float = Field(60.0, gt=0, lt=90, description="Degrees above the horizon of the uppermost ring; the lowest looks level.")
+    top: float = Field(
+        60.0, gt=0, lt=90, description="Degrees above the horizon of the uppermost ring; the lowest looks level."
+    )
 
 
 class Stereo(_Around):
@@ -145,7 +165,14 @@ class Listed(Params):
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
 
 
-RIGS: dict[str, type[BaseModel]] = {"ring": Ring, "arc": Arc, "dome": Dome, "stereo": Stereo, "thuman": THuman, "list": Listed}
+RIGS: dict[str, type[BaseModel]] = {
+    "ring": Ring,
+    "arc": Arc,
+    "dome": Dome,
+    "stereo": Stereo,
+    "thuman": THuman,
+    "list": Listed,
+}
 
 
 def _kind(data: Any) -> Any:
@@ -157,8 +184,17 @@ def _subject_kind(data: Any) -> str:
 
 
 AnyRig = Annotated[
-    Annotated[Ring, Tag("ring")] | Annotated[Arc, Tag("arc")] | Annotated[Dome, Tag("dome")] | Annotated[Stereo, Tag("stereo")] | Annotated[THuman, Tag("thuman")] | Annotated[Listed, Tag("list")],
-    Discriminator(_kind, custom_error_type="rig_kind", custom_error_message="there is no such kind of rig; there are ring, arc, dome, stereo, thuman and list"),
+    Annotated[Ring, Tag("ring")]
+    | Annotated[Arc, Tag("arc")]
+    | Annotated[Dome, Tag("dome")]
+    | Annotated[Stereo, Tag("stereo")]
+    | Annotated[THuman, Tag("thuman")]
+    | Annotated[Listed, Tag("list")],
+    Discriminator(
+        _kind,
+        custom_error_type="rig_kind",
+        custom_error_message="there is no such kind of rig; there are ring, arc, dome, stereo, thuman and list",
+    ),
 ]
 AnySubject = Annotated[Annotated[Person, Tag("person")] | Annotated[Scan, Tag("scan")], Discriminator(_subject_kind)]
 
@@ -173,7 +209,9 @@ class _Effects(Params):
         return {"switch": value} if isinstance(value, str) else value
 
 
-SceneEffects: Any = create_model("SceneEffects", __base__=_Effects, **{e.name: (e.params | None, None) for e in EFFECTS})  # type: ignore[call-overload]
+SceneEffects: Any = create_model(
+    "SceneEffects", __base__=_Effects, **{e.name: (e.params | None, None) for e in EFFECTS}
+)  # type: ignore[call-overload]
 """One field an effect; what a scene does not name is off."""
 
 
@@ -187,7 +225,9 @@ class Scene(Params):
     subject: AnySubject = Field(Person.model_validate({}), description="Who is filmed.")
     motion: Motion = Field(Motion.model_validate({}), description="What a person does; a scan only turns.")
     rig: AnyRig = Field(Ring.model_validate({}), description="Source cameras.")
-    held_out: int | list[Camera] = Field(0, description="Cameras to compare with: a number of them midway between source cameras, or a list.")
+    held_out: int | list[Camera] = Field(
+        0, description="Cameras to compare with: a number of them midway between source cameras, or a list."
+    )
     effects: SceneEffects = Field(SceneEffects(), description="What is simulated besides the plain picture.")
 
     @model_validator(mode="before")
@@ -210,7 +250,9 @@ def _beyond(values: Any, place: tuple[str | int, ...]) -> Iterator[tuple[tuple[s
     """[(place, sentence)] of numbers that are not finite or beyond `LARGEST`."""
     if isinstance(values, float) and not abs(values) <= LARGEST:
         yield place, f"{values:g} is beyond {LARGEST:g}; lengths are metres, angles degrees and times seconds"
-    for key, value in values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list | tuple) else ():
+    for key, value in (
+        values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list | tuple) else ()
+    ):
         yield from _beyond(value, (*place, key))
 
 
@@ -218,25 +260,59 @@ def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
     """[(place in the file, sentence)] of what no single field can know."""
     out: list[tuple[tuple[str | int, ...], str]] = [*_beyond(scene.model_dump(), ())]
     if isinstance(scene.subject, Person):
-        named: list[tuple[tuple[str | int, ...], str]] = [(("subject", "person"), scene.subject.person), (("subject", "outfit"), scene.subject.outfit), (("motion", "name"), scene.motion.name)]
+        named: list[tuple[tuple[str | int, ...], str]] = [
+            (("subject", "person"), scene.subject.person),
+            (("subject", "outfit"), scene.subject.outfit),
+            (("motion", "name"), scene.motion.name),
+        ]
         if scene.effects.second_person is not None:
             named.append((("effects", "second_person", "motion"), scene.effects.second_person.motion))
         out += [(place, why) for place, name in named for why in [refusal(scene.seed, name)] if why is not None]
         inside = (BODY_RADIUS, BODY_HEIGHT)
         if not isinstance(scene.rig, Listed) and scene.rig.radius <= inside[0]:
-            out.append((("rig", "radius"), f"cameras {scene.rig.radius:g} m from the subject's axis are inside the body; more than {inside[0]:g} m is needed"))
-        for key, cameras in (("rig", scene.rig.cameras if isinstance(scene.rig, Listed) else []), ("held_out", scene.held_out if isinstance(scene.held_out, list) else [])):
+            out.append(
+                (
+                    ("rig", "radius"),
+                    (
+                        f"cameras {scene.rig.radius:g} m from the subject's axis are inside the body; more than"
+                        f" {inside[0]:g} m is needed"
+                    ),
+                )
+            )
+        for key, cameras in (
+            ("rig", scene.rig.cameras if isinstance(scene.rig, Listed) else []),
+            ("held_out", scene.held_out if isinstance(scene.held_out, list) else []),
+        ):
             for i, c in enumerate(cameras):
                 if math.hypot(*c.position[:2]) <= inside[0] and 0 <= c.position[2] <= inside[1]:
                     place = ("rig", "cameras", i) if key == "rig" else ("held_out", i)
-                    out.append((place, f"camera {c.name} at {tuple(c.position)} is inside the body, which fills {inside[0]:g} m around the axis up to {inside[1]:g} m"))
+                    out.append(
+                        (
+                            place,
+                            (
+                                f"camera {c.name} at {tuple(c.position)} is inside the body, which fills {inside[0]:g}"
+                                f" m around the axis up to {inside[1]:g} m"
+                            ),
+                        )
+                    )
     names = [c.name for c in scene.rig.cameras] if isinstance(scene.rig, Listed) else []
     names += [c.name for c in scene.held_out] if isinstance(scene.held_out, list) else []
-    out += [(("rig", "cameras"), f"camera name {n!r} is given twice; names must be unique") for n in sorted({n for n in names if names.count(n) > 1})]
+    out += [
+        (("rig", "cameras"), f"camera name {n!r} is given twice; names must be unique")
+        for n in sorted({n for n in names if names.count(n) > 1})
+    ]
     if isinstance(scene.held_out, int):
         gaps = 0 if isinstance(scene.rig, Listed) else scene.rig.cameras
         if scene.held_out < 0 or scene.held_out > gaps:
-            out.append((("held_out",), f"{scene.held_out} held-out cameras between {gaps} cameras of a rig; at most one a gap, 0 for a list (list them too)"))
+            out.append(
+                (
+                    ("held_out",),
+                    (
+                        f"{scene.held_out} held-out cameras between {gaps} cameras of a rig; at most one a gap, 0 for a"
+                        " list (list them too)"
+                    ),
+                )
+            )
     return out
 
 
@@ -246,8 +322,16 @@ def known_fields(path: tuple[str | int, ...], tag: str | None = None) -> list[st
         return list(Scene.model_fields)
     top = str(path[0])
     if top == "effects":
-        return [e.name for e in EFFECTS] if len(path) == 1 else next((list(e.params.model_fields) for e in EFFECTS if e.name == path[1]), [])
+        return (
+            [e.name for e in EFFECTS]
+            if len(path) == 1
+            else next((list(e.params.model_fields) for e in EFFECTS if e.name == path[1]), [])
+        )
     if top == "rig":
         return list((Camera if len(path) > 1 else RIGS.get(str(tag), Ring)).model_fields)
-    models: dict[str, tuple[type[BaseModel], ...]] = {"subject": (Person, Scan), "motion": (Motion,), "held_out": (Camera,)}
+    models: dict[str, tuple[type[BaseModel], ...]] = {
+        "subject": (Person, Scan),
+        "motion": (Motion,),
+        "held_out": (Camera,),
+    }
     return [n for m in models.get(top, ()) for n in m.model_fields]

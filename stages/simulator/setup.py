@@ -45,11 +45,14 @@ def play(scene: Scene) -> Performer:
             raise ValueError(why)
     subject, outfit = cast(scene.seed, scene.subject.person, scene.subject.outfit)
     style = generator(scene.seed, "style").uniform(-1.0, 1.0, 4)
-    return Performer(subject, outfit, scene.motion.name, scene.motion.speed, scene.motion.phase, style, scene.subject.heading)
+    return Performer(
+        subject, outfit, scene.motion.name, scene.motion.speed, scene.motion.phase, style, scene.subject.heading
+    )
 
 
 def _fastest(actor: Actor, rig: Rig, frames: int, interval: float) -> float:
     """Px between two frames of the fastest joint (or of a scan's vertices) in the camera where it is fastest."""
+
     def points(t: float) -> np.ndarray:
         found = actor.joints(t)
         return found if found is not None else actor.vertices(t)[::97]
@@ -78,8 +81,16 @@ def stage(scene: Scene, subject: Actor | None = None) -> Staged:
     actor = play(scene) if subject is None else subject
     interval = 1.0 / scene.frame_rate
     rig, sources = _filming(scene, actor)
-    evidence = SceneEvidence(None, _fastest(actor, rig, scene.frames, interval), float(rig.size.max()), len(rig), isinstance(scene.subject, Person))
-    rulings = tuple(ruled(e, p, dataclasses.replace(evidence, params=p)) for e in EFFECTS for p in [getattr(scene.effects, e.name)])
+    evidence = SceneEvidence(
+        None,
+        _fastest(actor, rig, scene.frames, interval),
+        float(rig.size.max()),
+        len(rig),
+        isinstance(scene.subject, Person),
+    )
+    rulings = tuple(
+        ruled(e, p, dataclasses.replace(evidence, params=p)) for e in EFFECTS for p in [getattr(scene.effects, e.name)]
+    )
     on: dict[str, list[Ruling]] = defaultdict(list)
     for r in rulings:
         if r.decision.on:
@@ -93,11 +104,19 @@ def stage(scene: Scene, subject: Actor | None = None) -> Staged:
     valid[:, sources:] = True
     for r in on["rig"]:
         bent = resolve(r.effect.apply)(rig, r.params, scene.seed)
-        rig = dataclasses.replace(bent, distortion=np.concatenate([bent.distortion[:sources], rig.distortion[sources:]]))
+        rig = dataclasses.replace(
+            bent, distortion=np.concatenate([bent.distortion[:sources], rig.distortion[sources:]])
+        )
     written = rig
     for r in on["calibration"]:
         off = resolve(r.effect.apply)(written, r.params, scene.seed)
         poses = np.concatenate([off.world_to_camera[:sources], written.world_to_camera[sources:]])
         written = dataclasses.replace(written, world_to_camera=poses)
     actors = (actor, *(resolve(r.effect.apply)(r.params, scene.seed) for r in on["meshes"]))
-    return Staged(Take(scene.seed, actors, rig, times, interval, scene.samples, dict(on), sources), written, sources, valid, rulings)
+    return Staged(
+        Take(scene.seed, actors, rig, times, interval, scene.samples, dict(on), sources),
+        written,
+        sources,
+        valid,
+        rulings,
+    )

@@ -1,4 +1,5 @@
-"""One picture of a scene at a time, with its truth: the plain renderer, and the effects that are on, each in its place."""
+"""One picture of a scene at a time, with its truth: the plain renderer, and the effects that are on, each in its
+place."""
 
 from __future__ import annotations
 
@@ -12,7 +13,18 @@ from posegaussian.stages.contract.declaration import resolve
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.imaging.camera_mapping import distort, reach
 from posegaussian.stages.simulator.effects.base import Ruling
-from posegaussian.stages.simulator.render.light import GROUND, LIGHTS, POWERS, SKY, SRGB, averaged, decode, encode, flat_textures, shade
+from posegaussian.stages.simulator.render.light import (
+    GROUND,
+    LIGHTS,
+    POWERS,
+    SKY,
+    SRGB,
+    averaged,
+    decode,
+    encode,
+    flat_textures,
+    shade,
+)
 from posegaussian.stages.simulator.render.mesh import Mesh, joined
 from posegaussian.stages.simulator.render.raster import flat_normals, rasterize, vertex_normals
 from posegaussian.stages.simulator.subjects.actors import Actor
@@ -33,13 +45,15 @@ class Shot:
     color: np.ndarray
     """[h, w, 3] uint8 sRGB; before black premultiplied."""
     mask: np.ndarray
-    """[h, w] uint8 what a matting program gives: covered share of the pixel by the subject, unless an effect spoils it."""
+    """[h, w] uint8 what a matting program gives: covered share of the pixel by the subject, unless an effect spoils
+    it."""
     joints2d: np.ndarray | None
     """[17, 3] (u, v, score) px, what a pose estimator gives: the truth with score 1, unless an effect spoils it."""
     true_mask: np.ndarray
     """[h, w] uint8 covered share of the pixel by the subject."""
     depth: np.ndarray
-    """[h, w] float32 metres along the optical axis at the pixel centre, of the subject where it is what is seen; else 0."""
+    """[h, w] float32 metres along the optical axis at the pixel centre, of the subject where it is what is seen;
+    else 0."""
     normal: np.ndarray
     """[h, w, 3] float32 unit normal of the triangle seen there, camera axes, facing the camera; else 0."""
     true_joints2d: np.ndarray | None
@@ -165,7 +179,8 @@ class Take:
         return (vertices, *self._pictured(vertices, view))
 
     def _light(self, time: float) -> np.ndarray:
-        """[V, 1 + lights] share of sky and lamps that reaches the vertices in the frame nearest to a time: the same for all views."""
+        """[V, 1 + lights] share of sky and lamps that reaches the vertices in the frame nearest to a time: the same
+        for all views."""
         rulings = self._of("light")
         if not rulings:
             return np.ones((len(self.mesh.vertices), 1 + len(LIGHTS)))
@@ -188,22 +203,55 @@ class Take:
         index = rasterize(p, mesh.tris, w, h, s)[1]
         normals = vertex_normals(vertices, mesh.tris)
         texels, info, gloss, shiny = self._paint
-        light = shade(index, p, vertices, normals, mesh.tris, mesh.uv, mesh.layer, texels, info, gloss, self._light(time), self.rig.centres[view], s, shiny, LIGHTS, POWERS, SKY, GROUND)  # fmt: skip
+        # fmt: skip
+        light = shade(
+            index,
+            p,
+            vertices,
+            normals,
+            mesh.tris,
+            mesh.uv,
+            mesh.layer,
+            texels,
+            info,
+            gloss,
+            self._light(time),
+            self.rig.centres[view],
+            s,
+            shiny,
+            LIGHTS,
+            POWERS,
+            SKY,
+            GROUND,
+        )
         return averaged(light, index, len(self.actors[0].mesh.tris), s, SRGB)
 
     def shoot(self, frame: int, view: int) -> Shot:
-        """The picture of one camera at one frame, with its truth. Depends on nothing but the scene, the frame and the view."""
+        """The picture of one camera at one frame, with its truth. Depends on nothing but the scene, the frame and
+        the view."""
         time = float(self.times[frame, view])
         shutter = self._of("shutter", view)
         moments = self._run(shutter[-1], shutter[-1].params, self.interval) if shutter else np.zeros(1)
         exposed = [self._exposed(time + dt, view) for dt in moments]
-        color, cover, own = (np.mean([e[k] for e in exposed], axis=0) for k in range(3)) if len(exposed) > 1 else exposed[0]
+        color, cover, own = (
+            (np.mean([e[k] for e in exposed], axis=0) for k in range(3)) if len(exposed) > 1 else exposed[0]
+        )
         if len(exposed) > 1:  # light adds up, bytes do not
             color = encode(np.mean([decode(e[0]) for e in exposed], axis=0))
         depth, first_depth, normal, joints, joints3d = self._truth(time, frame, view)
         visible = joints[:, 2] > 0 if joints is not None else np.zeros(0, bool)
         camera = self.rig.world_to_camera[view]
-        picture = Picture(frame, view, cover.astype(np.float32), first_depth, self.rig.centres[view], float(self.rig.intrinsics[view, 0, 0]), float(camera[2, 3]), lambda: self._rays(view), visible)
+        picture = Picture(
+            frame,
+            view,
+            cover.astype(np.float32),
+            first_depth,
+            self.rig.centres[view],
+            float(self.rig.intrinsics[view, 0, 0]),
+            float(camera[2, 3]),
+            lambda: self._rays(view),
+            visible,
+        )
         bytes_ = np.rint(255.0 * self._developed(color, picture)).astype(np.uint8)
         for ruling in self._of("file", view):
             bytes_ = self._run(ruling, bytes_, picture, ruling.params, self.seed)
@@ -227,14 +275,18 @@ class Take:
 
     def _rays(self, view: int) -> np.ndarray:
         k, bend = self.rig.intrinsics[view], self.rig.distortion[view]
-        wanted = (pixel_centres((int(self.rig.size[view, 0]), int(self.rig.size[view, 1]))) - k[:2, 2]) @ np.linalg.inv(k[:2, :2]).T
+        wanted = (pixel_centres((int(self.rig.size[view, 0]), int(self.rig.size[view, 1]))) - k[:2, 2]) @ np.linalg.inv(
+            k[:2, :2]
+        ).T
         plane = wanted.copy()
         if bend.any():
             for _ in range(12):  # the fixed point of x = wanted - (distort(x) - x)
                 plane = wanted - (distort(plane.reshape(-1, 2), bend).reshape(plane.shape) - plane)
         return np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1) @ self.rig.rotations[view]
 
-    def _truth(self, time: float, frame: int, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
+    def _truth(
+        self, time: float, frame: int, view: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
         """Depth of the subject, depth of the first surface, normals, joints in the picture and in the world."""
         w, h = (int(n) for n in self.rig.size[view])
         _, p, camera = self._seen(time, view)

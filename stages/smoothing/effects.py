@@ -18,10 +18,14 @@ def _smoothing(evidence: Evidence, bound: float) -> Decision | None:
     jitter, motion, compared = evidence.noted["survey/motion"].T
     known = compared >= FEWEST
     if not known.any():
-        return Decision(False, None, bound, "no joint is known in four consecutive frames often enough to tell jitter from motion")
+        return Decision(
+            False, None, bound, "no joint is known in four consecutive frames often enough to tell jitter from motion"
+        )
     noise, speed = float(np.median(jitter[known])), float(np.median(motion[known])) * evidence.stride
     if max(noise, speed) < LEAST:
-        return Decision(False, 0.0, bound, f"the scene is still: joints move and jitter by less than {LEAST:g} px a frame")
+        return Decision(
+            False, 0.0, bound, f"the scene is still: joints move and jitter by less than {LEAST:g} px a frame"
+        )
     ratio = noise / max(speed, LEAST)
     sentence = f"joints jitter by {noise:.2f} px and move by {speed:.2f} px a frame"
     if noise < LEAST:
@@ -40,8 +44,10 @@ TEMPORAL_SMOOTHING = Effect(
     "temporal_smoothing",
     "Blend pose heatmaps with those of the frames before.",
     "joint jitter over motion",
-    # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away and adds the
-    # squared lag (1 - w)^2 v^2; the gain outweighs the loss from s / v = sqrt((1 - w) / w) / 2 on, 0.25 at the default w = 0.8.
+    # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away and
+    # adds the
+    # squared lag (1 - w)^2 v^2; the gain outweighs the loss from s / v = sqrt((1 - w) / w) / 2 on, 0.25 at the default
+    # w = 0.8.
     0.25,
     "px/px",
     _smoothing,

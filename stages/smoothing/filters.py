@@ -22,7 +22,8 @@ from posegaussian.stages.pose.heatmaps import FLOOR
 
 
 def taps(omega: float, past: int) -> np.ndarray:
-    """[past + 1] weights of frames t, t-1, ..., t-past: omega (1 - omega)^k, the oldest takes what is left; they sum to 1."""
+    """[past + 1] weights of frames t, t-1, ..., t-past: omega (1 - omega)^k, the oldest takes what is left; they sum
+    to 1."""
     decay = (1.0 - omega) ** np.arange(past + 1)
     return np.append(omega * decay[:-1], decay[-1])
 
@@ -30,9 +31,9 @@ def taps(omega: float, past: int) -> np.ndarray:
 def blend(heatmaps: np.ndarray, scores: np.ndarray, omega: np.ndarray, calm: np.ndarray) -> np.ndarray:
     """Blend [n + 1, J, h, w] heatmaps of frames t-n..t with scores [n + 1, J] -> [J, h, w] float32.
 
-    omega: [J] weight of the current frame; calm: [J] in 0..1, how much of the past's larger score the amplitude may take
-    on. The past's score is the state's, sum of taps_k s_{t-k} over k >= 1 relative to their sum. Joints with omega = 1 and
-    frames without a past are returned as they are; values under 1e-3 are 0, as in every stored heatmap.
+    omega: [J] weight of the current frame; calm: [J] in 0..1, how much of the past's larger score the amplitude may
+    take on. The past's score is the state's, sum of taps_k s_{t-k} over k >= 1 relative to their sum. Joints with omega
+    = 1 and frames without a past are returned as they are; values under 1e-3 are 0, as in every stored heatmap.
     """
     current = heatmaps[-1].astype(np.float32)
     if len(heatmaps) == 1:
@@ -56,10 +57,10 @@ def blend(heatmaps: np.ndarray, scores: np.ndarray, omega: np.ndarray, calm: np.
 def stillness(heatmaps: np.ndarray, joints: np.ndarray, limit: float, cell: int) -> np.ndarray:
     """[J] in 0..1: 1 for a joint at rest, 0 from `limit` sigmas of displacement between two frames on.
 
-    heatmaps [2, J, h, w], joints [2, J, 3] (u, v, score) px of frames/*; `cell` px to a heatmap cell. A map's sigma follows
-    from its mass, sum = 2 pi s sigma^2; a cut map seems narrower, so the joint faster, which errs towards the current frame,
-    and an empty map of a joint that left the picture makes it infinitely fast. A joint that is missing in either frame
-    has no speed and counts as at rest.
+    heatmaps [2, J, h, w], joints [2, J, 3] (u, v, score) px of frames/*; `cell` px to a heatmap cell. A map's sigma
+    follows from its mass, sum = 2 pi s sigma^2; a cut map seems narrower, so the joint faster, which errs towards the
+    current frame, and an empty map of a joint that left the picture makes it infinitely fast. A joint that is missing
+    in either frame has no speed and counts as at rest.
     """
     rows = heatmaps.reshape(-1, heatmaps.shape[2] * heatmaps.shape[3]).astype(np.float32)
     scores = joints[..., 2].astype(np.float64)

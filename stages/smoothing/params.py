@@ -11,12 +11,26 @@ class SmoothingParams(Params):
     """Which filter, and how much of the current frame it keeps."""
 
     method: Literal["pairwise", "recurrent", "adaptive"] = setting(
-        "pairwise", "pairwise: the paper's two-frame blend; recurrent: a truncated exponential filter; adaptive: pairwise with omega going to 1 with joint speed."
+        "pairwise",
+        "pairwise: the paper's two-frame blend; recurrent: a truncated exponential filter; adaptive: pairwise with"
+        " omega going to 1 with joint speed.",
     )
     omega: float = setting(0.8, "Weight of the current frame; 1 is the identity.", ge=0, le=1)
-    truncation: int = setting(8, "Frames of the past that the recurrent filter looks at.", unit="frames", quality_levels=[2, 4, 8], ge=1, le=64)
+    truncation: int = setting(
+        8,
+        "Frames of the past that the recurrent filter looks at.",
+        unit="frames",
+        quality_levels=[2, 4, 8],
+        ge=1,
+        le=64,
+    )
     speed: float = setting(
-        1.0, "Joint displacement per frame, in heatmap sigmas, from which on the adaptive filter keeps only the current frame; up to 2 no second peak can appear.", unit="sigma", gt=0, le=2
+        1.0,
+        "Joint displacement per frame, in heatmap sigmas, from which on the adaptive filter keeps only the current"
+        " frame; up to 2 no second peak can appear.",
+        unit="sigma",
+        gt=0,
+        le=2,
     )
 
 

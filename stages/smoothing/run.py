@@ -49,5 +49,8 @@ def check(block: Block, params: SmoothingParams) -> list[str]:
     data = np.asarray(block.data)
     bad = ~((data >= 0) & (data <= 1))
     if bad.any():
-        raise ValueError(f"{block.array} of view {block.view}: {int(bad.sum())} of {data.size} values lie outside 0..1, the first is {data[bad][0]}")
+        raise ValueError(
+            f"{block.array} of view {block.view}: {int(bad.sum())} of {data.size} values lie outside 0..1, the first is"
+            f" {data[bad][0]}"
+        )
     return []

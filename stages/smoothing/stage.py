@@ -31,7 +31,16 @@ STAGE = Stage(
     run="posegaussian.stages.smoothing.run:run",
     check="posegaussian.stages.smoothing.run:check",
     reads=(Read("pose/heatmaps", views="all", halo=halo), Read("pose/joints2d", views="all", halo=halo)),
-    writes=(ArraySpec("smoothing/heatmaps", ("frame", "view", "coco17", "y/4", "x/4"), "float16", "1", "Heatmaps blended over time; the amplitude is the larger score.", keep="until_done"),),
+    writes=(
+        ArraySpec(
+            "smoothing/heatmaps",
+            ("frame", "view", "coco17", "y/4", "x/4"),
+            "float16",
+            "1",
+            "Heatmaps blended over time; the amplitude is the larger score.",
+            keep="until_done",
+        ),
+    ),
     over=("sequence", "time"),
     params=SmoothingParams,
     needs=needs,

@@ -1,8 +1,8 @@
 """Gaussians and cameras in, pictures out: the one way to the back ends.
 
-`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba, `gpu` is Triton, both in float32.
-All composite by the same definition with the same cut-offs (`reference.py` states it) and are differentiable in the
-Gaussians and the cameras.
+`reference` is plain torch in the dtype and on the device of the Gaussians; `cpu` is numba, `gpu` is Triton, both in
+float32. All composite by the same definition with the same cut-offs (`reference.py` states it) and are differentiable
+in the Gaussians and the cameras.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from posegaussian.stages.splatting.gpu import backend as gpu
 log = logging.getLogger(__name__)
 
 
-def rasterize(gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str] = (), drawing: Drawing | None = None) -> Rendering:
+def rasterize(
+    gaussians: Gaussians, cameras: Sequence[Camera], extras: Sequence[str] = (), drawing: Drawing | None = None
+) -> Rendering:
     """Render Gaussians into C cameras of one size.
 
-    extras: any of "depth" and "normal", drawn only when asked for. Any N and any picture size are valid; an empty scene gives zeros.
-    Gaussians that are not finite are masked and counted and reach neither a picture nor a gradient. Opacities and colours
-    are not checked for their range. Raises ValueError for what no back end can draw; it names the argument, its value and
-    what to do.
+    extras: any of "depth" and "normal", drawn only when asked for. Any N and any picture size are valid; an empty scene
+    gives zeros. Gaussians that are not finite are masked and counted and reach neither a picture nor a gradient.
+    Opacities and colours are not checked for their range. Raises ValueError for what no back end can draw; it names the
+    argument, its value and what to do.
     """
     drawing = drawing or Drawing()
     check(gaussians, cameras, extras, drawing)
@@ -64,7 +66,9 @@ def _say_once(lacking: str) -> None:
     log.warning("rendering on the GPU by the `reference` back end, slowly, because %s", lacking)
 
 
-def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: Drawing, backend: str) -> tuple[torch.Tensor, torch.Tensor, int]:
+def _draw(
+    gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: Drawing, backend: str
+) -> tuple[torch.Tensor, torch.Tensor, int]:
     """(picture [h, w, 3, 4 or 7] = colour, depth, normal; alpha [h, w]; masked)."""
     channels = 7 if "normal" in extras else 4 if "depth" in extras else 3
     if backend == "gpu":
@@ -74,5 +78,8 @@ def _draw(gaussians: Gaussians, camera: Camera, extras: Sequence[str], drawing: 
 
         return cpu.render(gaussians, camera, drawing.cutoffs, channels, drawing.threads)
     picture, masked = reference.composite(gaussians, camera, drawing.cutoffs)
-    return torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3], picture[..., 3], masked
-
+    return (
+        torch.cat([picture[..., :3], picture[..., 4:]], dim=2) if extras else picture[..., :3],
+        picture[..., 3],
+        masked,
+    )

@@ -17,7 +17,8 @@ MOST_OPAQUE = 1 - 2.0**-20
 
 @dataclass(frozen=True, eq=False)
 class SplatScene:
-    """A splat file's Gaussians: all but the colour is the same for every camera. World axes and units are the file's."""
+    """A splat file's Gaussians: all but the colour is the same for every camera. World axes and units are the
+    file's."""
 
     mean: torch.Tensor  # [N, 3]
     """Centres."""
@@ -33,11 +34,14 @@ class SplatScene:
     def seen_from(self, camera: Camera, degree: int = 3) -> Gaussians:
         """The Gaussians in the colours they show to a camera, harmonics up to `degree` (or the file's own) counted."""
         centre = torch.as_tensor(camera.centre, dtype=self.mean.dtype, device=self.mean.device)
-        return Gaussians(self.mean, self.rotation, self.scale, self.opacity, sh_color(self.harmonics, self.mean - centre, degree))
+        return Gaussians(
+            self.mean, self.rotation, self.scale, self.opacity, sh_color(self.harmonics, self.mean - centre, degree)
+        )
 
 
 def scene_of(splats: Splats, dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu") -> SplatScene:
-    """Exponential of the log scales, logistic function of the opacity logits, rotation matrices of the normalised quaternions.
+    """Exponential of the log scales, logistic function of the opacity logits, rotation matrices of the normalised
+    quaternions.
 
     What is not finite stays so, and so does a quaternion of length 0 (its rotation is NaN): the rasterizer masks and
     counts such Gaussians.
@@ -47,7 +51,9 @@ def scene_of(splats: Splats, dtype: torch.dtype = torch.float32, device: torch.d
         return torch.tensor(values, dtype=dtype, device=device)
 
     scale, opacity = torch.exp(tensor(splats.log_scale)), torch.sigmoid(tensor(splats.opacity_logit))
-    return SplatScene(tensor(splats.mean), rotations(tensor(splats.quaternion)), scale, opacity, tensor(splats.harmonics))
+    return SplatScene(
+        tensor(splats.mean), rotations(tensor(splats.quaternion)), scale, opacity, tensor(splats.harmonics)
+    )
 
 
 def sh_color(harmonics: torch.Tensor, direction: torch.Tensor, degree: int = 3) -> torch.Tensor:
@@ -83,7 +89,11 @@ def _basis(d: torch.Tensor, count: int) -> list[torch.Tensor]:
         found += [1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy)]
         found += [-1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy)]
     if count > 9:
-        found += [-0.5900435899266435 * y * (3 * xx - yy), 2.890611442640554 * x * y * z, -0.4570457994644658 * y * (4 * zz - xx - yy)]
+        found += [
+            -0.5900435899266435 * y * (3 * xx - yy),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (4 * zz - xx - yy),
+        ]
         found += [0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy), -0.4570457994644658 * x * (4 * zz - xx - yy)]
         found += [1.445305721320277 * z * (xx - yy), -0.5900435899266435 * x * (xx - 3 * yy)]
     return found
@@ -100,7 +110,9 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     a, b, c = r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]
     d, e, f = r[:, 1, 0] + r[:, 0, 1], r[:, 0, 2] + r[:, 2, 0], r[:, 2, 1] + r[:, 1, 2]
     x, y, z = (1 + 2 * diagonal[i] - trace for i in range(3))
-    candidates = np.stack([np.stack(q, axis=1) for q in ((1 + trace, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))])  # [4, N, 4]
+    candidates = np.stack(
+        [np.stack(q, axis=1) for q in ((1 + trace, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))]
+    )  # [4, N, 4]
     largest = np.argmax(np.stack([trace, *diagonal]), axis=0)
     q = candidates[largest, np.arange(len(r))]
     q /= np.sqrt((q * q).sum(axis=1, keepdims=True))
@@ -108,16 +120,38 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
 
 
 def splats_of(gaussians: Gaussians) -> Splats:
-    """Gaussians of one colour each as splats of degree 0. Alpha is bounded by `MOST_OPAQUE`, as its logit must be finite.
+    """Gaussians of one colour each as splats of degree 0. Alpha is bounded by `MOST_OPAQUE`, as its logit must be
+    finite.
 
     Raises ValueError where something is not finite, a scale is not positive or an opacity not in (0, 1].
     """
-    mean, rotation, scale, opacity, color = (getattr(gaussians, n).detach().cpu().numpy().astype(np.float64) for n in ("mean", "rotation", "scale", "opacity", "color"))
-    for name, values in (("mean", mean), ("rotation", rotation), ("scale", scale), ("opacity", opacity), ("color", color)):
+    mean, rotation, scale, opacity, color = (
+        getattr(gaussians, n).detach().cpu().numpy().astype(np.float64)
+        for n in ("mean", "rotation", "scale", "opacity", "color")
+    )
+    for name, values in (
+        ("mean", mean),
+        ("rotation", rotation),
+        ("scale", scale),
+        ("opacity", opacity),
+        ("color", color),
+    ):
         if not np.isfinite(values).all():
-            raise ValueError(f"{int((~np.isfinite(values)).sum())} values of {name} are not finite; a splat file holds finite Gaussians")
+            raise ValueError(
+                f"{int((~np.isfinite(values)).sum())} values of {name} are not finite; a splat file holds finite"
+                " Gaussians"
+            )
     if (scale <= 0).any() or (opacity <= 0).any() or (opacity > 1).any():
-        raise ValueError(f"scale {scale.min(initial=1):g} or opacity {opacity.min(initial=1):g}..{opacity.max(initial=0):g}; scales above 0 and opacities in (0, 1] are expected")
+        raise ValueError(
+            f"scale {scale.min(initial=1):g} or opacity {opacity.min(initial=1):g}..{opacity.max(initial=0):g}; scales"
+            " above 0 and opacities in (0, 1] are expected"
+        )
     alpha = np.minimum(opacity, MOST_OPAQUE)
-    parts = (mean, np.log(scale), quaternions(rotation), np.log(alpha) - np.log1p(-alpha), ((color - 0.5) / SH0)[:, None, :])
+    parts = (
+        mean,
+        np.log(scale),
+        quaternions(rotation),
+        np.log(alpha) - np.log1p(-alpha),
+        ((color - 0.5) / SH0)[:, None, :],
+    )
     return Splats(*(p.astype(np.float32) for p in parts))

@@ -1,4 +1,5 @@
-"""Where people stand in a sampled picture, as far as joints tell: pixels that a background plate must not learn from."""
+"""Where people stand in a sampled picture, as far as joints tell: pixels that a background plate must not learn
+from."""
 
 from __future__ import annotations
 
@@ -12,10 +13,11 @@ TORSO = ("LShoulder", "RShoulder", "RHip", "LHip")
 
 
 def people_cover(people: np.ndarray, joint_set_id: str, size: tuple[int, int], margin: float) -> np.ndarray:
-    """[h, w] uint8, 1 where a person may be: limbs and torso, widened on each side by `margin` times the person's extent.
+    """[h, w] uint8, 1 where a person may be: limbs and torso, widened on each side by `margin` times the person's
+    extent.
 
-    people [n, J, 3] (u, v, score) in pixels of the picture of `size` (width, height), our pixel centres; joints of score 0
-    are unknown. The extent is the longer side of the box around a person's joints.
+    people [n, J, 3] (u, v, score) in pixels of the picture of `size` (width, height), our pixel centres; joints of
+    score 0 are unknown. The extent is the longer side of the box around a person's joints.
     """
     cover = np.zeros((size[1], size[0]), dtype=np.uint8)
     known_set = joint_set(joint_set_id)

@@ -20,7 +20,9 @@ def disagreement(colors: np.ndarray, gains: np.ndarray, noise: float) -> tuple[f
     """
     shown = to_srgb(colors * gains[:, None, :])
     known: np.ndarray = np.all(colors > 0, axis=2)
-    apart = [np.abs(shown[a] - shown[b])[known[a] & known[b]].mean(axis=1) for a in range(len(colors)) for b in range(a)]
+    apart = [
+        np.abs(shown[a] - shown[b])[known[a] & known[b]].mean(axis=1) for a in range(len(colors)) for b in range(a)
+    ]
     found = np.concatenate(apart) if apart else np.zeros(0)
     typical = float(np.median(found)) if len(found) else 0.0
     return float(np.sqrt(max(0.0, typical**2 - (BETWEEN * noise) ** 2))), len(found)

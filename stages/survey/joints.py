@@ -20,14 +20,16 @@ SCORE = 0.3
 RESIDUAL = 0.02
 """Reprojection error above which a view's joint is an outlier, as a share of the picture's longest side."""
 FITTING = 0.015
-"""Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm where a person of 1.75 m fills
-the picture, and the triangulated joint, a mean over views, is nearer to the true one than that."""
+"""Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm
+where a person of 1.75 m fills the picture, and the triangulated joint, a mean over views, is nearer to the true one
+than that."""
 FRAMES = 5
 """Sampled frames in which joints are compared."""
 
 
 def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
-    """[17, 4] COCO-17 (x, y, z, score) of the subject in one source frame, world metres; triangulated, else as given in 3D.
+    """[17, 4] COCO-17 (x, y, z, score) of the subject in one source frame, world metres; triangulated, else as given in
+    3D.
 
     2D joints are taken to be in captured pixels; only source views are looked at.
     """
@@ -38,7 +40,8 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
 
 
 def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.ndarray:
-    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from the capture's 2D joints, given or estimated.
+    """[S, 17, 3] COCO-17 (u, v, score) of the subject in the source views of one source frame, px of `frames/*`, from
+    the capture's 2D joints, given or estimated.
 
     `residual`: within which share of the picture's longer side views must agree on whom they see.
     """
@@ -53,9 +56,11 @@ def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.n
 
 
 def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[3]: median distance, over the picture's longer side, of a view's joints from the triangulated ones, the share within FITTING, and how many a frame can be compared.
+    """[3]: median distance, over the picture's longer side, of a view's joints from the triangulated ones, the share
+    within FITTING, and how many a frame can be compared.
 
-    Over a few of the sampled source frames `numbers`; a view that is no source, or where nothing can be compared, gets 0.
+    Over a few of the sampled source frames `numbers`; a view that is no source, or where nothing can be compared, gets
+    0.
     """
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
@@ -94,13 +99,18 @@ def runs_of_joints(inputs: Inputs, view: int, runs: list[np.ndarray]) -> np.ndar
 def _seen(inputs: Inputs, view: int, joints: np.ndarray) -> np.ndarray:
     """[J, 3] (u, v, score) of 3D joints [J, 4]; a joint that is not finite or behind the camera has score 0."""
     known = np.isfinite(joints).all(axis=1)
-    pixels, depth = project(np.where(known[:, None], joints, 0.0)[:, :3], inputs.source_rig.intrinsics[view], inputs.source_rig.world_to_camera[view])
+    pixels, depth = project(
+        np.where(known[:, None], joints, 0.0)[:, :3],
+        inputs.source_rig.intrinsics[view],
+        inputs.source_rig.world_to_camera[view],
+    )
     known &= depth > 0
     return np.concatenate([np.where(known[:, None], pixels, 0.0), np.where(known, joints[:, 3], 0.0)[:, None]], axis=1)
 
 
 def largest(people: np.ndarray) -> np.ndarray:
-    """[J, 3] the person of [n, J, 3] with the largest sum of scores times diagonal of the joints' box; zeros of nobody."""
+    """[J, 3] the person of [n, J, 3] with the largest sum of scores times diagonal of the joints' box; zeros of
+    nobody."""
     best, size = np.zeros(people.shape[1:]), 0.0
     for person in np.where(np.isfinite(people).all(axis=-1, keepdims=True), people, 0.0):
         known = person[person[:, 2] > 0]

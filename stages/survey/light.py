@@ -9,7 +9,8 @@ BRIGHT = 99.9
 
 
 def light_beyond_white(picture: np.ndarray) -> np.ndarray:
-    """[2]: share of the pixels with a channel above 1, and the 99.9th percentile of the largest channels, of linear light [h, w, 3].
+    """[2]: share of the pixels with a channel above 1, and the 99.9th percentile of the largest channels, of linear
+    light [h, w, 3].
 
     An 8-bit picture holds none beyond white.
     """

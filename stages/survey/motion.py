@@ -1,4 +1,5 @@
-"""Jitter and motion of given joints, from runs of consecutive frames: what is noise of the detector, what is the person.
+"""Jitter and motion of given joints, from runs of consecutive frames: what is noise of the detector, what is the
+person.
 
 A person moves smoothly over four frames, a detector's noise does not: with white noise of standard deviation s per
 coordinate, the third difference of a position has variance 20 s^2 per coordinate and hardly any of the motion.
@@ -13,13 +14,15 @@ RUN = 4
 SCORE = 0.3
 """Least score of a joint that counts."""
 TRIMMED = 0.95
-"""Share of the smallest steps whose mean square is the motion: a joint that jumps to another limb says nothing about speed."""
+"""Share of the smallest steps whose mean square is the motion: a joint that jumps to another limb says nothing about
+speed."""
 MEDIAN_CHI2 = 1.3863
 """Median of a chi-square variable with two degrees of freedom, 2 ln 2."""
 
 
 def run_starts(numbers: np.ndarray, sample: np.ndarray) -> list[np.ndarray]:
-    """Runs of `RUN` evenly spaced source frame numbers, one from each sampled number on where there is one; each once."""
+    """Runs of `RUN` evenly spaced source frame numbers, one from each sampled number on where there is one; each
+    once."""
     step = int(np.diff(numbers).min()) if len(numbers) > 1 else 1
     found: dict[int, np.ndarray] = {}
     for start in np.searchsorted(numbers, sample):
@@ -31,7 +34,8 @@ def run_starts(numbers: np.ndarray, sample: np.ndarray) -> list[np.ndarray]:
 
 
 def jitter_and_motion(runs: np.ndarray) -> tuple[float, float, int]:
-    """(jitter px, motion px a frame, joints compared) of runs [R, 4, J, 3] (u, v, score); zeros where nothing can be compared.
+    """(jitter px, motion px a frame, joints compared) of runs [R, 4, J, 3] (u, v, score); zeros where nothing can be
+    compared.
 
     Jitter is the standard deviation of a coordinate's noise; motion the root mean square step of a joint without it.
     """

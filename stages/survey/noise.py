@@ -8,21 +8,27 @@ import numpy as np
 from posegaussian.stages.survey.patches import BRIGHTEST, DARKEST
 
 LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-"""Zero on planes; of noise of standard deviation s it makes one of 6 s (Immerkaer, "Fast noise variance estimation", 1996)."""
+"""Zero on planes; of noise of standard deviation s it makes one of 6 s (Immerkaer, "Fast noise variance estimation",
+1996)."""
 PIXELS = 2**18
-"""Of larger pictures, strips of about so many pixels in all are looked at: their median is within a hundredth of the whole's."""
+"""Of larger pictures, strips of about so many pixels in all are looked at: their median is within a hundredth of the
+whole's."""
 STRIP = 16
 """Rows of a strip."""
 
 
 def noise_level(picture: np.ndarray) -> float:
-    """Standard deviation of a picture's noise, 1/255 sRGB, mean of the channels; [h, w, 3] uint8, never reduced: that would take noise away.
+    """Standard deviation of a picture's noise, 1/255 sRGB, mean of the channels; [h, w, 3] uint8, never reduced: that
+    would take noise away.
 
-    The median of the Laplacian's deviation instead of Immerkaer's mean, so that edges do not count, over pixels that are
-    neither nearly black nor nearly white, where noise is cut off; 0 where there are none. Fine texture counts as noise.
+    The median of the Laplacian's deviation instead of Immerkaer's mean, so that edges do not count, over pixels that
+    are neither nearly black nor nearly white, where noise is cut off; 0 where there are none. Fine texture counts as
+    noise.
     """
     one_in = -(-picture.shape[0] * picture.shape[1] // PIXELS)
-    strips = [picture[y : y + STRIP] for y in range(0, picture.shape[0] - 2, STRIP * one_in)] if one_in > 1 else [picture]
+    strips = (
+        [picture[y : y + STRIP] for y in range(0, picture.shape[0] - 2, STRIP * one_in)] if one_in > 1 else [picture]
+    )
     found = np.concatenate([_responses(s) for s in strips])
     return float(np.median(found, axis=0).mean() / (6 * 0.6745)) if len(found) else 0.0
 

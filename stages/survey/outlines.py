@@ -9,11 +9,13 @@ import numpy as np
 from posegaussian.stages.geometry.consistency import REACH, silhouette_offset
 
 BESIDE = round(REACH) + 8
-"""px around the subject in which its outline is compared: as far as edges are looked for, and the blur of the outline's direction."""
+"""px around the subject in which its outline is compared: as far as edges are looked for, and the blur of the
+outline's direction."""
 
 
 def outline_offsets(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """[n] captured px by which the outline of a mask [h, w] lies outside (+) the edge of its picture [h, w, 3] uint8; none where sizes differ.
+    """[n] captured px by which the outline of a mask [h, w] lies outside (+) the edge of its picture [h, w, 3] uint8;
+    none where sizes differ.
 
     At full resolution, in the part around the subject alone: the distances are the whole picture's.
     """
@@ -25,7 +27,8 @@ def outline_offsets(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def typical_offset(found: Sequence[np.ndarray]) -> np.ndarray:
-    """[3]: median of the offsets of some frames and their interquartile range, captured px, and how many points tell; 0 throughout where none does."""
+    """[3]: median of the offsets of some frames and their interquartile range, captured px, and how many points
+    tell; 0 throughout where none does."""
     offsets = np.concatenate([*found, np.zeros(0)])
     if not len(offsets):
         return np.zeros(3)

@@ -1,9 +1,10 @@
 """Places beside joints that several cameras see alike, and their colours.
 
-Shading differs around a body, so what is compared between cameras must be the same surface. A patch is a place on the skin or
-cloth beside a joint: the joint's 3D position, moved by the limb's usual radius in one of 16 horizontal directions, outwards
-from the body. Every camera within 60 degrees of that direction sees the same patch. Wrong limb radii, folds, gloss and what
-hangs before a patch are errors: patches tell whether views disagree, and never by how much a camera is brighter.
+Shading differs around a body, so what is compared between cameras must be the same surface. A patch is a place on the
+skin or cloth beside a joint: the joint's 3D position, moved by the limb's usual radius in one of 16 horizontal
+directions, outwards from the body. Every camera within 60 degrees of that direction sees the same patch. Wrong limb
+radii, folds, gloss and what hangs before a patch are errors: patches tell whether views disagree, and never by how much
+a camera is brighter.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ RADII = {"Shoulder": 0.055, "Elbow": 0.045, "Wrist": 0.03, "Hip": 0.1, "Knee": 0
 """Metres from a joint to the surface of a grown person, roughly; a face is left out, it has no plain colour."""
 DIRECTIONS = 16
 FACING = 0.5
-"""Least cosine between a patch's direction and the camera's: 60 degrees, so that cameras 90 degrees apart share patches."""
+"""Least cosine between a patch's direction and the camera's: 60 degrees, so that cameras 90 degrees apart share
+patches."""
 SMALLEST = 3.0
 """px: a limb with a smaller radius in the picture shows its background as well."""
 SPOT = 0.25
@@ -39,8 +41,8 @@ PATCHES = len(JOINTS) * DIRECTIONS
 def patch_points(joints: np.ndarray, rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres [192, 3] in the world, directions [192, 3] and radii [192] of all patches.
 
-    The radius is 0 where the joint is unknown, and where the direction points to the body's middle: another limb is there.
-    joints [17, 4] COCO-17 (x, y, z, score), world metres.
+    The radius is 0 where the joint is unknown, and where the direction points to the body's middle: another limb is
+    there. joints [17, 4] COCO-17 (x, y, z, score), world metres.
     """
     up = up_direction(rig)
     side = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0])
@@ -55,11 +57,13 @@ def patch_points(joints: np.ndarray, rig: Rig) -> tuple[np.ndarray, np.ndarray, 
     return centres.reshape(-1, 3), np.tile(ring, (len(JOINTS), 1)), (radius[:, None] * outwards).ravel()
 
 
-def patch_colors(picture: np.ndarray, joints: np.ndarray, rig: Rig, source_rig: Rig, crops: np.ndarray, view: int) -> np.ndarray:
+def patch_colors(
+    picture: np.ndarray, joints: np.ndarray, rig: Rig, source_rig: Rig, crops: np.ndarray, view: int
+) -> np.ndarray:
     """Median colour [192, 3] sRGB float of every patch in one captured picture [h, w, 3] uint8; 0 where it is not seen.
 
-    joints [17, 4] as in `patch_points`; rig, source_rig and crops [V, 3] as `captured_positions` wants them. That something
-    else of the body stands before a patch is not checked: medians over joints and frames must bear it.
+    joints [17, 4] as in `patch_points`; rig, source_rig and crops [V, 3] as `captured_positions` wants them. That
+    something else of the body stands before a patch is not checked: medians over joints and frames must bear it.
     """
     points, directions, radii = patch_points(joints, rig)
     ray = rig.centres[view] - points
@@ -69,7 +73,9 @@ def patch_colors(picture: np.ndarray, joints: np.ndarray, rig: Rig, source_rig: 
     out = np.zeros((PATCHES, 3))
     if not ahead.any():
         return out
-    spots = captured_positions(pixels[ahead], rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view])
+    spots = captured_positions(
+        pixels[ahead], rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view]
+    )
     limbs = radii[ahead] / depth[ahead] * source_rig.intrinsics[view, 0, 0] / crops[view, 0]
     for patch, spot, limb in zip(np.flatnonzero(ahead), spots, limbs, strict=True):
         if limb >= SMALLEST and np.isfinite(spot).all():
@@ -80,10 +86,15 @@ def patch_colors(picture: np.ndarray, joints: np.ndarray, rig: Rig, source_rig: 
 def _disc(picture: np.ndarray, spot: np.ndarray, radius: float) -> np.ndarray:
     """Median colour [3] of the pixels whose centres lie in a disc; 0 where the disc holds none."""
     (u, v), (height, width) = spot, picture.shape[:2]
-    columns, rows = (np.arange(max(0, int(np.floor(c - radius))), min(n, int(np.ceil(c + radius)))) for c, n in ((u, width), (v, height)))
+    columns, rows = (
+        np.arange(max(0, int(np.floor(c - radius))), min(n, int(np.ceil(c + radius))))
+        for c, n in ((u, width), (v, height))
+    )
     if not (len(columns) and len(rows)):
         return np.zeros(3)
-    inside = (points_from_integer_centres(columns)[None, :] - u) ** 2 + (points_from_integer_centres(rows)[:, None] - v) ** 2 <= radius**2
+    inside = (points_from_integer_centres(columns)[None, :] - u) ** 2 + (
+        points_from_integer_centres(rows)[:, None] - v
+    ) ** 2 <= radius**2
     pixels = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1][inside]
     return np.median(pixels, axis=0) if len(pixels) else np.zeros(3)
 

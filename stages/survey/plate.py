@@ -19,15 +19,25 @@ BLOCK = 65536
 
 
 class PlateLook:
-    """survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels, as far as they are asked for.
+    """survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels, as far as they are asked
+    for.
 
-    Y and X are the largest captured size of all views, padding is 0. The sample lies over the whole source, as nothing tells
-    what is behind somebody who stands still for the few frames that may be worked on.
+    Y and X are the largest captured size of all views, padding is 0. The sample lies over the whole source, as nothing
+    tells what is behind somebody who stands still for the few frames that may be worked on.
     """
 
-    def __init__(self, inputs: Inputs, view: int, numbers: np.ndarray, sample: int, joints: JointReader | None, margin: float) -> None:
+    def __init__(
+        self, inputs: Inputs, view: int, numbers: np.ndarray, sample: int, joints: JointReader | None, margin: float
+    ) -> None:
         """joints: of people to leave out, widened by `margin`; sample: length of the record of the frames."""
-        self.numbers, self._inputs, self._view, self._sample, self._joints, self._margin = numbers, inputs, view, sample, joints, margin
+        self.numbers, self._inputs, self._view, self._sample, self._joints, self._margin = (
+            numbers,
+            inputs,
+            view,
+            sample,
+            joints,
+            margin,
+        )
         width, height = inputs.source("pictures").size(view)
         self._stack = np.empty((len(numbers), height, width, 3), dtype=np.uint8)
         self._covered = np.zeros(self._stack.shape[:3], dtype=np.uint8)
@@ -38,7 +48,9 @@ class PlateLook:
         self._stack[i] = shown
         if self._joints is not None:
             size = (shown.shape[1], shown.shape[0])
-            self._covered[i] = people_cover(self._joints.read(self._view, number), self._joints.joint_set, size, self._margin)
+            self._covered[i] = people_cover(
+                self._joints.read(self._view, number), self._joints.joint_set, size, self._margin
+            )
 
     def blocks(self) -> Iterator[Block]:
         """The plate, its frames and the spread."""
@@ -60,10 +72,12 @@ def padded(data: np.ndarray, shape: tuple[int, ...], value: int = 0) -> np.ndarr
 
 
 def median_and_spread(stack: np.ndarray, covered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower median [h, w, 3] and largest median absolute deviation of the channels [h, w], uint8, of [n, h, w, 3] uint8.
+    """Lower median [h, w, 3] and largest median absolute deviation of the channels [h, w], uint8, of [n, h, w, 3]
+    uint8.
 
     Samples with `covered` [n, h, w] not 0 do not count; a pixel that fewer than three samples show uncovered takes the
-    median of all and the spread 255 (`UNKNOWN`). Of an even number the median is the lower middle value: one that occurred.
+    median of all and the spread 255 (`UNKNOWN`). Of an even number the median is the lower middle value: one that
+    occurred.
     """
     n, height, width, channels = stack.shape
     plate, spread = np.zeros((height, width, channels), dtype=np.uint8), np.zeros((height, width), dtype=np.uint8)
@@ -75,8 +89,19 @@ def median_and_spread(stack: np.ndarray, covered: np.ndarray) -> tuple[np.ndarra
         unknown = shown < min(FEWEST_SHOWN, n)
         rank = (np.where(unknown, n, shown) - 1) // 2
         # What is hidden becomes 255 and comes last, where no rank reaches.
-        last = [np.repeat(np.where(unknown, False, h).view(np.uint8) * np.uint8(255), channels, axis=1).reshape(*h.shape, channels) if h.any() else None for h in hidden]
-        plate[part] = middle = _ranked([v if h is None else np.maximum(v, h) for v, h in zip(stack[:, part], last, strict=True)], rank, pairs)
+        last = [
+            (
+                np.repeat(np.where(unknown, False, h).view(np.uint8) * np.uint8(255), channels, axis=1).reshape(
+                    *h.shape, channels
+                )
+                if h.any()
+                else None
+            )
+            for h in hidden
+        ]
+        plate[part] = middle = _ranked(
+            [v if h is None else np.maximum(v, h) for v, h in zip(stack[:, part], last, strict=True)], rank, pairs
+        )
         off = [np.maximum(v, middle) - np.minimum(v, middle) for v in stack[:, part]]
         found = _ranked([v if h is None else np.maximum(v, h) for v, h in zip(off, last, strict=True)], rank, pairs)
         spread[part] = np.where(unknown, UNKNOWN, found.max(axis=-1))
@@ -94,11 +119,16 @@ def _ranked(values: list[np.ndarray], rank: np.ndarray, pairs: list[tuple[int, i
         np.maximum(planes[a], planes[b], out=planes[b])
         planes[a], spare = spare, planes[a]
     ranks = np.unique(rank)
-    return planes[int(ranks[0])] if len(ranks) == 1 else np.take_along_axis(np.stack(planes), rank[None, ..., None], axis=0)[0]
+    return (
+        planes[int(ranks[0])]
+        if len(ranks) == 1
+        else np.take_along_axis(np.stack(planes), rank[None, ..., None], axis=0)[0]
+    )
 
 
 def _comparators(n: int) -> Iterator[tuple[int, int]]:
-    """Pairs (i, j), i < j, of a network that sorts n values: merge exchange (Knuth, The Art of Computer Programming 3, 5.2.2, algorithm M)."""
+    """Pairs (i, j), i < j, of a network that sorts n values: merge exchange (Knuth, The Art of Computer Programming
+    3, 5.2.2, algorithm M)."""
     top = 1 << ((n - 1).bit_length() - 1) if n > 1 else 0
     p = top
     while p > 0:

@@ -1,4 +1,5 @@
-"""Kernel of the survey stage: background plate, colours and motion of one view, from a recorded sample of its frames."""
+"""Kernel of the survey stage: background plate, colours and motion of one view, from a recorded sample of its
+frames."""
 
 from __future__ import annotations
 
@@ -13,7 +14,19 @@ from posegaussian.stages.survey.light import light_beyond_white
 from posegaussian.stages.survey.motion import jitter_and_motion, run_starts
 from posegaussian.stages.survey.noise import noise_level
 from posegaussian.stages.survey.outlines import outline_offsets, typical_offset
-from posegaussian.stages.survey.params import COLORS, JOINT_FIT, LIGHT, MOTION, NOISE, OUTLINES, PLATE, SILHOUETTES, SPREAD, SURFACE, SurveyParams
+from posegaussian.stages.survey.params import (
+    COLORS,
+    JOINT_FIT,
+    LIGHT,
+    MOTION,
+    NOISE,
+    OUTLINES,
+    PLATE,
+    SILHOUETTES,
+    SPREAD,
+    SURFACE,
+    SurveyParams,
+)
 from posegaussian.stages.survey.patches import PATCHES, patch_colors, typical_colors
 from posegaussian.stages.survey.plate import UNKNOWN, PlateLook, padded
 from posegaussian.stages.survey.sample import FEWEST, Look, look, sample_numbers, worked_numbers
@@ -31,9 +44,9 @@ UNSTEADY = 12.0
 def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     """Yield sample [S] int64 of one view and, as far as they are asked for, its measures and its plate.
 
-    What is asked for stands in `inputs.facts`. The sample lies evenly over the frames that are worked on, first and last
-    included, that of the plate over the whole source; S is `params.sample`, padding is -1. Pictures are decoded only where they
-    are looked at, and once. Measures of a view that is no source are 0: nothing follows from it.
+    What is asked for stands in `inputs.facts`. The sample lies evenly over the frames that are worked on, first and
+    last included, that of the plate over the whole source; S is `params.sample`, padding is -1. Pictures are decoded
+    only where they are looked at, and once. Measures of a view that is no source are 0: nothing follows from it.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"
@@ -61,7 +74,9 @@ def _looks(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray,
     source, few = view in inputs.views.sources, sample_numbers(chosen, FEW)
     if inputs.facts & {PLATE, SPREAD}:
         joints = joint_reader(inputs) if "joints2d" in inputs.facts and params.joints_margin > 0 else None
-        yield PlateLook(inputs, view, sample_numbers(numbers, params.sample), params.sample, joints, params.joints_margin)
+        yield PlateLook(
+            inputs, view, sample_numbers(numbers, params.sample), params.sample, joints, params.joints_margin
+        )
     if COLORS in inputs.facts:
         yield ColorsLook(inputs, view, chosen if source and inputs.facts & {"joints2d", "joints3d"} else chosen[:0])
     if SURFACE in inputs.facts:
@@ -74,8 +89,11 @@ def _looks(inputs: Inputs, params: SurveyParams, view: int, numbers: np.ndarray,
         yield NoiseLook(view, few if source else few[:0])
 
 
-def _look_ahead(inputs: Inputs, view: int, chosen: np.ndarray, runs: list[np.ndarray], behind: list[np.ndarray]) -> list[Look]:
-    """Have joints estimated in one pass over each view's pictures, instead of picture by picture; the view's own pass comes with its measures."""
+def _look_ahead(
+    inputs: Inputs, view: int, chosen: np.ndarray, runs: list[np.ndarray], behind: list[np.ndarray]
+) -> list[Look]:
+    """Have joints estimated in one pass over each view's pictures, instead of picture by picture; the view's own
+    pass comes with its measures."""
     estimated, sources = joint_reader(inputs), inputs.views.sources
     assert isinstance(estimated, EstimatedJoints)
     compared = chosen if inputs.facts & {COLORS, JOINT_FIT} else chosen[:0]
@@ -114,11 +132,17 @@ class ColorsLook:
         """Colours of the patches in one frame."""
         i, inputs = int(np.searchsorted(self.numbers, number)), self._inputs
         space = joints_in_space(inputs, number)
-        self._samples[i] = patch_colors(shown, space, inputs.rig, inputs.source_rig, inputs.captured_to_calibrated, self._view)
+        self._samples[i] = patch_colors(
+            shown, space, inputs.rig, inputs.source_rig, inputs.captured_to_calibrated, self._view
+        )
 
     def blocks(self) -> Iterator[Block]:
         """The colours."""
-        yield Block(COLORS, typical_colors(self._samples) if len(self._samples) else np.zeros((PATCHES, 3), np.float32), self._view)
+        yield Block(
+            COLORS,
+            typical_colors(self._samples) if len(self._samples) else np.zeros((PATCHES, 3), np.float32),
+            self._view,
+        )
 
 
 class OutlinesLook:
@@ -175,10 +199,20 @@ def check(block: Block, params: SurveyParams) -> list[str]:
     """Warnings about a small sample and about pictures that are not static."""
     if block.array == "survey/sample":
         found = int((block.data >= 0).sum())
-        return [f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want {FEWEST} or more"] if found < FEWEST else []
+        return (
+            [
+                f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want"
+                f" {FEWEST} or more"
+            ]
+            if found < FEWEST
+            else []
+        )
     known = block.data[(block.data > 0) & (block.data < UNKNOWN)] if block.array == SPREAD else np.zeros(0)
     if len(known):
         typical = float(np.median(known))
         if typical > UNSTEADY:
-            return [f"view {block.view}: colours differ by {typical:.0f}/255 between frames all over the picture (bound {UNSTEADY:.0f}); the camera or the light is not static, do not use frames.matte: plate"]
+            return [
+                f"view {block.view}: colours differ by {typical:.0f}/255 between frames all over the picture (bound"
+                f" {UNSTEADY:.0f}); the camera or the light is not static, do not use frames.matte: plate"
+            ]
     return []

@@ -34,7 +34,8 @@ def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:
 
 
 def worked_numbers(inputs: Inputs, view: int) -> np.ndarray:
-    """[n] source frame numbers that are worked on and that a view has a picture of, ascending; around fewer than five, the nearest five it has."""
+    """[n] source frame numbers that are worked on and that a view has a picture of, ascending; around fewer than
+    five, the nearest five it has."""
     worked, own = inputs.footage("pictures")[0], inputs.source("pictures").numbers(view)
     shared = np.intersect1d(worked, own)
     if len(shared) >= min(FEWEST, len(own)):

@@ -1,4 +1,5 @@
-"""Do the masks fit together? Along the rim of a silhouette, a ray grazes the subject: what any other mask takes too much of is missing first there."""
+"""Do the masks fit together? Along the rim of a silhouette, a ray grazes the subject: what any other mask takes too
+much of is missing first there."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ TOLERANCE = 0.5
 
 
 def masks_of(inputs: Inputs, number: int, warps: dict[int, Warp] | None = None) -> dict[int, np.ndarray]:
-    """[h, w] uint8 masks of one source frame in pixels of the rig, padded to the largest, by source view that has a picture of it.
+    """[h, w] uint8 masks of one source frame in pixels of the rig, padded to the largest, by source view that has a
+    picture of it.
 
     `warps`: kept from one frame to the next, as undoing a lens takes longer than the rest.
     """
@@ -41,7 +43,8 @@ def masks_of(inputs: Inputs, number: int, warps: dict[int, Warp] | None = None) 
 
 
 def agreeing_share(rig: Rig, masks: dict[int, np.ndarray], view: int) -> float | None:
-    """Share of the rim pixels of a view's mask whose rays the other masks [h, w] leave something of; None without a rim or another mask.
+    """Share of the rim pixels of a view's mask whose rays the other masks [h, w] leave something of; None without a rim
+    or another mask.
 
     Masks that are all too small by the same width agree: that cannot be seen.
     """
@@ -53,7 +56,11 @@ def agreeing_share(rig: Rig, masks: dict[int, np.ndarray], view: int) -> float |
     if not len(rows) or not others.views:
         return None
     some = slice(None, None, max(1, len(rows) // RAYS))
-    origin, directions = rays(points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view])
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)),
+        rig.intrinsics[view],
+        rig.world_to_camera[view],
+    )
     return float((others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] > 0).mean())
 
 
@@ -62,6 +69,8 @@ def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> float:
     if view not in inputs.views.sources or not len(numbers):
         return -1.0
     warps: dict[int, Warp] = {}
-    shares = [agreeing_share(inputs.rig, masks_of(inputs, int(n), warps), view) for n in sample_numbers(numbers, FRAMES)]
+    shares = [
+        agreeing_share(inputs.rig, masks_of(inputs, int(n), warps), view) for n in sample_numbers(numbers, FRAMES)
+    ]
     known = [s for s in shares if s is not None]
     return float(np.mean(known)) if known else -1.0

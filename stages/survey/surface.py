@@ -1,7 +1,8 @@
-"""How bright two cameras see the same surface points, of the subject or of what stands around: features that both show, along the calibration's lines.
+"""How bright two cameras see the same surface points, of the subject or of what stands around: features that both show,
+along the calibration's lines.
 
-A matte surface sends the same light to every camera. Points that glint, are nearly black or touch what is clipped are left out;
-what is left of gloss, wrong matches and blur are errors, whose spread `exposure.match` counts.
+A matte surface sends the same light to every camera. Points that glint, are nearly black or touch what is clipped are
+left out; what is left of gloss, wrong matches and blur are errors, whose spread `exposure.match` counts.
 """
 
 from __future__ import annotations
@@ -35,11 +36,13 @@ DARKEST = 32
 CLIPPED = 250
 """sRGB value from which on a pixel may have been brighter: nothing near a point may be."""
 GLINT = 2.0
-"""Stops by which all channels of a pixel near a point exceed the point: a highlight, which is elsewhere for another camera."""
+"""Stops by which all channels of a pixel near a point exceed the point: a highlight, which is elsewhere for another
+camera."""
 NEAR = 2.0
 """Radius, over the blur's, within which a point's surroundings count."""
 TONES = 0.7
-"""Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single tone may be gloss or haze."""
+"""Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single
+tone may be gloss or haze."""
 
 
 class Seen(NamedTuple):
@@ -86,10 +89,12 @@ def _later(inputs: Inputs, view: int) -> list[int]:
 
 
 def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[int, Seen] | None = None) -> np.ndarray:
-    """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both show.
+    """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both
+    show.
 
-    Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Points are in the order of tone, the
-    darkest first; of more than 64 those are kept that lie evenly in it. A pair whose points hardly differ in tone has none.
+    Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Points are in the order of tone,
+    the darkest first; of more than 64 those are kept that lie evenly in it. A pair whose points hardly differ in tone
+    has none.
     `seen`: what is known of the view's own pictures, by frame; what is not is looked at.
     """
     out = np.full((len(inputs.rig), POINTS, 3), NONE, dtype=np.float32)
@@ -105,7 +110,11 @@ def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[
         light = np.concatenate(parts) if parts else np.zeros((0, 2, 3))
         tone = light.mean(axis=(1, 2))
         order = np.argsort(tone, kind="stable")
-        if len(light) and np.median(tone[order[-(len(light) + 2) // 3 :]]) - np.median(tone[order[: (len(light) + 2) // 3]]) >= TONES:
+        if (
+            len(light)
+            and np.median(tone[order[-(len(light) + 2) // 3 :]]) - np.median(tone[order[: (len(light) + 2) // 3]])
+            >= TONES
+        ):
             kept = order[np.unique(np.rint(np.linspace(0, len(light) - 1, POINTS)).astype(int))]
             out[v, : len(kept)] = light[kept, 0] - light[kept, 1]
     return out
@@ -124,10 +133,17 @@ def _seen(inputs: Inputs, view: int, number: int) -> Seen | None:
 
 
 def keep(identity: str, shown: np.ndarray) -> Seen:
-    """Features of a captured picture [h, w, 3] uint8, reduced; kept for whoever asks for the same picture next in this process."""
+    """Features of a captured picture [h, w, 3] uint8, reduced; kept for whoever asks for the same picture next in
+    this process."""
     if identity not in _KEPT:
         scale = min(1.0, LONGEST / max(shown.shape[:2]))
-        small = cv2.resize(shown, (round(shown.shape[1] * scale), round(shown.shape[0] * scale)), interpolation=cv2.INTER_AREA) if scale < 1 else shown
+        small = (
+            cv2.resize(
+                shown, (round(shown.shape[1] * scale), round(shown.shape[0] * scale)), interpolation=cv2.INTER_AREA
+            )
+            if scale < 1
+            else shown
+        )
         found = features(small, np.full(small.shape[:2], 255, np.uint8))
         _KEPT[identity] = Seen(colors_at(small, found.points), found, small.shape[1] / shown.shape[1])
     while len(_KEPT) > KEPT_PICTURES:
@@ -152,11 +168,15 @@ def _shared_light(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen
 
 
 def colors_at(picture: np.ndarray, points: np.ndarray, blur: float = 3.0) -> np.ndarray:
-    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black, or beside what is clipped or glints."""
+    """Colours [n, 3] in linear light around points [n, 2] px of [h, w, 3] uint8; 0 where nearly black, or beside
+    what is clipped or glints."""
     at = np.rint(points_to_integer_centres(points)).astype(int)
     at = np.clip(at, 0, np.array(picture.shape[1::-1]) - 1)
     around = np.ones((2 * round(NEAR * blur) + 1,) * 2, np.uint8)
-    sampled, brightest = (p[at[:, 1], at[:, 0]].astype(np.float64) for p in (cv2.GaussianBlur(picture, (0, 0), blur), cv2.dilate(picture, around)))
+    sampled, brightest = (
+        p[at[:, 1], at[:, 0]].astype(np.float64)
+        for p in (cv2.GaussianBlur(picture, (0, 0), blur), cv2.dilate(picture, around))
+    )
     exposed = ((sampled >= DARKEST) & (brightest < CLIPPED)).all(axis=1)
     light = to_linear(sampled)
     glints = (to_linear(brightest) > np.exp2(GLINT) * light).all(axis=1)

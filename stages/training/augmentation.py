@@ -15,14 +15,16 @@ GRAIN, BLUR = 0.03, 1.2
 SLIP = 0.75
 """largest shift of the second view across its rows, px, as a calibration that is off has it."""
 STRANGE = 0.15
-"""Share of the crops whose second view is shifted by so much that nothing in it fits: the start must stand there, with no confidence."""
+"""Share of the crops whose second view is shifted by so much that nothing in it fits: the start must stand there,
+with no confidence."""
 FARTHEST = 0.4
 """Of the crop's side, the largest of these shifts; the least is `STRANGE_LEAST` px."""
 STRANGE_LEAST = 8
 
 
 def spoilt(color: torch.Tensor, cover: torch.Tensor, random: np.random.Generator) -> tuple[torch.Tensor, float]:
-    """Premultiplied colours [2, 3, H, W] of both views as real cameras might give them, and the shift, px, by which they do not fit each other (0: they do)."""
+    """Premultiplied colours [2, 3, H, W] of both views as real cameras might give them, and the shift, px, by which
+    they do not fit each other (0: they do)."""
     unlike, grainy, blurred, slipped = (random.random(4) < SPOILT).tolist()
     if unlike:
         color = color * torch.from_numpy(1 + random.uniform(-UNLIKE, UNLIKE, (2, 3, 1, 1)).astype(np.float32))
@@ -37,12 +39,15 @@ def spoilt(color: torch.Tensor, cover: torch.Tensor, random: np.random.Generator
         strange = shift if random.random() < 0.5 else -shift
         color = torch.stack([color[0], shifted(color[1], strange)])
     if grainy:
-        color = color + cover * torch.from_numpy(random.normal(0, random.uniform(0, GRAIN), color.shape).astype(np.float32))
+        color = color + cover * torch.from_numpy(
+            random.normal(0, random.uniform(0, GRAIN), color.shape).astype(np.float32)
+        )
     return color, strange
 
 
 def spoilt_third(color: torch.Tensor, strange: float, random: np.random.Generator) -> torch.Tensor:
-    """Premultiplied colours [3, H, W] of a third view, spoilt on its own; where both views are apart by `strange` px, it fits neither."""
+    """Premultiplied colours [3, H, W] of a third view, spoilt on its own; where both views are apart by `strange`
+    px, it fits neither."""
     lit = (color > 0).any(0)
     unlike, grainy, blurred, slipped = (random.random(4) < SPOILT).tolist()
     if unlike:
@@ -54,17 +59,26 @@ def spoilt_third(color: torch.Tensor, strange: float, random: np.random.Generato
     if strange:
         color = shifted(color, -strange)
     if grainy:
-        color = color + lit * torch.from_numpy(random.normal(0, random.uniform(0, GRAIN), tuple(color.shape)).astype(np.float32))
+        color = color + lit * torch.from_numpy(
+            random.normal(0, random.uniform(0, GRAIN), tuple(color.shape)).astype(np.float32)
+        )
     return color
 
 
 def blurred_by(color: torch.Tensor, sigma: float) -> torch.Tensor:
     """A picture [3, H, W] blurred by so many px."""
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(cv2.GaussianBlur(np.moveaxis(color.numpy(), 0, -1), (0, 0), sigma), -1, 0)))
+    return torch.from_numpy(
+        np.ascontiguousarray(np.moveaxis(cv2.GaussianBlur(np.moveaxis(color.numpy(), 0, -1), (0, 0), sigma), -1, 0))
+    )
 
 
 def shifted(color: torch.Tensor, rows: float) -> torch.Tensor:
     """A picture [3, H, W] moved down by so many rows; black comes in."""
     height, width = color.shape[1:]
-    moved = cv2.warpAffine(np.ascontiguousarray(np.moveaxis(color.numpy(), 0, -1)), np.array([[1.0, 0, 0], [0, 1, rows]]), (width, height), flags=cv2.INTER_LINEAR)
+    moved = cv2.warpAffine(
+        np.ascontiguousarray(np.moveaxis(color.numpy(), 0, -1)),
+        np.array([[1.0, 0, 0], [0, 1, rows]]),
+        (width, height),
+        flags=cv2.INTER_LINEAR,
+    )
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(moved, -1, 0)))

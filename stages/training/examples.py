@@ -1,4 +1,5 @@
-"""What a step is given: crops of pairs of views around the same point of the body, the truth, and a picture from between them."""
+"""What a step is given: crops of pairs of views around the same point of the body, the truth, and a picture from
+between them."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ WITHOUT_JOINTS = 0.1
 JOINT_NOISE = 3.0
 """Px, largest standard deviation of what joints are moved by."""
 SIGMAS = (5.0, 10.0)
-"""Px, narrowest and broadest heatmap of a joint. The pose stage's 4 cm are about 10 px at the size of a person in these pictures."""
+"""Px, narrowest and broadest heatmap of a joint. The pose stage's 4 cm are about 10 px at the size of a person in
+these pictures."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
 WITHOUT_THIRD = 0.2
@@ -84,7 +86,8 @@ class Marks(NamedTuple):
 
 
 def frames_of_step(config: TrainingConfig, step: int) -> range:
-    """Training frames at hand for a step, counted from 0: a window that moves on by a frame every `steps_per_frame` steps."""
+    """Training frames at hand for a step, counted from 0: a window that moves on by a frame every `steps_per_frame`
+    steps."""
     first = step // config.steps_per_frame
     return range(first, first + config.window)
 
@@ -93,12 +96,16 @@ def drawn(config: TrainingConfig, step: int, frames: Mapping[int, Frame]) -> tup
     """The examples of a step and its number of iterations: they follow from (config.seed, step) alone."""
     random = np.random.default_rng([config.seed, step])
     at_hand = frames_of_step(config, step)
-    found = [crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random, config.further_views) for _ in range(config.batch)]
+    found = [
+        crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random, config.further_views)
+        for _ in range(config.batch)
+    ]
     return found, int(random.integers(1, config.iterations + 1))
 
 
 def crop(frame: Frame, side: int, random: np.random.Generator, further_views: bool = False) -> Example:
-    """A pair of a frame, cut out around a point that the first view sees, and a third view cut out around the same where it is asked for.
+    """A pair of a frame, cut out around a point that the first view sees, and a third view cut out around the same
+    where it is asked for.
 
     What concerns the third view alone is drawn from a generator of its own: all else is the same with it and without.
     """
@@ -136,10 +143,21 @@ def _others(frame: Frame, pair: RectifiedPair) -> tuple[int, ...]:
     """Sources that can be the third view of a pair, the best one first."""
     rig = _rig(frame).subset(range(len(frame["depth"])))
     subject, up = look_at_point(rig), up_direction(rig)
-    return candidates(rig, pair, [classify(rig, v, w, subject=subject, up=up) for v in range(len(rig)) if v not in pair.views for w in pair.views])
+    return candidates(
+        rig,
+        pair,
+        [
+            classify(rig, v, w, subject=subject, up=up)
+            for v in range(len(rig))
+            if v not in pair.views
+            for w in pair.views
+        ],
+    )
 
 
-def _further_at(frame: Frame, pair: RectifiedPair, point: np.ndarray, side: int, random: np.random.Generator) -> Further | None:
+def _further_at(
+    frame: Frame, pair: RectifiedPair, point: np.ndarray, side: int, random: np.random.Generator
+) -> Further | None:
     """The third view of a crop around a point [3], in the same size."""
     found = _others(frame, pair)
     if random.random() < WITHOUT_THIRD or not found:
@@ -161,8 +179,14 @@ def _example(
     shown = tuple(_source(frame, v) for v in (a, b))
     given = rectified_pair(pair, (shown[0], shown[1]), found)
     tint = torch.from_numpy(gain.astype(np.float32))
-    truth = [start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0)) for w, v in enumerate((a, b))]
-    pictures = [cv2.remap(shown[w].color, *places(pair, w, found[w])[:2], cv2.INTER_LINEAR).astype(np.float32) / 255 for w in (0, 1)]
+    truth = [
+        start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0))
+        for w, v in enumerate((a, b))
+    ]
+    pictures = [
+        cv2.remap(shown[w].color, *places(pair, w, found[w])[:2], cv2.INTER_LINEAR).astype(np.float32) / 255
+        for w in (0, 1)
+    ]
     camera = _target(frame, between, point, side)
     seen = _cut(frame["color"][between], frame, between, camera).astype(np.float32) / 255
     cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
@@ -179,13 +203,26 @@ def _example(
 
 
 def unfitting(example: Example, rows: float) -> Example:
-    """The same pair, but its second picture [3, H, W] is moved across its rows by so many px, and a third one as far the other way: nothing fits any more."""
+    """The same pair, but its second picture [3, H, W] is moved across its rows by so many px, and a third one as far
+    the other way: nothing fits any more."""
     (first, second), third = example.views.color, example.views.third
     third = None if third is None else replace(third, color=shifted(third.color[0], -rows)[None])
-    return replace(example, views=replace(example.views, color=torch.stack([first, shifted(second, rows)]), third=third), strange=True)
+    return replace(
+        example,
+        views=replace(example.views, color=torch.stack([first, shifted(second, rows)]), third=third),
+        strange=True,
+    )
 
 
-def _third(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], further: Further, marks: Marks, tint: torch.Tensor, strange: float) -> Third:
+def _third(
+    frame: Frame,
+    pair: RectifiedPair,
+    found: tuple[Window, Window],
+    further: Further,
+    marks: Marks,
+    tint: torch.Tensor,
+    strange: float,
+) -> Third:
     """The third view of an example, spoilt on its own; where both views do not fit each other it fits neither."""
     rig, (view, window, random) = _rig(frame), further
     third = third_view(rig, pair, found, view, _source(frame, view), window, frame["joints"].shape[1])
@@ -200,7 +237,13 @@ def _third(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], furt
 def _rig(frame: Frame) -> Rig:
     height, width = frame["mask"].shape[1:]
     n = len(frame["intrinsics"])
-    return Rig(tuple(f"{v:03d}" for v in range(n)), frame["intrinsics"], np.zeros((n, 8)), frame["world_to_camera"], np.tile([width, height], (n, 1)).astype(np.int64))
+    return Rig(
+        tuple(f"{v:03d}" for v in range(n)),
+        frame["intrinsics"],
+        np.zeros((n, 8)),
+        frame["world_to_camera"],
+        np.tile([width, height], (n, 1)).astype(np.int64),
+    )
 
 
 def _centre(frame: Frame) -> np.ndarray:
@@ -236,7 +279,9 @@ def _marks(random: np.random.Generator | None) -> Marks:
     return Marks(none, float(random.uniform(0, JOINT_NOISE)), float(random.uniform(*SIGMAS)))
 
 
-def _heatmaps(frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], marks: Marks, random: np.random.Generator | None) -> torch.Tensor:
+def _heatmaps(
+    frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], marks: Marks, random: np.random.Generator | None
+) -> torch.Tensor:
     """[2, 17, H / 4, W / 4] drawn on the windows."""
     maps = []
     for which, view in enumerate(pair.views):
@@ -258,7 +303,12 @@ def _moved(joints: np.ndarray, marks: Marks, random: np.random.Generator | None)
 def _drawn(joints: np.ndarray, window: Window, marks: Marks) -> np.ndarray:
     """[J, H / 4, W / 4] float32 of joints in pixels of a window."""
     width, height = window[2:]
-    return draw(joints[None], np.full((1, len(joints)), marks.sigma), (width, height), (height // HEATMAP_CELL, width // HEATMAP_CELL))[0].astype(np.float32)
+    return draw(
+        joints[None],
+        np.full((1, len(joints)), marks.sigma),
+        (width, height),
+        (height // HEATMAP_CELL, width // HEATMAP_CELL),
+    )[0].astype(np.float32)
 
 
 def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Camera:

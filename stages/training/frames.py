@@ -1,11 +1,11 @@
 """One frame of a training scene as arrays: what the stages before the network give, and the truth beside it.
 
-    color [V, h, w, 3], mask [V, h, w]           of all cameras, sources first, then the held-out one of every gap
-    truth [V, h, w] float32                      true depth, metres, 0 = none
-    depth, confidence [S, h, w]                  the analytic start of the sources
-    joints [S, 17, 3]                            px and score, as an estimator would give them
-    intrinsics, world_to_camera                  of all cameras as a program under test knows them
-    pairs [P, 3]                                 indices (source, next source, held-out camera between them)
+color [V, h, w, 3], mask [V, h, w]           of all cameras, sources first, then the held-out one of every gap
+truth [V, h, w] float32                      true depth, metres, 0 = none
+depth, confidence [S, h, w]                  the analytic start of the sources
+joints [S, 17, 3]                            px and score, as an estimator would give them
+intrinsics, world_to_camera                  of all cameras as a program under test knows them
+pairs [P, 3]                                 indices (source, next source, held-out camera between them)
 """
 
 from __future__ import annotations
@@ -72,7 +72,9 @@ def _start(rig: Rig, shots: list[Shot], method: str, limbs: bool) -> tuple[np.nd
     views = tuple(range(len(shots)))
     geometry = Geometry.of(rig, views, params)
     joints = shots[0].joints3d
-    capsules = limbs_of(np.column_stack([joints, np.ones(len(joints))])) if limbs and joints is not None else np.zeros((0, 7))
+    capsules = (
+        limbs_of(np.column_stack([joints, np.ones(len(joints))])) if limbs and joints is not None else np.zeros((0, 7))
+    )
     frame = Frame({v: s.color for v, s in enumerate(shots)}, {v: s.mask for v, s in enumerate(shots)}, capsules)
     kernel = {"sgbm": stereo.estimate, "sweep": sweeping.sweep_hull}[method]
     maps = kernel(geometry, frame, params)

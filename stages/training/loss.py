@@ -24,11 +24,11 @@ from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.examples import Example
 
 TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
-"""Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned disparity, which a low
-confidence must not starve; and of what comes out."""
+"""Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned
+disparity, which a low confidence must not starve; and of what comes out."""
 DOUBT = 0.5
-"""Weight of the cross entropy of the confidence with whether the two views fit each other. Of both kinds of pairs: asked for doubt alone, the
-network doubts everything where it changes little, and learns less elsewhere."""
+"""Weight of the cross entropy of the confidence with whether the two views fit each other. Of both kinds of pairs:
+asked for doubt alone, the network doubts everything where it changes little, and learns less elsewhere."""
 RENDER = 20.0
 """Weight of the picture: px of disparity count in units, shares of brightness in hundredths."""
 OUTSIDE = 0.25
@@ -65,24 +65,44 @@ class Batch(NamedTuple):
 
 def together(examples: Sequence[Example], device: torch.device) -> Batch:
     """Examples of one size as a batch."""
-    views, truth = Views.batch([e.views for e in examples]).to(device), torch.cat([e.truth for e in examples]).to(device)
+    views, truth = (
+        Views.batch([e.views for e in examples]).to(device),
+        torch.cat([e.truth for e in examples]).to(device),
+    )
     strange = torch.tensor([e.strange for e in examples for _ in (0, 1)], device=device)
-    return Batch(views, torch.where(torch.isfinite(truth), truth, 0), torch.isfinite(truth) & views.known, strange[:, None, None, None])
+    return Batch(
+        views,
+        torch.where(torch.isfinite(truth), truth, 0),
+        torch.isfinite(truth) & views.known,
+        strange[:, None, None, None],
+    )
 
 
 def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) -> torch.Tensor:
-    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what comes out.
+    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what
+    comes out.
 
-    Where the views do not fit, nothing is asked of what is learnt, but that no confidence goes with it; where they do, some should.
+    Where the views do not fit, nothing is asked of what is learnt, but that no confidence goes with it; where they do,
+    some should.
     """
     views, truth, valid = batch.views, batch.truth, batch.valid
     fits = valid & ~batch.strange
     start, last = torch.where(valid, views.start, 0), prediction.disparities[-1].detach()
     blended = start + prediction.trust * (last - start)
-    parts = ((TRUST, blended, valid), (LEARNED, start + prediction.change, fits), (BLENDED, torch.where(valid, prediction.disparity, 0), valid))
+    parts = (
+        (TRUST, blended, valid),
+        (LEARNED, start + prediction.change, fits),
+        (BLENDED, torch.where(valid, prediction.disparity, 0), valid),
+    )
     logit = limited(prediction.numbers["confidence"])
-    doubt = DOUBT * masked_mean(functional.binary_cross_entropy_with_logits(logit, fits.to(logit.dtype), reduction="none"), valid)
-    return sequence_loss(prediction.disparities, truth, fits, config.mu) + doubt + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
+    doubt = DOUBT * masked_mean(
+        functional.binary_cross_entropy_with_logits(logit, fits.to(logit.dtype), reduction="none"), valid
+    )
+    return (
+        sequence_loss(prediction.disparities, truth, fits, config.mu)
+        + doubt
+        + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
+    )
 
 
 def pose_terms(fusion: PoseFusion | None, prediction: Prediction, views: Views, config: TrainingConfig) -> torch.Tensor:
@@ -93,7 +113,13 @@ def pose_terms(fusion: PoseFusion | None, prediction: Prediction, views: Views, 
     return found.alignment + config.heatmaps * found.heatmaps
 
 
-def render_terms(network: PoseGaussianNetwork, prediction: Prediction, examples: Sequence[Example], config: TrainingConfig, threads: int = 1) -> torch.Tensor:
+def render_terms(
+    network: PoseGaussianNetwork,
+    prediction: Prediction,
+    examples: Sequence[Example],
+    config: TrainingConfig,
+    threads: int = 1,
+) -> torch.Tensor:
     """Mean over the pairs of the loss of the picture between both views."""
     found = []
     for i, example in enumerate(examples):
@@ -104,7 +130,9 @@ def render_terms(network: PoseGaussianNetwork, prediction: Prediction, examples:
     return RENDER * torch.stack(found).mean()
 
 
-def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int) -> LiftMaps:
+def gaussian_maps(
+    network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int
+) -> LiftMaps:
     """What the Gaussians of one direction are lifted from: the blend over the analytic prior on the rectified grid."""
     disparity = prediction.disparity[direction : direction + 1]
     there = torch.isfinite(disparity)
@@ -113,7 +141,9 @@ def gaussian_maps(network: PoseGaussianNetwork, prediction: Prediction, example:
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
     blended: Maps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
-    return LiftMaps(example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0])
+    return LiftMaps(
+        example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0]
+    )
 
 
 def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tensor:
@@ -121,7 +151,9 @@ def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tens
     parts = []
     for which, m in enumerate(maps):
         assert isinstance(m.depth, torch.Tensor)
-        lifted = lift(m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, m.depth.device)
+        lifted = lift(
+            m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, m.depth.device
+        )
         parts.append(lifted.seen_from(example.target))
     drawn = rasterize(Gaussians.concatenate(parts), [example.target], drawing=Drawing(threads=threads))
     return drawn.color[0].permute(2, 0, 1)[None].clamp(0, 1)
@@ -134,10 +166,14 @@ def _intrinsics(example: Example, which: int) -> np.ndarray:
 
 
 def _prior(example: Example, which: int, depth: np.ndarray) -> tuple[Prior, torch.Tensor]:
-    """The analytic prior of a depth [H, W] on one view's rectified window, as the gaussians stage makes it, and unit rays [1, 3, H, W]."""
+    """The analytic prior of a depth [H, W] on one view's rectified window, as the gaussians stage makes it, and unit
+    rays [1, 3, H, W]."""
     views, k = example.views, _intrinsics(example, which)
     mask = np.round(255 * views.cover[which, 0].numpy()).astype(np.uint8)
-    scale, normal, opacity = (torch.from_numpy(np.ascontiguousarray(m, np.float32))[None] for m in prior(depth, views.confidence[which, 0].numpy(), mask, k, GaussiansParams()))
+    scale, normal, opacity = (
+        torch.from_numpy(np.ascontiguousarray(m, np.float32))[None]
+        for m in prior(depth, views.confidence[which, 0].numpy(), mask, k, GaussiansParams())
+    )
     directions = rays(k, *depth.shape)
     unit = directions / np.sqrt((directions**2).sum(axis=0))
     return Prior(torch.zeros_like(scale[:, :1]), scale, normal, opacity), torch.from_numpy(unit)[None]

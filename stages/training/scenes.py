@@ -1,7 +1,7 @@
 """Scenes that the network is trained on: people, motions, cameras and faults, all from the number of the scene.
 
-Nobody who is kept for measuring plays here (`posegaussian.stages.simulator.subjects.splits`): seeds below 8000 train, seeds from 8000 on validate, with a
-subject and a motion that training never shows.
+Nobody who is kept for measuring plays here (`posegaussian.stages.simulator.subjects.splits`): seeds below 8000 train,
+seeds from 8000 on validate, with a subject and a motion that training never shows.
 """
 
 from __future__ import annotations
@@ -28,12 +28,16 @@ FRAME_RATE = 2.0
 
 
 def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) -> Scene:
-    """The scene of a seed: a ring of one of the given numbers of cameras, a held-out camera in every gap, pictures of `size` px square.
+    """The scene of a seed: a ring of one of the given numbers of cameras, a held-out camera in every gap, pictures of
+    `size` px square.
 
     Raises ValueError for a seed that is kept for measuring.
     """
     if not 0 <= seed < FIRST_KEPT_SEED:
-        raise ValueError(f"training seed {seed}: 0-{FIRST_VALIDATION_SEED - 1} train, {FIRST_VALIDATION_SEED}-{FIRST_KEPT_SEED - 1} validate, and the rest is kept for measuring")
+        raise ValueError(
+            f"training seed {seed}: 0-{FIRST_VALIDATION_SEED - 1} train, {FIRST_VALIDATION_SEED}-{FIRST_KEPT_SEED - 1}"
+            " validate, and the rest is kept for measuring"
+        )
     random = generator(seed, "training")
     motions = casting(seed).motions
     count = int(cameras[int(random.integers(len(cameras)))])

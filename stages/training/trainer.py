@@ -1,4 +1,5 @@
-"""A training, one step at a time: what a step does follows from the settings, the state before it and its frames alone."""
+"""A training, one step at a time: what a step does follows from the settings, the state before it and its frames
+alone."""
 
 from __future__ import annotations
 
@@ -34,19 +35,29 @@ class Trainer:
     """Network, averaged weights and optimiser."""
 
     def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
-        """The network's first weights follow from `config.seed`, or are those of the file `config.start`. Raises WeightsError where these do not fit."""
+        """The network's first weights follow from `config.seed`, or are those of the file `config.start`. Raises
+        WeightsError where these do not fit."""
         self.config, self.device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             preset = config.network()
             self.network = PoseGaussianNetwork(preset).to(self.device, memory_format=torch.channels_last)
             width = preset.widths[-1]
-            self.fusion = PoseFusion(width, width, weight=config.pose_fusion).to(self.device) if self.network.pose is not None else None
+            self.fusion = (
+                PoseFusion(width, width, weight=config.pose_fusion).to(self.device)
+                if self.network.pose is not None
+                else None
+            )
         if config.start is not None:
             load_weights(Path(config.start), self.network)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
         learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
-        self.optimiser = torch.optim.AdamW(_groups(learnt, self.network.last_layers()), lr=config.learning_rate, weight_decay=config.weight_decay, foreach=False)
+        self.optimiser = torch.optim.AdamW(
+            _groups(learnt, self.network.last_layers()),
+            lr=config.learning_rate,
+            weight_decay=config.weight_decay,
+            foreach=False,
+        )
         self.learnt = learnt
         self.step, self.skipped = 0, 0
 
@@ -69,7 +80,15 @@ class Trainer:
             self.skipped += 1
         self.step += 1
         seconds = {"seconds examples": cut - began, "seconds step": time.perf_counter() - cut}
-        return {"loss": float(terms.total.detach()), **{k: float(v.detach()) for k, v in terms._asdict().items()}, **numbers, "gradient": norm, "rate": rate, "skipped": float(self.skipped), **seconds}
+        return {
+            "loss": float(terms.total.detach()),
+            **{k: float(v.detach()) for k, v in terms._asdict().items()},
+            **numbers,
+            "gradient": norm,
+            "rate": rate,
+            "skipped": float(self.skipped),
+            **seconds,
+        }
 
     def _terms(self, examples: list[Example], iterations: int) -> tuple[Terms, dict[str, float]]:
         batch = together(examples, self.device)
@@ -79,11 +98,26 @@ class Trainer:
         depth = depth_terms(prediction, batch, self.config)
         pose = pose_terms(self.fusion, prediction, views, self.config)
         joint = self.config.phase(self.step) == "joint"
-        render = render_terms(self.network, prediction, examples, self.config, torch.get_num_threads()) if joint else depth.new_zeros(())
+        render = (
+            render_terms(self.network, prediction, examples, self.config, torch.get_num_threads())
+            if joint
+            else depth.new_zeros(())
+        )
         with torch.no_grad():
-            before, after = (float(masked_mean((torch.where(valid, d, 0) - truth).abs(), valid)) for d in (views.start, prediction.disparity))
-            sure, doubtful = (float(masked_mean(prediction.confidence, where)) for where in (valid & ~strange, valid & strange))
-            numbers = {"epe": after, "epe start": before, "confidence": sure, "confidence strange": doubtful, "iterations": float(iterations)}
+            before, after = (
+                float(masked_mean((torch.where(valid, d, 0) - truth).abs(), valid))
+                for d in (views.start, prediction.disparity)
+            )
+            sure, doubtful = (
+                float(masked_mean(prediction.confidence, where)) for where in (valid & ~strange, valid & strange)
+            )
+            numbers = {
+                "epe": after,
+                "epe start": before,
+                "confidence": sure,
+                "confidence strange": doubtful,
+                "iterations": float(iterations),
+            }
         return Terms(depth, pose, render), numbers
 
     def _rate(self) -> float:
@@ -102,8 +136,9 @@ class Trainer:
                     a.copy_(p)
 
     def validate(self, frames: Mapping[int, Frame]) -> dict[str, float]:
-        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and twice the trained T, and the mean
-        confidence, also where the second picture is moved by `ASTRAY` px, so that nothing in it fits.
+        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and
+        twice the trained T, and the mean confidence, also where the second picture is moved by `ASTRAY` px, so that
+        nothing in it fits.
         """
         found: dict[str, list[float]] = {}
         for index in sorted(frames):
@@ -112,10 +147,21 @@ class Trainer:
                 views, truth, valid, _ = together([example], self.device)
                 astray = together([unfitting(example, ASTRAY)], self.device).views
                 surface = torch.isfinite(views.start) | valid
-                with torch.no_grad(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
-                    by_steps = {t: self.averaged(views, t, only_last=True) for t in (1, self.config.iterations, 2 * self.config.iterations)}
+                with (
+                    torch.no_grad(),
+                    torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"),
+                ):
+                    by_steps = {
+                        t: self.averaged(views, t, only_last=True)
+                        for t in (1, self.config.iterations, 2 * self.config.iterations)
+                    }
                     lost = self.averaged(astray, self.config.iterations, only_last=True)
-                measured = {"epe start": views.start, "epe": by_steps[self.config.iterations].disparity, "epe T=1": by_steps[1].disparity, "epe 2T": by_steps[2 * self.config.iterations].disparity}
+                measured = {
+                    "epe start": views.start,
+                    "epe": by_steps[self.config.iterations].disparity,
+                    "epe T=1": by_steps[1].disparity,
+                    "epe 2T": by_steps[2 * self.config.iterations].disparity,
+                }
                 for name, d in measured.items():
                     error = torch.where(torch.isfinite(d), (d - truth).abs(), MISSED)
                     found.setdefault(name, []).append(float(error[valid].mean()))
@@ -130,7 +176,14 @@ class Trainer:
     def state(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
         fusion = self.fusion.state_dict() if self.fusion is not None else {}
-        return {"network": self.network.state_dict(), "averaged": self.averaged.state_dict(), "fusion": fusion, "optimiser": self.optimiser.state_dict(), "step": self.step, "skipped": self.skipped}
+        return {
+            "network": self.network.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "fusion": fusion,
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "skipped": self.skipped,
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state that `state` gave."""

@@ -1,7 +1,8 @@
 """The description of an array, its `zarr.json`: looked through before zarr makes codecs and memory of it.
 
-An array is of Zarr version 3 and written as `archive.py` writes it: numbers, on a regular grid, shards of chunks, chunks
-of bytes packed by Blosc (zstd) with a checksum; nothing else is opened. Descriptions carry a checksum of their own.
+An array is of Zarr version 3 and written as `archive.py` writes it: numbers, on a regular grid, shards of chunks,
+chunks of bytes packed by Blosc (zstd) with a checksum; nothing else is opened. Descriptions carry a checksum of their
+own.
 """
 
 from __future__ import annotations
@@ -39,11 +40,25 @@ MOST_CHUNKS = 2**20
 MOST_SHARDS = 2**22
 """Shards of an array: making it shorter looks at every one."""
 
-TYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64")
+TYPES = (
+    "bool",
+    "int8",
+    "int16",
+    "int32",
+    "int64",
+    "uint8",
+    "uint16",
+    "uint32",
+    "uint64",
+    "float16",
+    "float32",
+    "float64",
+)
 """Types of elements."""
 
 SHARD_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "."}}
-"""How new arrays name their shards: one file each in the array's folder. Every folder takes an inode, as a file does."""
+"""How new arrays name their shards: one file each in the array's folder. Every folder takes an inode, as a file
+does."""
 
 NESTED_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "/"}}
 """How arrays of earlier versions do: a folder for every number."""
@@ -51,7 +66,19 @@ NESTED_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator"
 PART_BYTES = 2**26
 """Bytes of an array that are read at a time for its digest."""
 
-KEYS = {"shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs", "attributes", "dimension_names", "zarr_format", "node_type", "storage_transformers"}
+KEYS = {
+    "shape",
+    "data_type",
+    "chunk_grid",
+    "chunk_key_encoding",
+    "fill_value",
+    "codecs",
+    "attributes",
+    "dimension_names",
+    "zarr_format",
+    "node_type",
+    "storage_transformers",
+}
 
 
 class ForeignArray(ArchiveError):
@@ -69,7 +96,10 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     if why is None and _is_sealed(found) and found["attributes"][checksums.KEY] != _checksum(found):
         why = "it changed since it was written: it is not what its checksum was taken of"
     if why is not None:
-        raise ForeignArray(f"{file} does not describe an array as this program writes it ({why}); put the file back as it was, or `posegaussian verify --repair` removes it and the next run makes the array anew")
+        raise ForeignArray(
+            f"{file} does not describe an array as this program writes it ({why}); put the file back as it was, or"
+            " `posegaussian verify --repair` removes it and the next run makes the array anew"
+        )
     return found
 
 
@@ -94,7 +124,8 @@ def separator(metadata: dict[str, Any]) -> str:
 
 
 def copy_description(source: Path, folder: Path) -> None:
-    """Describe an array as the one in another folder; one that is there keeps its names of shards, by which they lie there.
+    """Describe an array as the one in another folder; one that is there keeps its names of shards, by which they lie
+    there.
 
     Raises ForeignArray for either, FileNotFoundError where there is no source.
     """
@@ -107,7 +138,8 @@ def copy_description(source: Path, folder: Path) -> None:
 
 
 def values_digest(array: Any) -> str:
-    """`array_digest` of an array in the archive, a part of it in memory at a time. Raises ValueError and RuntimeError for damaged chunks."""
+    """`array_digest` of an array in the archive, a part of it in memory at a time. Raises ValueError and
+    RuntimeError for damaged chunks."""
     h = hashlib.blake2b(f"{array.dtype.str}{array.shape}".encode(), digest_size=16)
     if not array.ndim:
         return array_digest(np.asarray(array[...]))
@@ -152,16 +184,24 @@ def _write(folder: Path, digest: str | None, with_checksum: bool) -> None:
 
 
 def refuse_huge(name: str, lengths: Sequence[int], dtype: np.dtype) -> None:
-    """Raise ForeignArray for a block that no memory of this machine holds: a description promises any size in a few bytes."""
+    """Raise ForeignArray for a block that no memory of this machine holds: a description promises any size in a few
+    bytes."""
     need, there = math.prod(lengths) * dtype.itemsize, psutil.virtual_memory().total
     if need > there:
-        raise ForeignArray(f"array {name}: a block of {'x'.join(map(str, lengths))} {dtype} is {need / 1e9:.0f} GB, this machine has {there / 1e9:.0f} GB of memory; its description is damaged or a stranger's, `posegaussian verify` says which")
+        raise ForeignArray(
+            f"array {name}: a block of {'x'.join(map(str, lengths))} {dtype} is {need / 1e9:.0f} GB, this machine has"
+            f" {there / 1e9:.0f} GB of memory; its description is damaged or a stranger's, `posegaussian verify` says"
+            " which"
+        )
 
 
 def _fault(meta: dict[str, Any]) -> str | None:
     """Why a description is none of ours, or None; KeyError, TypeError and the like for what it lacks."""
     if meta.get("zarr_format") != 3 or meta.get("node_type") != "array":
-        return f"Zarr format {str(meta.get('zarr_format'))[:20]}, {str(meta.get('node_type'))[:20]}; arrays of format 3 are read"
+        return (
+            f"Zarr format {str(meta.get('zarr_format'))[:20]}, {str(meta.get('node_type'))[:20]}; arrays of format 3"
+            " are read"
+        )
     if unknown := sorted(meta.keys() - KEYS):
         return f"unknown entries {', '.join(unknown)[:80]}"
     if meta.get("storage_transformers", []):
@@ -173,9 +213,16 @@ def _fault(meta: dict[str, Any]) -> str | None:
     if meta["chunk_key_encoding"] not in (SHARD_NAMES, NESTED_NAMES) or meta["chunk_grid"]["name"] != "regular":
         return "another chunk grid or another naming of chunks"
     shape, names = meta["shape"], meta["dimension_names"]
-    if not isinstance(meta["attributes"], dict) or not isinstance(names, list) or len(names) != len(shape) or not all(isinstance(n, str) for n in names):
+    if (
+        not isinstance(meta["attributes"], dict)
+        or not isinstance(names, list)
+        or len(names) != len(shape)
+        or not all(isinstance(n, str) for n in names)
+    ):
         return "attributes or names of dimensions that do not fit"
-    return _grid_fault(shape, meta["chunk_grid"]["configuration"]["chunk_shape"], meta["codecs"], np.dtype(meta["data_type"]).itemsize)
+    return _grid_fault(
+        shape, meta["chunk_grid"]["configuration"]["chunk_shape"], meta["codecs"], np.dtype(meta["data_type"]).itemsize
+    )
 
 
 def _grid_fault(shape: list[int], shard: list[int], codecs: list[Any], size: int) -> str | None:
@@ -184,15 +231,27 @@ def _grid_fault(shape: list[int], shard: list[int], codecs: list[Any], size: int
     if len(codecs) == 1 and codecs[0]["name"] == "sharding_indexed":
         inner = codecs[0]["configuration"]
         chunk = inner["chunk_shape"]
-        if inner.keys() != {"chunk_shape", "codecs", "index_codecs", "index_location"} or inner["index_location"] != "end":
+        if (
+            inner.keys() != {"chunk_shape", "codecs", "index_codecs", "index_location"}
+            or inner["index_location"] != "end"
+        ):
             return "another kind of shards"
-        if len(inner["index_codecs"]) != 2 or not _is_bytes(inner["index_codecs"][0]) or not _is_checksum(inner["index_codecs"][1]):
+        if (
+            len(inner["index_codecs"]) != 2
+            or not _is_bytes(inner["index_codecs"][0])
+            or not _is_checksum(inner["index_codecs"][1])
+        ):
             return f"codecs of the shards' index {json.dumps(inner['index_codecs'])[:120]}"
         codecs = inner["codecs"]
     if len(codecs) != 3 or not _is_bytes(codecs[0]) or not _is_blosc(codecs[1]) or not _is_checksum(codecs[2]):
         return f"codecs {json.dumps(codecs)[:240]}; bytes, blosc with zstd, and crc32c are read"
     lengths = [*shape, *shard, *chunk]
-    if len(shape) > 8 or not len(shape) == len(shard) == len(chunk) or not all(type(n) is int and 0 <= n < MOST_LENGTH for n in lengths) or 0 in (*shard, *chunk):
+    if (
+        len(shape) > 8
+        or not len(shape) == len(shard) == len(chunk)
+        or not all(type(n) is int and 0 <= n < MOST_LENGTH for n in lengths)
+        or 0 in (*shard, *chunk)
+    ):
         return f"lengths {str(shape)[:60]}, shards {str(shard)[:60]}, chunks {str(chunk)[:60]}"
     if any(s % c for s, c in zip(shard, chunk, strict=True)):
         return f"shards {shard} that are not whole chunks {chunk}"
@@ -203,7 +262,11 @@ def _grid_fault(shape: list[int], shard: list[int], codecs: list[Any], size: int
 
 
 def _is_bytes(codec: Any) -> bool:
-    return codec in ({"name": "bytes"}, {"name": "bytes", "configuration": {}}, {"name": "bytes", "configuration": {"endian": "little"}})
+    return codec in (
+        {"name": "bytes"},
+        {"name": "bytes", "configuration": {}},
+        {"name": "bytes", "configuration": {"endian": "little"}},
+    )
 
 
 def _is_checksum(codec: Any) -> bool:
@@ -215,5 +278,15 @@ def _is_blosc(codec: Any) -> bool:
         return False
     own = codec["configuration"]
     numbers = [own.get(k) for k in ("clevel", "typesize", "blocksize")]
-    known = own.keys() == {"typesize", "cname", "clevel", "shuffle", "blocksize"} and own["cname"] == "zstd" and own["shuffle"] in ("noshuffle", "shuffle", "bitshuffle")
-    return known and all(type(n) is int for n in numbers) and 0 <= own["clevel"] <= 9 and 1 <= own["typesize"] <= 16 and 0 <= own["blocksize"] < MOST_CHUNK_BYTES
+    known = (
+        own.keys() == {"typesize", "cname", "clevel", "shuffle", "blocksize"}
+        and own["cname"] == "zstd"
+        and own["shuffle"] in ("noshuffle", "shuffle", "bitshuffle")
+    )
+    return (
+        known
+        and all(type(n) is int for n in numbers)
+        and 0 <= own["clevel"] <= 9
+        and 1 <= own["typesize"] <= 16
+        and 0 <= own["blocksize"] < MOST_CHUNK_BYTES
+    )

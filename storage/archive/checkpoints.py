@@ -42,7 +42,8 @@ class Checkpoint:
 def write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any]) -> Path:
     """Keep `data` as `root/STEP/`, then remove all but the last two up to this step, and those of later steps.
 
-    A later step is one that was found damaged and gone back from. Whatever kills the writer, `root/STEP` is whole or as it was.
+    A later step is one that was found damaged and gone back from. Whatever kills the writer, `root/STEP` is whole or as
+    it was.
 
     Raises:
         CheckpointError: where the disk does not take it; the ones before are as they were.
@@ -53,7 +54,9 @@ def write_checkpoint(root: Path, step: int, data: bytes, facts: Mapping[str, Any
             return _write_checkpoint(root, partial, step, data, facts)
     except NotWritten as e:
         shutil.rmtree(partial, ignore_errors=True)
-        raise CheckpointError(f"the checkpoint of step {step} is not kept, the ones before are as they were: {e}") from e
+        raise CheckpointError(
+            f"the checkpoint of step {step} is not kept, the ones before are as they were: {e}"
+        ) from e
 
 
 def _write_checkpoint(root: Path, partial: Path, step: int, data: bytes, facts: Mapping[str, Any]) -> Path:
@@ -98,7 +101,10 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
     if version != FORMAT:
         raise CheckpointError(f"{place / MANIFEST} is of format {version}; this version reads format {FORMAT}")
     if said != (found := _digest(manifest)) or manifest["step"] != step:
-        raise CheckpointError(f"{place / MANIFEST} has sha256 {found[:12]} and step {manifest.get('step')}, expected {str(said)[:12]} and {step}")
+        raise CheckpointError(
+            f"{place / MANIFEST} has sha256 {found[:12]} and step {manifest.get('step')}, expected {str(said)[:12]} and"
+            f" {step}"
+        )
     parts = []
     for piece in manifest["pieces"]:
         file = place / piece["name"]
@@ -107,13 +113,17 @@ def read_checkpoint(root: Path, step: int) -> Checkpoint:
         except SourceError as e:
             raise CheckpointError(str(e)) from e
         if (found := hashlib.sha256(part).hexdigest()) != piece["sha256"]:
-            raise CheckpointError(f"{file} has {len(part)} bytes and sha256 {found[:12]}, expected {piece['bytes']} and {piece['sha256'][:12]}")
+            raise CheckpointError(
+                f"{file} has {len(part)} bytes and sha256 {found[:12]}, expected {piece['bytes']} and"
+                f" {piece['sha256'][:12]}"
+            )
         parts.append(part)
     return Checkpoint(step, b"".join(parts), manifest["facts"])
 
 
 def read_latest(root: Path) -> tuple[Checkpoint | None, list[str]]:
-    """The latest checkpoint that is whole, None where there is none at all; and a sentence on each damaged one that was passed over.
+    """The latest checkpoint that is whole, None where there is none at all; and a sentence on each damaged one that was
+    passed over.
 
     Raises CheckpointError where there are checkpoints and none is whole: starting anew is for the user to decide.
     """
@@ -127,7 +137,14 @@ def read_latest(root: Path) -> tuple[Checkpoint | None, list[str]]:
             continue
         return whole, [f"{d}; going on from step {step} instead" for d in damaged]
     if damaged:
-        raise CheckpointError("\n".join([*damaged, f"no checkpoint in {root} is whole; bring one back from a copy, or remove the folder to start anew"]))
+        raise CheckpointError(
+            "\n".join(
+                [
+                    *damaged,
+                    f"no checkpoint in {root} is whole; bring one back from a copy, or remove the folder to start anew",
+                ]
+            )
+        )
     return None, []
 
 

@@ -1,7 +1,7 @@
 """Checksums of what is kept as text: the record of a sequence, the descriptions of its arrays, receipts.
 
-They are against accidents: a changed digit is noticed before anything is computed from it. What was written before there
-were checksums has none and is accepted; whatever writes it next adds one, and so does `verify --repair`.
+They are against accidents: a changed digit is noticed before anything is computed from it. What was written before
+there were checksums has none and is accepted; whatever writes it next adds one, and so does `verify --repair`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ _LAST = re.compile(rb', "checksum": "([0-9a-f]{32})"\}\Z')
 
 def checksum(content: Mapping[str, Any]) -> str:
     """BLAKE2b-128 over JSON types, whatever their order, but without the checksum among them."""
-    return _hash(ENCODER.encode({k: v for k, v in content.items() if k != KEY}).encode(errors="surrogatepass"))  # names of files may be no text
+    return _hash(
+        ENCODER.encode({k: v for k, v in content.items() if k != KEY}).encode(errors="surrogatepass")
+    )  # names of files may be no text
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:

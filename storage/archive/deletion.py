@@ -14,7 +14,16 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from posegaussian.storage.archive.lease import Lease
-from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, ShardFile, lease_file, read_receipt, receipt_file, remove_receipt, write_receipt
+from posegaussian.storage.archive.receipts import (
+    Receipt,
+    ReceiptKey,
+    ShardFile,
+    lease_file,
+    read_receipt,
+    receipt_file,
+    remove_receipt,
+    write_receipt,
+)
 from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.files.names import files_below, refuse_link, refuse_links
 from posegaussian.storage.files.write import sync_folder
@@ -30,10 +39,12 @@ def bytes_of(files: Iterable[ShardFile]) -> int:
 
 
 def drop_outputs(sequence: Sequence, receipt: Receipt, chosen: Collection[tuple[str, int | None]]) -> Receipt:
-    """Give up the bytes of some (array, view) of a task; its receipt keeps their digests and says that they are dropped.
+    """Give up the bytes of some (array, view) of a task; its receipt keeps their digests and says that they are
+    dropped.
 
-    Returns the receipt as it is on disk afterwards. Nothing is done where another run makes the task anew, or has done so.
-    A reader that began before finds at its end that its input is no longer present, and fails instead of having read zeros.
+    Returns the receipt as it is on disk afterwards. Nothing is done where another run makes the task anew, or has done
+    so. A reader that began before finds at its end that its input is no longer present, and fails instead of having
+    read zeros.
     """
     key = ReceiptKey(receipt.stage, receipt.partition, receipt.view, receipt.path)
     try:
@@ -50,7 +61,9 @@ def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collect
     going = [o for o in now.outputs if (o.array, o.view) in chosen and not o.dropped]
     if not going:
         return now
-    marked = dataclasses.replace(now, outputs=tuple(dataclasses.replace(o, dropped=o.dropped or o in going) for o in now.outputs))
+    marked = dataclasses.replace(
+        now, outputs=tuple(dataclasses.replace(o, dropped=o.dropped or o in going) for o in now.outputs)
+    )
     places = {f.key: sequence.place(f.key) for o in going for f in o.files}
     write_receipt(sequence, marked)
     for name, file in places.items():
@@ -60,17 +73,21 @@ def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collect
 
 
 def _partition_folder(sequence: Sequence, key: str) -> Path:
-    """The folder of a shard that other tasks may be writing into, so that a run leaves it: the array's, or `<array>/c/<partition>` of arrays of earlier versions."""
+    """The folder of a shard that other tasks may be writing into, so that a run leaves it: the array's, or
+    `<array>/c/<partition>` of arrays of earlier versions."""
     array, nested, rest = key.partition("/c/")
     return sequence.root / array / "c" / rest.partition("/")[0] if nested else (sequence.root / key).parent
 
 
 def forget(sequence: Sequence, receipt: Receipt) -> None:
-    """Delete a task's receipt, then its outputs. Raises Unsafe, with nothing deleted, where a link lies on the way to one."""
+    """Delete a task's receipt, then its outputs. Raises Unsafe, with nothing deleted, where a link lies on the way
+    to one."""
     files = [sequence.place(f.key) for o in receipt.outputs for f in o.files]
     remove_receipt(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path)
     delete_files(files)
-    _remove_empty(receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path).parent, sequence.receipts)
+    _remove_empty(
+        receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path).parent, sequence.receipts
+    )
 
 
 def delete_files(files: Iterable[Path]) -> None:
@@ -84,7 +101,8 @@ def delete_files(files: Iterable[Path]) -> None:
 
 
 def _remove_empty(folder: Path, stop: Path | None) -> None:
-    """Remove a folder and those above it, below `stop`, while they are empty; an array's own folder holds its zarr.json and stays."""
+    """Remove a folder and those above it, below `stop`, while they are empty; an array's own folder holds its
+    zarr.json and stays."""
     while folder != stop and folder != folder.parent:
         try:
             folder.rmdir()
@@ -121,7 +139,8 @@ def settled(path: Path) -> bool:
 
 
 def partial_files(root: Path) -> list[Path]:
-    """Files and folders that a killed writer or a killed sweep left half done, outermost first. Raises Unsafe for a link anywhere."""
+    """Files and folders that a killed writer or a killed sweep left half done, outermost first. Raises Unsafe for a
+    link anywhere."""
     found: list[Path] = []
     refuse_links(root)
     for p in sorted(root.rglob("*.partial")):
@@ -131,7 +150,8 @@ def partial_files(root: Path) -> list[Path]:
 
 
 def strays(sequence: Sequence, receipts: Iterable[Receipt], arrays: Collection[str]) -> Iterator[Path]:
-    """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left. Raises Unsafe."""
+    """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left.
+    Raises Unsafe."""
     named = {f.key for r in receipts for o in r.outputs if not o.dropped for f in o.files}
     for array in sorted(arrays):
         folder = sequence.place(array)

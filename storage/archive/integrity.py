@@ -16,10 +16,28 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from posegaussian.storage.archive import checksums
-from posegaussian.storage.archive.array_metadata import ForeignArray, is_sealed, is_sharded, read_metadata, refuse_huge, seal, values_digest
+from posegaussian.storage.archive.array_metadata import (
+    ForeignArray,
+    is_sealed,
+    is_sharded,
+    read_metadata,
+    refuse_huge,
+    seal,
+    values_digest,
+)
 from posegaussian.storage.archive.chunk_keys import unpromised
 from posegaussian.storage.archive.lease import Lease, living
-from posegaussian.storage.archive.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, load_receipt, read_receipt, read_shard, remove_receipt
+from posegaussian.storage.archive.receipts import (
+    Output,
+    Receipt,
+    ReceiptKey,
+    ShardFile,
+    lease_file,
+    load_receipt,
+    read_receipt,
+    read_shard,
+    remove_receipt,
+)
 from posegaussian.storage.archive.records import FILE, write_record
 from posegaussian.storage.archive.shards import table_digest
 from posegaussian.storage.archive.store import Sequence
@@ -62,7 +80,8 @@ class Count:
 
 
 def faults(sequence: Sequence, count: Count) -> Iterator[Fault]:
-    """All faults of one sequence. Outputs that were dropped have nothing to verify; tasks that a run works on are left out.
+    """All faults of one sequence. Outputs that were dropped have nothing to verify; tasks that a run works on are left
+    out.
 
     Raises BrokenRecord where the sequence's own record changed, Unsafe where a link leads out of the archive.
     """
@@ -83,16 +102,23 @@ def faults(sequence: Sequence, count: Count) -> Iterator[Fault]:
         except (ValueError, KeyError, TypeError, OSError):
             yield Fault(RECEIPT_UNREADABLE, file.relative_to(sequence.root).as_posix())
             continue
-        found = [f for output in receipt.outputs if not output.dropped for f in _of_output(sequence, receipt, output, count)]
+        found = [
+            f for output in receipt.outputs if not output.dropped for f in _of_output(sequence, receipt, output, count)
+        ]
         if found and read_receipt(sequence, key_of(receipt)) == receipt:  # else a run made it anew meanwhile
             yield from found
     yield from _arrays(sequence, count)
     if not busy:
-        yield from (Fault(LEFT_OVER, os.path.relpath(p, sequence.root)) for p in files_below(sequence.root) if p.endswith(".partial"))
+        yield from (
+            Fault(LEFT_OVER, os.path.relpath(p, sequence.root))
+            for p in files_below(sequence.root)
+            if p.endswith(".partial")
+        )
 
 
 def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
-    """Faults of what no receipt speaks of: descriptions of arrays, and arrays that are written whole (cameras, times, truth)."""
+    """Faults of what no receipt speaks of: descriptions of arrays, and arrays that are written whole (cameras,
+    times, truth)."""
     for folder in sequence.walk_arrays():
         name = folder.relative_to(sequence.root).as_posix()
         try:
@@ -108,7 +134,8 @@ def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
 
 
 def seal_all(sequence: Sequence) -> int:
-    """Add the checksums that the record and the descriptions of arrays lack, as they are now; returns how many were added."""
+    """Add the checksums that the record and the descriptions of arrays lack, as they are now; returns how many were
+    added."""
     added = 0
     if checksums.KEY not in sequence.record:
         write_record(sequence.root, sequence.record)
@@ -117,7 +144,10 @@ def seal_all(sequence: Sequence) -> int:
         try:
             if not is_sealed(folder):
                 whole = not is_sharded(read_metadata(folder))
-                seal(folder, values_digest(sequence.open_array(folder.relative_to(sequence.root).as_posix())) if whole else None)
+                seal(
+                    folder,
+                    values_digest(sequence.open_array(folder.relative_to(sequence.root).as_posix())) if whole else None,
+                )
                 added += 1
         except (ForeignArray, ValueError, RuntimeError):
             continue  # it is a fault, and told as one
@@ -169,7 +199,9 @@ def _of_content(sequence: Sequence, receipt: Receipt, output: Output) -> str | N
             found = array_digest(block)
     except ShardMissing as e:
         return str(e)
-    except Exception as e:  # a broken array record or codec may raise anything; whatever it is, this output cannot be read
+    except (
+        Exception
+    ) as e:  # a broken array record or codec may raise anything; whatever it is, this output cannot be read
         return f"does not decode ({type(e).__name__}: {e})"
     return None if found == output.digest else "its content is not the promised one"
 
@@ -196,7 +228,11 @@ def _block(sequence: Sequence, receipt: Receipt, output: Output) -> np.ndarray |
         raise ShardMissing(f"its array is described so that {other} is read instead")
     if not whole:
         return None
-    refuse_huge(output.array, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
+    refuse_huge(
+        output.array,
+        [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
+        array.dtype,
+    )
     return np.asarray(array[tuple(index)])
 
 

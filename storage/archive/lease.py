@@ -1,8 +1,8 @@
 """Leases: who works on what, since when, until when. The only trace of running work, and never a fact to clean up.
 
-A lease is one small file, created exclusively beside the receipt it is about. It carries a token, is renewed by a thread
-of the process that holds it, and ends by itself: after its time, or at once when its holder is provably dead. Whoever
-finds an ended lease takes it over; the old holder, should it wake, finds another token and writes nothing more.
+A lease is one small file, created exclusively beside the receipt it is about. It carries a token, is renewed by a
+thread of the process that holds it, and ends by itself: after its time, or at once when its holder is provably dead.
+Whoever finds an ended lease takes it over; the old holder, should it wake, finds another token and writes nothing more.
 
 Renewals go through the file that was created, not through its name: a holder that lost the name renews a file nobody
 sees. What is not closed: a writer that is suspended between `check` and the write that follows it may still finish that
@@ -77,7 +77,10 @@ class Holder:
 
     def sentence(self, now: float) -> str:
         """`run R, worker W (process P on host H) since 12:03:11 UTC (for 40 s)`."""
-        return f"run {self.run}, worker {self.worker} (process {self.pid} on {self.host}) since {_clock(self.since)} (for {max(0.0, now - self.since):.0f} s)"
+        return (
+            f"run {self.run}, worker {self.worker} (process {self.pid} on {self.host}) since {_clock(self.since)} (for"
+            f" {max(0.0, now - self.since):.0f} s)"
+        )
 
 
 def _clock(seconds: float) -> str:
@@ -139,7 +142,9 @@ def _holder(said: dict[str, Any]) -> Holder:
     holder = Holder(**said)
     texts = (holder.token, holder.run, holder.worker, holder.host, holder.boot, holder.ended)
     numbers = (holder.pid, holder.started, holder.since, holder.until)
-    if not all(isinstance(t, str) for t in texts) or not all(type(n) in (int, float) and -1e9 < n < 2.5e11 for n in numbers):
+    if not all(isinstance(t, str) for t in texts) or not all(
+        type(n) in (int, float) and -1e9 < n < 2.5e11 for n in numbers
+    ):
         raise TypeError("entries of a lease are texts and times")
     if _TOKEN.fullmatch(holder.token) is None or type(holder.pid) is not int or not 0 <= holder.pid < 2**31:
         raise ValueError("a lease has a token and a process")
@@ -149,8 +154,8 @@ def _holder(said: dict[str, Any]) -> Holder:
 def _create(file: Path, holder: Holder) -> int:
     """A handle on a new lease that has its content from the first moment. Raises FileExistsError.
 
-    Killed between making the name and writing, a process would leave a lease that nobody knows the holder of. Only where
-    the file system has no hard links does the name come first.
+    Killed between making the name and writing, a process would leave a lease that nobody knows the holder of. Only
+    where the file system has no hard links does the name come first.
     """
     written = file.with_name(f".{file.name}.{holder.token}.partial")
     handle = os.open(written, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644)
@@ -181,8 +186,8 @@ def _text(holder: Holder) -> bytes:
 def _displace(file: Path, token: str, meant: Callable[[Holder], bool]) -> None:
     """Remove the lease of a token, if it is still the one that is meant.
 
-    Of several contenders for one token a claim of its name lets one through: a contender that read the old lease and was
-    slow would otherwise remove the new one.
+    Of several contenders for one token a claim of its name lets one through: a contender that read the old lease and
+    was slow would otherwise remove the new one.
     """
     claim = file.with_name(f".{file.name}.{token}.partial")
     try:
@@ -229,8 +234,11 @@ class Lease:
         self._guard = threading.Lock()
 
     @classmethod
-    def take(cls, file: Path, run: str, worker: str = "main", seconds: float = 60.0, clock: Callable[[], float] = time.time) -> Lease:
-        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld, and NotWritten.
+    def take(
+        cls, file: Path, run: str, worker: str = "main", seconds: float = 60.0, clock: Callable[[], float] = time.time
+    ) -> Lease:
+        """Take a lease, or take over one that has ended or that this very run left behind. Raises LeaseHeld, and
+        NotWritten.
 
         Args:
             file: where it lies.
@@ -247,7 +255,17 @@ class Lease:
     def _take(cls, file: Path, run: str, worker: str, seconds: float, clock: Callable[[], float]) -> Lease:
         while True:
             now = clock()
-            holder = Holder(uuid.uuid4().hex, run, worker, socket.gethostname(), _boot(), os.getpid(), _own_start(os.getpid()), now, now + seconds)
+            holder = Holder(
+                uuid.uuid4().hex,
+                run,
+                worker,
+                socket.gethostname(),
+                _boot(),
+                os.getpid(),
+                _own_start(os.getpid()),
+                now,
+                now + seconds,
+            )
             try:
                 handle = _create(file, holder)
             except FileExistsError:
@@ -255,7 +273,9 @@ class Lease:
                 if old is not None and not cls._free(old, run, now):
                     raise LeaseHeld(f"{file.name} is held by {old.sentence(now)}", old) from None
                 if old is not None:
-                    _displace(file, old.token, lambda h, token=old.token: h.token == token and cls._free(h, run, clock()))  # type: ignore[misc]
+                    _displace(
+                        file, old.token, lambda h, token=old.token: h.token == token and cls._free(h, run, clock())
+                    )  # type: ignore[misc]
                 continue
             lease = cls(file, holder, handle, seconds, clock)
             lease._write(holder)
@@ -294,7 +314,10 @@ class Lease:
         now = read_lease(self.file, self._seconds)
         if now is None or now.token != self.holder.token:
             by = "and is gone" if now is None else f"and was taken over by {now.sentence(self._clock())}"
-            raise LeaseLost(f"the lease {self.file.name} of this writer ended {by}; it was suspended or cut off, so it stops and writes nothing more")
+            raise LeaseLost(
+                f"the lease {self.file.name} of this writer ended {by}; it was suspended or cut off, so it stops and"
+                " writes nothing more"
+            )
 
     def drop(self) -> None:
         """Give the lease back; what another one took over is left alone."""
@@ -310,7 +333,9 @@ class Lease:
         """The lease; it is dropped at the end, whatever happens."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.drop()
 
 
@@ -359,7 +384,8 @@ _KEEPER = _Keeper()
 
 
 def wait_for(file: Path, run: str, seconds: float, patience: float, pause: float = 0.05) -> Lease:
-    """Take a lease that others hold for moments only. Raises LeaseHeld when it is not free within `patience` seconds."""
+    """Take a lease that others hold for moments only. Raises LeaseHeld when it is not free within `patience`
+    seconds."""
     end = time.monotonic() + patience
     while True:
         try:

@@ -32,7 +32,28 @@ MOST_LOG_BYTES = 2**32
 KEY = ("sequence", "stage", "partition", "view", "path")
 """What identifies a task."""
 
-COLUMNS = (*KEY, "state", "fingerprint", "seconds", "modules", "bytes", "warnings", "started", "host", "worker", "device", "peak_rss", "projected_ram", "raw_bytes", "work", "params", "effects", "run", "error", "mended")
+COLUMNS = (
+    *KEY,
+    "state",
+    "fingerprint",
+    "seconds",
+    "modules",
+    "bytes",
+    "warnings",
+    "started",
+    "host",
+    "worker",
+    "device",
+    "peak_rss",
+    "projected_ram",
+    "raw_bytes",
+    "work",
+    "params",
+    "effects",
+    "run",
+    "error",
+    "mended",
+)
 """Columns of the ledger."""
 
 
@@ -68,7 +89,8 @@ def row(sequence: str, receipt: Receipt) -> dict[str, Any]:
 
 
 def run_events(archive: Archive) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """(name of the run, its events) of all runs, oldest first; a line that a kill cut off, or that no run writes, is left out.
+    """(name of the run, its events) of all runs, oldest first; a line that a kill cut off, or that no run writes, is
+    left out.
 
     Raises Unsafe for links.
     """
@@ -96,18 +118,26 @@ def _is_event(event: dict[str, Any]) -> bool:
     if name == "task_failed" and not event.keys() >= {"error", "time"}:
         return False
     spoken = [*([event] if name.startswith("task_") else []), *([event["by"]] if "by" in event else [])]
-    return all(isinstance(t, dict) and _is_task(t) for t in spoken) and ("by" not in event or event["by"].keys() == set(KEY))
+    return all(isinstance(t, dict) and _is_task(t) for t in spoken) and (
+        "by" not in event or event["by"].keys() == set(KEY)
+    )
 
 
 def _is_task(task: dict[str, Any]) -> bool:
     if not task.keys() >= set(KEY):
         return False
     whole = all(n is None or (type(n) is int and 0 <= n < MOST_NUMBER) for n in (task["partition"], task["view"]))
-    return whole and isinstance(task["sequence"], str) and is_word(task["stage"]) and (task["path"] is None or is_word(task["path"]))
+    return (
+        whole
+        and isinstance(task["sequence"], str)
+        and is_word(task["stage"])
+        and (task["path"] is None or is_word(task["path"]))
+    )
 
 
 def failures(archive: Archive, finished: dict[tuple[Any, ...], str]) -> list[dict[str, Any]]:
-    """Rows of everything that ever failed, oldest first; `finished` is {KEY of a task: when its receipt's run of it began}.
+    """Rows of everything that ever failed, oldest first; `finished` is {KEY of a task: when its receipt's run of it
+    began}.
 
     `seconds` is null, so that sums and means of times are those of finished tasks; `mended` says whether the task was
     finished since.
@@ -119,7 +149,17 @@ def failures(archive: Archive, finished: dict[tuple[Any, ...], str]) -> list[dic
                 continue
             key = tuple(e.get(k) for k in KEY)
             when = str(e.get("time"))
-            rows.append({**dict.fromkeys(COLUMNS), **dict(zip(KEY, key, strict=True)), "state": "failed", "started": when, "run": run, "error": e.get("error"), "mended": finished.get(key, "") > when})
+            rows.append(
+                {
+                    **dict.fromkeys(COLUMNS),
+                    **dict(zip(KEY, key, strict=True)),
+                    "state": "failed",
+                    "started": when,
+                    "run": run,
+                    "error": e.get("error"),
+                    "mended": finished.get(key, "") > when,
+                }
+            )
     return rows
 
 
@@ -127,7 +167,9 @@ def _schema() -> Any:
     """Columns of the ledger with their types."""
     import pyarrow as pa
 
-    whole = dict.fromkeys(("partition", "view", "bytes", "warnings", "peak_rss", "projected_ram", "raw_bytes", "work"), pa.int64())
+    whole = dict.fromkeys(
+        ("partition", "view", "bytes", "warnings", "peak_rss", "projected_ram", "raw_bytes", "work"), pa.int64()
+    )
     types = {**whole, "seconds": pa.float64(), "modules": pa.map_(pa.string(), pa.float64()), "mended": pa.bool_()}
     return pa.schema([(c, types.get(c, pa.string())) for c in COLUMNS])
 
@@ -164,7 +206,11 @@ def _open(archive: Archive) -> Any:
         return None
     try:
         found = pq.ParquetFile(file)
-        wrong = [f"column {f.name} of type {f.type}" for f in found.schema_arrow if f.name in COLUMNS and f.type != _schema().field(f.name).type]
+        wrong = [
+            f"column {f.name} of type {f.type}"
+            for f in found.schema_arrow
+            if f.name in COLUMNS and f.type != _schema().field(f.name).type
+        ]
     except (pa.ArrowException, OSError) as e:
         wrong = [str(e)]
     if wrong:
@@ -175,11 +221,14 @@ def _open(archive: Archive) -> Any:
 def failed(archive: Archive) -> list[tuple[Any, ...]]:
     """KEY of every task that failed and was not finished since, by the end of the last run."""
     rows = read(archive, (*KEY, "state", "mended"))
-    return list(dict.fromkeys(tuple(r[k] for k in KEY) for r in rows if r["state"] == "failed" and r["mended"] is False))
+    return list(
+        dict.fromkeys(tuple(r[k] for k in KEY) for r in rows if r["state"] == "failed" and r["mended"] is False)
+    )
 
 
 def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, Any]]:
-    """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it lacks a column.
+    """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it
+    lacks a column.
 
     Raises ArchiveError for a file that is no ledger.
     """

@@ -66,7 +66,8 @@ class Output:
     files: tuple[ShardFile, ...]
     """The files that hold it, or held it where it was dropped."""
     dropped: bool = False
-    """Whether the bytes were given up to save space: the digest still holds, so that what was made from them stays fresh."""
+    """Whether the bytes were given up to save space: the digest still holds, so that what was made from them stays
+    fresh."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,12 @@ class Receipt:
             raise TypeError(f"a receipt is a JSON object, this is a {type(d).__name__}")
         if d.pop(checksums.KEY, None) is not None and checksums.text_changed(text):
             raise ValueError("it is not what its checksum was taken of")
-        outputs = tuple(Output(o["array"], o["view"], o["digest"], tuple(ShardFile(**f) for f in o["files"]), o.get("dropped", False)) for o in d.pop("outputs"))
+        outputs = tuple(
+            Output(
+                o["array"], o["view"], o["digest"], tuple(ShardFile(**f) for f in o["files"]), o.get("dropped", False)
+            )
+            for o in d.pop("outputs")
+        )
         receipt = cls(**{**d, "outputs": outputs, "warnings": tuple(d["warnings"])})
         _check_names(receipt)
         _check_types(receipt)
@@ -125,7 +131,8 @@ class Receipt:
 
 
 def _check_names(receipt: Receipt) -> None:
-    """Raise Unsafe for a stage, path, array or file key that no task writes: absolute, climbing, or of something else."""
+    """Raise Unsafe for a stage, path, array or file key that no task writes: absolute, climbing, or of something
+    else."""
     for name, what in ((receipt.stage, "stage"), (receipt.path, "path")):
         if not is_word(name) and (what == "stage" or name is not None):
             raise Unsafe(f"{what} {_shown(name)} is no name")
@@ -156,7 +163,9 @@ def _check_types(receipt: Receipt) -> None:
         for f in o.files:
             if type(f.size) is not int or type(f.crc32) is not int or f.size < 0:
                 raise TypeError("a size or a checksum is no whole number")
-    if not all(isinstance(t, str) for t in (receipt.fingerprint, *receipt.warnings, *(o.digest for o in receipt.outputs))) or not all(isinstance(o.dropped, bool) for o in receipt.outputs):
+    if not all(
+        isinstance(t, str) for t in (receipt.fingerprint, *receipt.warnings, *(o.digest for o in receipt.outputs))
+    ) or not all(isinstance(o.dropped, bool) for o in receipt.outputs):
         raise TypeError("a fingerprint, digest or warning is no text")
     _check_parts(receipt.parts)
     _check_facts(receipt.facts)
@@ -164,7 +173,9 @@ def _check_types(receipt: Receipt) -> None:
 
 def _check_parts(parts: dict[str, Any]) -> None:
     """Raise TypeError for fingerprint parts that cannot be compared with others."""
-    if not isinstance(parts, dict) or not all(isinstance(parts.get(k, {}), dict) for k in ("params", "effects", "sources", "inputs")):
+    if not isinstance(parts, dict) or not all(
+        isinstance(parts.get(k, {}), dict) for k in ("params", "effects", "sources", "inputs")
+    ):
         raise TypeError("parts are no object")
     lists = (parts.get("asked", []), parts.get("bounds", []))
     if not all(isinstance(n, list) for n in (*lists, *lists[1][:1])) or not all(isinstance(n, str) for n in lists[0]):
@@ -173,7 +184,11 @@ def _check_parts(parts: dict[str, Any]) -> None:
 
 def _check_facts(facts: dict[str, Any]) -> None:
     """Raise TypeError and ValueError for facts that cannot be counted, and for notes that are no arrays of numbers."""
-    if not isinstance(facts, dict) or not all(isinstance(facts.get(k) or {}, dict) for k in ("modules", "noted")) or not isinstance(facts.get("accepted", []), list):
+    if (
+        not isinstance(facts, dict)
+        or not all(isinstance(facts.get(k) or {}, dict) for k in ("modules", "noted"))
+        or not isinstance(facts.get("accepted", []), list)
+    ):
         raise TypeError("facts are no object")
     counted = [*(facts.get(k) for k in NUMBERS), *(facts.get("modules") or {}).values()]
     if not all(n is None or (type(n) in (int, float) and abs(n) < 2**62) for n in counted):
@@ -218,7 +233,14 @@ def load_receipt(file: Path | str) -> Receipt:
     try:
         return Receipt.from_json(read_file(file, MOST_BYTES))
     except Unsafe as e:
-        raise e if str(file) in str(e) else Unsafe(f"receipt {file}: {e}; it was not made by posegaussian, so nothing is read, written or deleted by it: `posegaussian verify --repair` removes it") from None
+        raise (
+            e
+            if str(file) in str(e)
+            else Unsafe(
+                f"receipt {file}: {e}; it was not made by posegaussian, so nothing is read, written or deleted by it:"
+                " `posegaussian verify --repair` removes it"
+            )
+        ) from None
 
 
 def read_receipt(sequence: Sequence, key: ReceiptKey) -> Receipt | None:
@@ -231,7 +253,9 @@ def read_receipt(sequence: Sequence, key: ReceiptKey) -> Receipt | None:
 
 def write_receipt(sequence: Sequence, receipt: Receipt) -> None:
     """Write atomically and sync: the last act of a task."""
-    write_atomically(receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path), receipt.to_json())
+    write_atomically(
+        receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path), receipt.to_json()
+    )
 
 
 def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: int | None, path: str | None) -> None:
@@ -244,7 +268,8 @@ def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: 
 
 
 def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:
-    """All readable receipts. One that cannot be parsed proves nothing, one that a running task just removed is gone: both are absent.
+    """All readable receipts. One that cannot be parsed proves nothing, one that a running task just removed is gone:
+    both are absent.
 
     Raises Unsafe for names and links that would lead out of the archive.
     """
@@ -262,11 +287,14 @@ def missing_files(sequence: Sequence, receipt: Receipt, look: Look | None = None
     `look`: one for many receipts of the sequence. Raises Unsafe where a link lies on the way to a shard.
     """
     look = look or Look(sequence.root)
-    return [f.key for output in receipt.outputs if not output.dropped for f in output.files if look.size(f.key) != f.size]
+    return [
+        f.key for output in receipt.outputs if not output.dropped for f in output.files if look.size(f.key) != f.size
+    ]
 
 
 def damaged_files(sequence: Sequence, receipt: Receipt) -> list[str]:
-    """Keys of shards that are gone, or whose bytes are not those the receipt describes. Reads every file of the outputs that were not dropped."""
+    """Keys of shards that are gone, or whose bytes are not those the receipt describes. Reads every file of the
+    outputs that were not dropped."""
     bad = []
     for f in (f for output in receipt.outputs if not output.dropped for f in output.files):
         try:

@@ -53,25 +53,39 @@ def read_record(root: Path) -> dict[str, Any]:
         record = parse_json(read_file(file, MOST_BYTES))["attributes"][ATTRIBUTES]
         number = int(record["format"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as e:
-        raise BrokenRecord(f"{root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again") from e
+        raise BrokenRecord(
+            f"{root} is not a sequence of a PoseGaussian archive ({type(e).__name__}: {e}); import the capture again"
+        ) from e
     if number > FORMAT:
-        raise ArchiveError(f"sequence {root.name} is of archive format {number}, this version reads up to {FORMAT}; update posegaussian")
+        raise ArchiveError(
+            f"sequence {root.name} is of archive format {number}, this version reads up to {FORMAT}; update"
+            " posegaussian"
+        )
     if checksums.changed(record):
-        raise BrokenRecord(f"{file} changed since it was written: its cameras, files or times are not those its checksum was taken of, and nothing is computed from them; put the old file back, or import the capture again")
+        raise BrokenRecord(
+            f"{file} changed since it was written: its cameras, files or times are not those its checksum was taken of,"
+            " and nothing is computed from them; put the old file back, or import the capture again"
+        )
     frames = record.get("partition_frames")
     if type(frames) is not int or not 1 <= frames <= MOST_PARTITION:
-        raise BrokenRecord(f"{file} says that partitions have {str(frames)[:40]} frames, they have 1 to {MOST_PARTITION}; import the capture again")
+        raise BrokenRecord(
+            f"{file} says that partitions have {str(frames)[:40]} frames, they have 1 to {MOST_PARTITION}; import the"
+            " capture again"
+        )
     return record
 
 
 def write_record(root: Path, record: dict[str, Any]) -> None:
-    """Write the record with its checksum; other attributes of the group stay. Readers see the old one or the new one."""
+    """Write the record with its checksum; other attributes of the group stay. Readers see the old one or the new
+    one."""
     try:
         attributes = parse_json(read_file(root / FILE, MOST_BYTES))["attributes"]
     except (OSError, ValueError, KeyError, TypeError):
         attributes = {}
     attributes = {**(attributes if isinstance(attributes, dict) else {}), ATTRIBUTES: checksums.sealed(record)}
-    write_atomically(root / FILE, json.dumps({"attributes": attributes, "zarr_format": 3, "node_type": "group"}, indent=2).encode())
+    write_atomically(
+        root / FILE, json.dumps({"attributes": attributes, "zarr_format": 3, "node_type": "group"}, indent=2).encode()
+    )
 
 
 def read_capture(record: dict[str, Any], file: Path) -> Capture:
@@ -84,7 +98,9 @@ def read_capture(record: dict[str, Any], file: Path) -> Capture:
     except (CalibrationError, SourceError) as e:
         why = str(e)
     if why is not None:
-        raise BrokenRecord(f"{file} does not describe a capture ({why}); put the file back as it was, or import the capture again")
+        raise BrokenRecord(
+            f"{file} does not describe a capture ({why}); put the file back as it was, or import the capture again"
+        )
     return capture
 
 
@@ -92,20 +108,29 @@ def _fault(capture: Capture) -> str | None:
     """What is wrong with a capture that was read, or None. Raises CalibrationError."""
     rig, count = capture.rig, len(capture.rig)
     check_camera_names(rig.names)
-    shapes = {"intrinsics": (count, 3, 3), "distortion": (count, 8), "world_to_camera": (count, 4, 4), "size": (count, 2)}
+    shapes = {
+        "intrinsics": (count, 3, 3),
+        "distortion": (count, 8),
+        "world_to_camera": (count, 4, 4),
+        "size": (count, 2),
+    }
     for name, shape in shapes.items():
         if getattr(rig, name).shape != shape or not count:
             return f"{name} of {count} cameras are {getattr(rig, name).shape}"
     rig.check()
     if rig.size.max() > MOST_SIDE:
         return f"pictures of {rig.size.max()} px a side, at most {MOST_SIDE} are read"
-    if not (isinstance(capture.frame_rate, int | float) and math.isfinite(capture.frame_rate) and capture.frame_rate > 0):
+    if not (
+        isinstance(capture.frame_rate, int | float) and math.isfinite(capture.frame_rate) and capture.frame_rate > 0
+    ):
         return f"frame rate {capture.frame_rate}"
     if not isinstance(capture.layout, str) or not all(isinstance(n, str) for n in capture.notes):
         return "layout and notes are not text"
     for kind in PER_VIEW:
         streams = capture.streams(kind)
-        if len(streams) not in ((count,) if kind == "pictures" else (0, count)) or (kind == "pictures" and None in streams):
+        if len(streams) not in ((count,) if kind == "pictures" else (0, count)) or (
+            kind == "pictures" and None in streams
+        ):
             return f"{len(streams)} streams of {kind} for {count} cameras"
     for what, named in (("crops", capture.crops), ("held_out", capture.held_out)):
         if strange := [n for n in named if n not in rig.names]:
@@ -134,18 +159,30 @@ def _stream_fault(stream: Stream) -> str | None:
 
 
 def _file_fault(file: SourceFile) -> str | None:
-    """A source lies where it was imported from, anywhere; an empty one, as devices and pipes look, was never imported."""
+    """A source lies where it was imported from, anywhere; an empty one, as devices and pipes look, was never
+    imported."""
     if not isinstance(file.path, str) or not os.path.isabs(file.path) or "\0" in file.path or len(file.path) > 4096:
         return f"source file {str(file.path)[:80]!r} is no absolute path"
-    if not isinstance(file.sha256, str) or type(file.size) is not int or type(file.mtime_ns) is not int or file.size < 1:
+    if (
+        not isinstance(file.sha256, str)
+        or type(file.size) is not int
+        or type(file.mtime_ns) is not int
+        or file.size < 1
+    ):
         return f"source file {file.path[:80]} without size, time or digest"
     return None
 
 
 def cameras(rig: Rig) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:
-    """{array: (values, dimensions, unit, meaning)} of the calibrated cameras beside the record, for other readers of Zarr."""
+    """{array: (values, dimensions, unit, meaning)} of the calibrated cameras beside the record, for other readers of
+    Zarr."""
     return {
-        "source/intrinsics": (rig.intrinsics, ("view", "row", "column"), "px", "Calibrated cameras, our pixel centres."),
+        "source/intrinsics": (
+            rig.intrinsics,
+            ("view", "row", "column"),
+            "px",
+            "Calibrated cameras, our pixel centres.",
+        ),
         "source/distortion": (rig.distortion, ("view", "coefficient"), "1", "OpenCV k1 k2 p1 p2 k3 k4 k5 k6."),
         "source/world_to_camera": (rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes."),
         "source/size": (rig.size.astype(np.int32), ("view", "wh"), "px", "Size of the calibrated picture."),

@@ -1,8 +1,9 @@
 """Results of other settings, put aside before they are replaced, so that going back to a setting takes them over.
 
-Beside the sequences of an archive lies `_kept/<sequence>/<task and fingerprint>/`: the receipt of a task and hard links to
-its shards. A shard is never written in place, so a link costs a name and no bytes until the sequence's own is replaced. An
-entry takes its name when it is whole; it is a cache, and whatever is wrong with it means that it is not there.
+Beside the sequences of an archive lies `_kept/<sequence>/<task and fingerprint>/`: the receipt of a task and hard links
+to its shards. A shard is never written in place, so a link costs a name and no bytes until the sequence's own is
+replaced. An entry takes its name when it is whole; it is a cache, and whatever is wrong with it means that it is not
+there.
 """
 
 from __future__ import annotations
@@ -22,7 +23,15 @@ from posegaussian.storage.archive.array_metadata import read_metadata
 from posegaussian.storage.archive.chunk_keys import named_as_in
 from posegaussian.storage.archive.deletion import SETTLED_SECONDS, delete_folder
 from posegaussian.storage.archive.lease import Lease
-from posegaussian.storage.archive.receipts import MOST_BYTES, MOST_SHARD_BYTES, Receipt, ReceiptKey, lease_file, remove_receipt, write_receipt
+from posegaussian.storage.archive.receipts import (
+    MOST_BYTES,
+    MOST_SHARD_BYTES,
+    Receipt,
+    ReceiptKey,
+    lease_file,
+    remove_receipt,
+    write_receipt,
+)
 from posegaussian.storage.archive.store import Archive, Sequence
 from posegaussian.storage.files.names import files_below, folders_in, parse_json, read_file
 from posegaussian.storage.files.write import PARTIAL, link_or_copy, sync_folder
@@ -60,7 +69,8 @@ def _place(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Path:
 
 
 def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
-    """Put whole results aside, all with the same time of use; False where the file system has no hard links: then nothing is kept."""
+    """Put whole results aside, all with the same time of use; False where the file system has no hard links: then
+    nothing is kept."""
     now = time.time()
     for receipt in receipts:
         place = _place(sequence, key_of(receipt), receipt.fingerprint)
@@ -73,7 +83,9 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
             try:
                 for i, f in enumerate(files):
                     os.link(sequence.place(f.key), partial / str(i))
-                (partial / ENTRY).write_bytes(json.dumps({"receipt": receipt.to_json().decode(), "layouts": layouts}).encode())
+                (partial / ENTRY).write_bytes(
+                    json.dumps({"receipt": receipt.to_json().decode(), "layouts": layouts}).encode()
+                )
                 os.rename(partial, place)
             except FileNotFoundError:  # another run replaces it now
                 shutil.rmtree(partial, ignore_errors=True)
@@ -87,14 +99,21 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
 
 
 def _layout(sequence: Sequence, array: str) -> str:
-    """Digest of how an array's shards are laid out, its lengths along frames and views and the names of its shards left out; of a table nothing."""
+    """Digest of how an array's shards are laid out, its lengths along frames and views and the names of its shards
+    left out; of a table nothing."""
     try:
         found = read_metadata(sequence.place(array))
     except FileNotFoundError:
         return ""
     dims = found.get("dimension_names") or []
     lengths = [n for d, n in zip(dims, found["shape"], strict=True) if d not in ("frame", "view")]
-    return digest([lengths, dims, *(json.dumps(found.get(k), sort_keys=True) for k in ("data_type", "chunk_grid", "codecs", "fill_value"))])
+    return digest(
+        [
+            lengths,
+            dims,
+            *(json.dumps(found.get(k), sort_keys=True) for k in ("data_type", "chunk_grid", "codecs", "fill_value")),
+        ]
+    )
 
 
 def find(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Receipt | None:
@@ -119,8 +138,8 @@ def _read(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> tuple[Receip
 def take(sequence: Sequence, key: ReceiptKey, fingerprint: str, run: str, seconds: float) -> Receipt | None:
     """Take a result over in the place of what the sequence has; its receipt, or None where there is none that is whole.
 
-    The arrays must be there. The order is a task's: lease, old receipt removed, shards, receipt; a death in between leaves
-    no receipt. Bytes are compared with their checksums first; what is damaged is deleted. Raises LeaseHeld.
+    The arrays must be there. The order is a task's: lease, old receipt removed, shards, receipt; a death in between
+    leaves no receipt. Bytes are compared with their checksums first; what is damaged is deleted. Raises LeaseHeld.
     """
     receipt, layouts = _read(sequence, key, fingerprint)
     if receipt is None or any(layouts.get(o.array) != _layout(sequence, o.array) for o in receipt.outputs):
@@ -169,7 +188,14 @@ def entries(archive: Archive) -> list[Entry]:
         except (OSError, ValueError, KeyError, TypeError, AttributeError, ArchiveError):
             continue  # another process deleted it, or it is none
         size = sum(s.st_size for s in states)
-        found.append(Entry(folder, used, float(receipt.facts.get("seconds") or 0.0) / max(1, size), sum(s.st_size for s in states if s.st_nlink == 1)))
+        found.append(
+            Entry(
+                folder,
+                used,
+                float(receipt.facts.get("seconds") or 0.0) / max(1, size),
+                sum(s.st_size for s in states if s.st_nlink == 1),
+            )
+        )
     return sorted(found, key=lambda e: (e.used, e.worth, e.folder.name))
 
 
@@ -181,7 +207,8 @@ def _folders(archive: Archive) -> list[Path]:
 def shrink(archive: Archive, budget: int, take: Mapping[Path, int] = MappingProxyType({})) -> None:
     """Delete what was not used for the longest time until the rest fits into `budget` bytes.
 
-    take: {folder: bytes} of entries that will take other bytes than now, as what they link to is replaced or taken over.
+    take: {folder: bytes} of entries that will take other bytes than now, as what they link to is replaced or taken
+    over.
     """
     known = [(e.folder, take.get(e.folder, e.own)) for e in entries(archive)]
     total = sum(size for _, size in known)

@@ -53,10 +53,22 @@ def _open(sequence: Sequence, name: str, mode: Literal["r", "r+"]) -> Any:
         with zarr.config.set({"array.write_empty_chunks": True}):
             return sequence.open_array(name, mode)
     except FileNotFoundError:
-        raise ShardMissing(f"array {name} of sequence {sequence.name} has no zarr.json; `posegaussian verify --sequence {sequence.name} --repair` has it made anew") from None
+        raise ShardMissing(
+            f"array {name} of sequence {sequence.name} has no zarr.json; `posegaussian verify --sequence"
+            f" {sequence.name} --repair` has it made anew"
+        ) from None
 
 
-def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, partition: int | None, view: int | None, data: np.ndarray, guard: Guard = free) -> Output:
+def write_array(
+    sequence: Sequence,
+    spec: ArraySpec,
+    path: str,
+    frames: range,
+    partition: int | None,
+    view: int | None,
+    data: np.ndarray,
+    guard: Guard = free,
+) -> Output:
     """Write the shards of one (array, partition, view) whole, one after the other.
 
     Args:
@@ -77,8 +89,13 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
     views = dict(zip(spec.dims, array.shape, strict=True)).get("view")
     fits = views is view if views is None or view is None else 0 <= view < views
     if not fits:
-        raise ValueError(f"{name}: got a block of view {view}; " + ("the array has no views" if views is None else f"its views are 0..{views - 1}"))
-    index = tuple(slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims)
+        raise ValueError(
+            f"{name}: got a block of view {view}; "
+            + ("the array has no views" if views is None else f"its views are 0..{views - 1}")
+        )
+    index = tuple(
+        slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims
+    )
     expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
     if data.shape != expected or data.dtype != array.dtype:
         raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
@@ -99,8 +116,11 @@ def write_array(sequence: Sequence, spec: ArraySpec, path: str, frames: range, p
     return Output(name, view, array_digest(data), tuple(files))
 
 
-def _region(dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ...], index: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[slice, ...]]:
-    """(index into the array, index into the block) of one shard: the block has one partition's frames and no view axis."""
+def _region(
+    dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ...], index: tuple[Any, ...]
+) -> tuple[tuple[Any, ...], tuple[slice, ...]]:
+    """(index into the array, index into the block) of one shard: the block has one partition's frames and no view
+    axis."""
     into, of = [], []
     for d, length, number, whole in zip(dims, shards, where, index, strict=True):
         part = whole if d in ("frame", "view") else slice(number * length, (number + 1) * length)
@@ -110,7 +130,14 @@ def _region(dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ..
     return tuple(into), tuple(of)
 
 
-def write_table(sequence: Sequence, spec: TableSpec, path: str, partition: int | None, columns: Mapping[str, list[Any]], guard: Guard = free) -> Output:
+def write_table(
+    sequence: Sequence,
+    spec: TableSpec,
+    path: str,
+    partition: int | None,
+    columns: Mapping[str, list[Any]],
+    guard: Guard = free,
+) -> Output:
     """Write one partition's rows as a Parquet file. Raises ValueError when the columns are not the declared ones."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -140,10 +167,15 @@ def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
         if size < 0:
             raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew")
         if size != f.size:
-            raise ShardCorrupt(f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to make it anew")
+            raise ShardCorrupt(
+                f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to"
+                " make it anew"
+            )
 
 
-def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]) -> np.ndarray:
+def read_array(
+    sequence: Sequence, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]
+) -> np.ndarray:
     """Read the frames of `span` of one view, after checking the shards that hold them.
 
     Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
@@ -155,17 +187,38 @@ def read_array(sequence: Sequence, name: str, dims: tuple[str, ...], span: range
     files = tuple(files)
     verify_files(sequence, files)
     array = _open(sequence, name, "r")
-    index = tuple(slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None) for d in dims)
-    refuse_huge(name, [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)], array.dtype)
+    index = tuple(
+        slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None)
+        for d in dims
+    )
+    refuse_huge(
+        name,
+        [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
+        array.dtype,
+    )
     if (other := unpromised(name, array, index, files)) is not None:
-        raise ShardMissing(f"array {name} of sequence {sequence.name} is described so that {other} is read, which no receipt promises; `posegaussian verify --sequence {sequence.name} --repair` has the next run make it anew")
+        raise ShardMissing(
+            f"array {name} of sequence {sequence.name} is described so that {other} is read, which no receipt promises;"
+            f" `posegaussian verify --sequence {sequence.name} --repair` has the next run make it anew"
+        )
     try:
         return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:
-        raise ShardCorrupt(f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the next run make them anew") from e
+        raise ShardCorrupt(
+            f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view"
+            f" {view}: {e}; `posegaussian verify --sequence {sequence.name} --repair` finds all such shards and has the"
+            " next run make them anew"
+        ) from e
 
 
-def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int | None], Output], grid: TimeGrid, frames: range, view: int | None = None) -> np.ndarray:
+def read_frames(
+    sequence: Sequence,
+    name: str,
+    outputs: Mapping[tuple[int, int | None], Output],
+    grid: TimeGrid,
+    frames: range,
+    view: int | None = None,
+) -> np.ndarray:
     """Read frames of an array that a run wrote, for export and inspection: [frames, ...].
 
     `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none.
@@ -174,7 +227,9 @@ def read_frames(sequence: Sequence, name: str, outputs: Mapping[tuple[int, int |
     for partition in grid.touched(frames):
         output = outputs.get((partition, view))
         if output is None:
-            raise ShardMissing(f"array {name} of sequence {sequence.name} has no finished partition {partition}; run again to make it")
+            raise ShardMissing(
+                f"array {name} of sequence {sequence.name} has no finished partition {partition}; run again to make it"
+            )
         files += output.files
     dims = tuple(_open(sequence, name, "r").metadata.dimension_names or ())
     return read_array(sequence, name, dims, frames, view, files)

@@ -1,7 +1,7 @@
 """An archive is one folder (or file:// URL): a catalogue, and one Zarr v3 group for every sequence.
 
-This module creates and opens groups and arrays; it writes no data (`shards.py`) and knows no stage. zarr is imported where
-an array is touched: a plan and a status read records and receipts only, and start a third sooner without it.
+This module creates and opens groups and arrays; it writes no data (`shards.py`) and knows no stage. zarr is imported
+where an array is touched: a plan and a status read records and receipts only, and start a third sooner without it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,16 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from posegaussian.storage.archive.array_metadata import SHARD_NAMES, ForeignArray, is_group, is_sealed, read_metadata, refuse_huge, seal, unseal
+from posegaussian.storage.archive.array_metadata import (
+    SHARD_NAMES,
+    ForeignArray,
+    is_group,
+    is_sealed,
+    read_metadata,
+    refuse_huge,
+    seal,
+    unseal,
+)
 from posegaussian.storage.archive.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
 from posegaussian.storage.files.names import Unsafe, below, files_below, folders_in, name_fault
 from posegaussian.storage.files.write import make_folder, refusals, sync_folder, write_atomically
@@ -30,7 +39,8 @@ from posegaussian.storage.model.home import at_home
 from posegaussian.storage.model.spec import BATCH_DIMS, ArraySpec, Shape, array_digest
 
 RESHARD = "_reshard"
-"""Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the first rename on."""
+"""Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the
+first rename on."""
 
 SOURCES = "_sources"
 """Folder of the source files that were copied into a sequence."""
@@ -42,25 +52,33 @@ MAX_CHUNK_BYTES = 16 * 2**20
 def codecs(dtype: np.dtype) -> list[Any]:
     """Compressors by element type; Blosc alone does not notice a flipped bit, the checksum does.
 
-    Fields of a person are zero outside her: with bytes shuffled those zeros cost little, with bits shuffled every one of
-    16 or 32 planes pays for every row. Measured on depth, confidence and Gaussians of a capsule person (192 and 384 px, a
-    box of 0.3 of the picture): bit shuffle at level 3 takes 43 and 39 % more bytes than byte shuffle at level 5, and
-    heatmaps 70 to 110 % more. At level 5 the zeros outside the mask's box are 3 and 1 % of the bytes
+    Fields of a person are zero outside her: with bytes shuffled those zeros cost little, with bits shuffled every one
+    of 16 or 32 planes pays for every row. Measured on depth, confidence and Gaussians of a capsule person (192 and 384
+    px, a box of 0.3 of the picture): bit shuffle at level 3 takes 43 and 39 % more bytes than byte shuffle at level 5,
+    and heatmaps 70 to 110 % more. At level 5 the zeros outside the mask's box are 3 and 1 % of the bytes
     (tests/storage/test_codecs.py), so fields are stored whole, as any Zarr reader expects them, and not cut to a box.
     """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
-    return [BloscCodec(cname="zstd", clevel=5 if dtype.kind == "f" else 1, shuffle="shuffle", typesize=dtype.itemsize), Crc32cCodec()]
+    return [
+        BloscCodec(cname="zstd", clevel=5 if dtype.kind == "f" else 1, shuffle="shuffle", typesize=dtype.itemsize),
+        Crc32cCodec(),
+    ]
 
 
-def layout(spec: ArraySpec, shape: Shape, partition_frames: int) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """(lengths, chunk, shard) of an array: a chunk is one frame of one view, a shard one partition of one view or camera.
+def layout(
+    spec: ArraySpec, shape: Shape, partition_frames: int
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """(lengths, chunk, shard) of an array: a chunk is one frame of one view, a shard one partition of one view or
+    camera.
 
     Larger pictures are cut into tiles of equal height; the shard then spans whole tiles, a few rows beyond the picture.
     """
     lengths = spec.lengths(shape)
     chunk = [1 if d in BATCH_DIMS else n for d, n in zip(spec.dims, lengths, strict=True)]
-    shard = [{"frame": partition_frames, "view": 1, "camera": 1}.get(d, n) for d, n in zip(spec.dims, lengths, strict=True)]
+    shard = [
+        {"frame": partition_frames, "view": 1, "camera": 1}.get(d, n) for d, n in zip(spec.dims, lengths, strict=True)
+    ]
     for axis, dim in enumerate(spec.dims):
         if dim.split("/")[0] not in ("y", "camera_y", "source_y"):
             continue
@@ -79,11 +97,15 @@ def local_path(url: str) -> Path:
         return Path(at_home(url)).resolve()
     if scheme == "file":
         return Path(unquote(rest)).resolve()
-    raise ArchiveError(f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional writes a run needs")
+    raise ArchiveError(
+        f"archive {url}: format {FORMAT} runs on a local or POSIX folder only; {scheme} stores lack the conditional"
+        " writes a run needs"
+    )
 
 
 def _finish_reshards(root: Path) -> None:
-    """Put a new sequence in its place where a reshard died between its two renames: the old one is away, the new one is whole."""
+    """Put a new sequence in its place where a reshard died between its two renames: the old one is away, the new one
+    is whole."""
     for new in folders_in(below(root, f"{RESHARD}/new")):
         old, place = below(root, f"{RESHARD}/old/{new.name}"), below(root, new.name)
         if (new / FILE).is_file() and old.is_dir() and not place.exists() and sequence_name_fault(new.name) is None:
@@ -111,7 +133,9 @@ class Archive:
         if create:
             make_folder(root)
         if not root.is_dir():
-            raise ArchiveError(f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another")
+            raise ArchiveError(
+                f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another"
+            )
         _finish_reshards(root)
         return cls(root)
 
@@ -120,13 +144,17 @@ class Archive:
         return sorted(p.parent.name for p in self.root.glob(f"*/{FILE}") if not p.parent.name.startswith(("_", ".")))
 
     def place(self, key: str) -> Path:
-        """Where something of the archive lies or will lie. Raises Unsafe where the key or a symbolic link leads out of it."""
+        """Where something of the archive lies or will lie. Raises Unsafe where the key or a symbolic link leads out
+        of it."""
         return below(self.root, key)
 
     def sequence(self, name: str) -> Sequence:
-        """One sequence. Raises ArchiveError with the known names, or for a newer format; Unsafe for a link in its place."""
+        """One sequence. Raises ArchiveError with the known names, or for a newer format; Unsafe for a link in its
+        place."""
         if (why := sequence_name_fault(name)) is not None:
-            raise Unsafe(f"archive {self.root} has a folder {name!r} that cannot be a sequence: {why}; take it away or rename it")
+            raise Unsafe(
+                f"archive {self.root} has a folder {name!r} that cannot be a sequence: {why}; take it away or rename it"
+            )
         sequence = Sequence(self.place(name))
         if not sequence.place(FILE).is_file():
             known = ", ".join(self.names()) or "none yet"
@@ -137,8 +165,8 @@ class Archive:
     def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
         """Register a capture under a name, replacing an earlier registration but not its results.
 
-        Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a sequence
-        that was not there before is then not there either.
+        Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a
+        sequence that was not there before is then not there either.
         """
         self.check_sequence_name(name)
         root = self.place(name)
@@ -152,7 +180,8 @@ class Archive:
             raise
 
     def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
-        # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken sequence.
+        # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken
+        # sequence.
         write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
         sequence = Sequence(root)
         sequence.put_cameras()
@@ -167,7 +196,8 @@ class Archive:
         self.place(name)
 
     def write_catalog(self) -> None:
-        """Write `catalog.parquet`, one row a sequence, from the sequences' own records; one that cannot be read has no row."""
+        """Write `catalog.parquet`, one row a sequence, from the sequences' own records; one that cannot be read has
+        no row."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -178,7 +208,16 @@ class Archive:
             except ArchiveError:
                 continue  # every command that touches the sequence says what is wrong with it
             c = s.capture
-            rows.append({"sequence": name, "layout": c.layout, "views": len(c.rig), "frames": len(c.numbers), "frame_rate": c.frame_rate, "partition_frames": s.partition_frames})
+            rows.append(
+                {
+                    "sequence": name,
+                    "layout": c.layout,
+                    "views": len(c.rig),
+                    "frames": len(c.numbers),
+                    "frame_rate": c.frame_rate,
+                    "partition_frames": s.partition_frames,
+                }
+            )
         sink = pa.BufferOutputStream()
         pq.write_table(pa.Table.from_pylist(rows), sink)
         write_atomically(self.place("catalog.parquet"), sink.getvalue().to_pybytes())
@@ -198,7 +237,8 @@ class Sequence:
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The project's record. Raises BrokenRecord when it is missing, broken or changed, ArchiveError for a newer format."""
+        """The project's record. Raises BrokenRecord when it is missing, broken or changed, ArchiveError for a newer
+        format."""
         return read_record(self.root)
 
     @cached_property
@@ -217,7 +257,8 @@ class Sequence:
         return self.place("_receipts")
 
     def place(self, key: str) -> Path:
-        """Where something of the sequence lies or will lie. Raises Unsafe where the key or a symbolic link leads out of it."""
+        """Where something of the sequence lies or will lie. Raises Unsafe where the key or a symbolic link leads out
+        of it."""
         return below(self.root, key)
 
     def open_array(self, name: str, mode: Literal["r", "r+"] = "r") -> Any:
@@ -231,8 +272,17 @@ class Sequence:
         read_metadata(folder)
         return zarr.open_array(folder, mode=mode, zarr_format=3)
 
-    def put(self, name: str, data: np.ndarray, dims: tuple[str, ...], unit: str, meaning: str, chunk: tuple[int, ...] | None = None) -> None:
-        """Write an array that is not partitioned, unless it already holds these values; in one chunk unless told otherwise."""
+    def put(
+        self,
+        name: str,
+        data: np.ndarray,
+        dims: tuple[str, ...],
+        unit: str,
+        meaning: str,
+        chunk: tuple[int, ...] | None = None,
+    ) -> None:
+        """Write an array that is not partitioned, unless it already holds these values; in one chunk unless told
+        otherwise."""
         import zarr
 
         folder, digest = self.place(name), array_digest(data)
@@ -266,7 +316,8 @@ class Sequence:
             return False  # it is written anew
 
     def get(self, name: str) -> np.ndarray:
-        """A small array, whole. Raises ArchiveError when it is not there, or its values are not those that were written."""
+        """A small array, whole. Raises ArchiveError when it is not there, or its values are not those that were
+        written."""
         try:
             array = self.open_array(name)
         except FileNotFoundError as e:
@@ -275,15 +326,22 @@ class Sequence:
         try:
             values = np.asarray(array[...])
         except (ValueError, RuntimeError) as e:
-            raise ArchiveError(f"array {name} of sequence {self.name} is damaged: {e}; `posegaussian verify --sequence {self.name} --repair` has it made anew") from e
+            raise ArchiveError(
+                f"array {name} of sequence {self.name} is damaged: {e}; `posegaussian verify --sequence {self.name}"
+                " --repair` has it made anew"
+            ) from e
         if array.attrs.get("digest", digest := array_digest(values)) != digest:
-            raise ArchiveError(f"array {name} of sequence {self.name} does not hold what was written; `posegaussian verify --sequence {self.name} --repair` has it made anew")
+            raise ArchiveError(
+                f"array {name} of sequence {self.name} does not hold what was written; `posegaussian verify --sequence"
+                f" {self.name} --repair` has it made anew"
+            )
         return values
 
     def ensure_array(self, spec: ArraySpec, shape: Shape, path: str = "") -> None:
         """Create the array of a spec, grow or shrink it along time, or replace it when any other length changed.
 
-        `{path}` in the name is replaced. Existing shards, and how they are named, are kept when only the number of frames changed.
+        `{path}` in the name is replaced. Existing shards, and how they are named, are kept when only the number of
+        frames changed.
         """
         import zarr
 
@@ -318,17 +376,27 @@ class Sequence:
             )
             seal(folder)
 
-    def _change(self, spec: ArraySpec, shape: Shape, path: str) -> Literal["create", "grow", "shrink", "replace"] | None:
+    def _change(
+        self, spec: ArraySpec, shape: Shape, path: str
+    ) -> Literal["create", "grow", "shrink", "replace"] | None:
         """What `ensure_array` has to do."""
         lengths, chunk, shard = layout(spec, shape, self.partition_frames)
         try:
             old = self.open_array(spec.name.format(path=path))
         except FileNotFoundError:
             return "create"
-        differ = [d for d, a, b in zip(spec.dims, old.shape, lengths, strict=True) if a != b] if old.ndim == len(lengths) else ["rank"]
+        differ = (
+            [d for d, a, b in zip(spec.dims, old.shape, lengths, strict=True) if a != b]
+            if old.ndim == len(lengths)
+            else ["rank"]
+        )
         if old.dtype != np.dtype(spec.dtype) or old.chunks != chunk or old.shards != shard or set(differ) - {"frame"}:
             return "replace"
-        return ("grow" if lengths[spec.dims.index("frame")] > old.shape[spec.dims.index("frame")] else "shrink") if differ else None
+        return (
+            ("grow" if lengths[spec.dims.index("frame")] > old.shape[spec.dims.index("frame")] else "shrink")
+            if differ
+            else None
+        )
 
     def destroys(self, spec: ArraySpec, shape: Shape, path: str = "") -> bool:
         """Whether `ensure_array` would delete shards that are there."""
@@ -342,11 +410,24 @@ class Sequence:
     def put_rig(self, prefix: str, rig: Rig) -> None:
         """Write the cameras a reader of `<prefix>/*` needs: intrinsics, world_to_camera, size."""
         self.put(f"{prefix}/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Our pixel centres.")
-        self.put(f"{prefix}/world_to_camera", rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes.")
-        self.put(f"{prefix}/size", rig.size.astype(np.int32), ("view", "wh"), "px", "Size of each view's picture; arrays are padded to the largest.")
+        self.put(
+            f"{prefix}/world_to_camera",
+            rig.world_to_camera,
+            ("view", "row", "column"),
+            "m",
+            "Rigid motion, OpenCV axes.",
+        )
+        self.put(
+            f"{prefix}/size",
+            rig.size.astype(np.int32),
+            ("view", "wh"),
+            "px",
+            "Size of each view's picture; arrays are padded to the largest.",
+        )
 
     def walk_arrays(self) -> Iterator[Path]:
-        """Folders of all arrays of the sequence, by their descriptions; one that cannot be read counts as an array's. Raises Unsafe."""
+        """Folders of all arrays of the sequence, by their descriptions; one that cannot be read counts as an
+        array's. Raises Unsafe."""
         for file in files_below(self.root):
             folder, _, name = file.rpartition("/")
             if name == FILE and folder != str(self.root) and not is_group(Path(folder)):

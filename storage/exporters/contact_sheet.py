@@ -11,8 +11,8 @@ from posegaussian.storage.model.cameras import points_to_integer_centres
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 
 SOURCE, NOVEL, COMPARED = 128, 512, 352
-"""Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a line), of
-novel views, and of novel views beside the truth (two sets fit a line)."""
+"""Heights of pictures on the sheet, px: of source views and what was made of them (four sets of square ones fit a
+line), of novel views, and of novel views beside the truth (two sets fit a line)."""
 
 MARGIN = 0.02
 """Black that stays around what is seen in a novel view, as a share of the picture's longer side."""
@@ -44,8 +44,11 @@ class Sheet:
         """Start a section."""
         self.sections.append([])
 
-    def add_source(self, caption: str, color: np.ndarray, mask: np.ndarray, joints: np.ndarray | None, depth: np.ndarray) -> None:
-        """One source view of one frame: [h, w, 3] uint8, [h, w] uint8, [J, 3] (u, v, score) px or None, [h, w] metres."""
+    def add_source(
+        self, caption: str, color: np.ndarray, mask: np.ndarray, joints: np.ndarray | None, depth: np.ndarray
+    ) -> None:
+        """One source view of one frame: [h, w, 3] uint8, [h, w] uint8, [J, 3] (u, v, score) px or None, [h, w]
+        metres."""
         strip = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
         if joints is not None and self.joint_set is not None:
             strip.append(("joints", draw_joints(color, joints, self.joint_set)))
@@ -81,7 +84,8 @@ def _depth_caption(depth: np.ndarray) -> str:
 
 
 def color_depth(depth: np.ndarray) -> np.ndarray:
-    """[h, w] metres -> [h, w, 3] uint8: near is red, far is blue, unknown black; stretched to the 2nd..98th percentile."""
+    """[h, w] metres -> [h, w, 3] uint8: near is red, far is blue, unknown black; stretched to the 2nd..98th
+    percentile."""
     import cv2
 
     known = depth > 0
@@ -94,7 +98,8 @@ def color_depth(depth: np.ndarray) -> np.ndarray:
 
 
 def draw_joints(color: np.ndarray, joints: np.ndarray, joint_set: str) -> np.ndarray:
-    """The picture, dimmed, with limbs of joints whose score is positive: right side red, left side green, middle yellow."""
+    """The picture, dimmed, with limbs of joints whose score is positive: right side red, left side green, middle
+    yellow."""
     import cv2
 
     out = np.ascontiguousarray(color // 2)
@@ -127,7 +132,9 @@ def _cell(caption: str, picture: np.ndarray, height: int) -> np.ndarray:
 
     width = max(1, round(picture.shape[1] * height / picture.shape[0]))
     shrink = picture.shape[0] > height
-    scaled = cv2.resize(np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST)
+    scaled = cv2.resize(
+        np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_NEAREST
+    )
     out = np.full((height + LABEL, max(width, 7 * len(caption) + 6), 3), BACKGROUND, np.uint8)
     out[LABEL:, :width] = scaled
     cv2.putText(out, caption, (3, LABEL - 5), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230, 230, 230), 1, cv2.LINE_AA)
@@ -142,13 +149,23 @@ def write_sheet(path: Path, sheet: Sheet) -> None:
     for section in sheet.sections:
         lines.append([])
         for height, strip in section:
-            drawn = np.concatenate([c for caption, p in strip for c in (_cell(caption, p, height), _gap(height, 6))], axis=1)
+            drawn = np.concatenate(
+                [c for caption, p in strip for c in (_cell(caption, p, height), _gap(height, 6))], axis=1
+            )
             if lines[-1] and sum(s.shape[1] for s in lines[-1]) + drawn.shape[1] > WIDTH:
                 lines.append([])
             lines[-1] += [drawn, _gap(height, 14)]
     drawn_lines = [np.concatenate(line, axis=1) for line in lines if line]
     width = max(line.shape[1] for line in drawn_lines)
-    write_png(path, np.concatenate([np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND) for line in drawn_lines]))
+    write_png(
+        path,
+        np.concatenate(
+            [
+                np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND)
+                for line in drawn_lines
+            ]
+        ),
+    )
 
 
 def _gap(height: int, width: int) -> np.ndarray:

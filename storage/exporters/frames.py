@@ -24,10 +24,11 @@ def write_frames(
 ) -> int:
     """Write `<camera>/<frame:06d>.png` and `frames.csv`, and count the pictures.
 
-    `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame number,
-    [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight colours, as PNG
-    demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the sequence's own), `time`.
-    Raises ValueError for an unknown camera or frame, UserError for a folder with pictures of another export, and NotWritten.
+    `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame
+    number, [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight
+    colours, as PNG demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the
+    sequence's own), `time`. Raises ValueError for an unknown camera or frame, UserError for a folder with pictures of
+    another export, and NotWritten.
     """
     root = Path(folder)
     index = {int(n): i for i, n in enumerate(source_frames)}
@@ -37,7 +38,10 @@ def write_frames(
     refuse_strangers(root, cameras, source_frames)
     for camera, number, picture, alpha in pictures:
         if camera not in cameras or int(number) not in index:
-            raise ValueError(f"camera {camera!r}, frame {number}: not one of the cameras {list(cameras)} or of the sequence's {len(index)} frames")
+            raise ValueError(
+                f"camera {camera!r}, frame {number}: not one of the cameras {list(cameras)} or of the sequence's"
+                f" {len(index)} frames"
+            )
         path = root / camera / f"{number:06d}.png"
         write_png(path, picture if alpha is None else _straight(picture, alpha))
         written.add(int(number))
@@ -51,12 +55,16 @@ def write_frames(
 
 
 def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence[int] | np.ndarray) -> None:
-    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside its own."""
+    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside
+    its own."""
     known = {int(n) for n in source_frames}
     found = sorted(root.glob("*/*.png"))
     others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]
     if others:
-        raise UserError(f"folder {root} holds {len(others)} picture(s) of something else, for example {others[0].relative_to(root)}; empty it or name another folder")
+        raise UserError(
+            f"folder {root} holds {len(others)} picture(s) of something else, for example"
+            f" {others[0].relative_to(root)}; empty it or name another folder"
+        )
 
 
 def _straight(picture: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -29,12 +29,12 @@ def write_capture(
 ) -> None:
     """Write a capture of F frames and V views; pictures smaller than the arrays are cut to the rig's size.
 
-    color [F, V, h, w, 3]: uint8 sRGB as PNG, float16 linear as EXR. mask [F, V, h, w] uint8. joints2d [F, V, J, 3] of one
-    person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no surface, is
-    true depth; depth_maps, the same to reconstruct from.
-    numbers [F] source frame numbers, 0..F-1 by default. What is None is left as it is, so that a long capture may be written
-    in parts: pictures of some frames at a time, the joints of a camera at once. `held_out` names cameras that only metrics may
-    look at. Raises ValueError when an array is smaller than the rig's pictures, and NotWritten.
+    color [F, V, h, w, 3]: uint8 sRGB as PNG, float16 linear as EXR. mask [F, V, h, w] uint8. joints2d [F, V, J, 3] of
+    one person, or [F, V, people, J, 3], (u, v, score) in our pixel centres. depth [F, V, h, w] float32 metres, 0 = no
+    surface, is true depth; depth_maps, the same to reconstruct from. numbers [F] source frame numbers, 0..F-1 by
+    default. What is None is left as it is, so that a long capture may be written in parts: pictures of some frames at a
+    time, the joints of a camera at once. `held_out` names cameras that only metrics may look at. Raises ValueError when
+    an array is smaller than the rig's pictures, and NotWritten.
     """
     check_camera_names(rig.names)
     root = Path(folder)
@@ -46,7 +46,9 @@ def write_capture(
         for v, name in enumerate(rig.names):
             width, height = (int(n) for n in rig.size[v])
             if array.shape[2] < height or array.shape[3] < width or len(array) != len(frames):
-                raise ValueError(f"{kind} {array.shape} do not cover {len(frames)} frames of {width}x{height} px of camera {name}")
+                raise ValueError(
+                    f"{kind} {array.shape} do not cover {len(frames)} frames of {width}x{height} px of camera {name}"
+                )
             for n, picture in zip(frames, array[:, v, :height, :width], strict=True):
                 suffix, write = ("png", write_png) if picture.dtype == np.uint8 else ("exr", write_exr)
                 write(root / kind / name / f"{int(n):06d}.{suffix}", picture)
@@ -86,11 +88,18 @@ def _coco(frames: np.ndarray, people: np.ndarray) -> dict[str, Any]:
                     "image_id": i,
                     "category_id": 1,
                     "num_keypoints": int((person[:, 2] > 0).sum()),
-                    "keypoints": np.concatenate([person[:, :2], visible], axis=1).astype(np.float64).reshape(-1).tolist(),
+                    "keypoints": (
+                        np.concatenate([person[:, :2], visible], axis=1).astype(np.float64).reshape(-1).tolist()
+                    ),
                     "keypoint_scores": person[:, 2].astype(np.float64).tolist(),
                 }
             )
-    return {"pixel_center": "half", "images": images, "annotations": annotations, "categories": [{"id": 1, "name": "person"}]}
+    return {
+        "pixel_center": "half",
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "person"}],
+    }
 
 
 def _write_json(path: Path, data: dict[str, Any]) -> None:

@@ -22,8 +22,8 @@ _QUALITY = "16"
 def write_video(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
     """Write [h, w, 3] uint8 sRGB frames as H.264, yuv420p, BT.709 limited range (converted and tagged), and count them.
 
-    Odd sizes are padded to even ones by repeating the last row or column. The file appears under its name only when it is
-    whole. Raises UserError when there are no frames or the path does not end in .mp4, ValueError when a frame has
+    Odd sizes are padded to even ones by repeating the last row or column. The file appears under its name only when it
+    is whole. Raises UserError when there are no frames or the path does not end in .mp4, ValueError when a frame has
     another size than the first, NotWritten when the disk does not take it.
     """
     path = Path(path)
@@ -54,7 +54,9 @@ def _encode(part: Path, frames: Iterable[np.ndarray], rate: float) -> int:
             stream = _stream(container, first.shape, rate)
             for count, picture in enumerate(_chain(first, iterator), start=1):
                 if picture.shape != first.shape or picture.dtype != np.uint8:
-                    raise ValueError(f"frame {count - 1} is {picture.dtype} {picture.shape}, the first one is uint8 {first.shape}")
+                    raise ValueError(
+                        f"frame {count - 1} is {picture.dtype} {picture.shape}, the first one is uint8 {first.shape}"
+                    )
                 frame = _frame(picture)
                 frame.pts, frame.time_base = count - 1, 1 / stream.codec_context.framerate
                 container.mux(stream.encode(frame))
@@ -82,7 +84,9 @@ def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray
 
 
 def _stream(container: Any, shape: tuple[int, ...], rate: float) -> Any:
-    stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001), options={"crf": _QUALITY, "preset": "medium"})
+    stream = container.add_stream(
+        "libx264", rate=Fraction(rate).limit_denominator(1001), options={"crf": _QUALITY, "preset": "medium"}
+    )
     stream.width, stream.height, stream.pix_fmt = shape[1] + shape[1] % 2, shape[0] + shape[0] % 2, "yuv420p"
     context = stream.codec_context
     context.color_primaries = context.color_trc = context.colorspace = _BT709
@@ -104,7 +108,10 @@ def _frame(picture: np.ndarray) -> Any:
         dst_colorspace=Colorspace.ITU709,
         src_color_range=ColorRange.JPEG,
         dst_color_range=ColorRange.MPEG,
-        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INP | Interpolation.BITEXACT,
+        interpolation=Interpolation.BICUBIC
+        | Interpolation.ACCURATE_RND
+        | Interpolation.FULL_CHR_H_INP
+        | Interpolation.BITEXACT,
         threads=1,
     )
     frame.colorspace, frame.color_range = _BT709, _LIMITED

@@ -49,11 +49,14 @@ def name_fault(name: Any) -> str | None:
 
 
 def check_camera_names(names: Iterable[Any]) -> None:
-    """Raise CalibrationError for a camera whose name cannot be that of a folder: exports and captures make one for each."""
+    """Raise CalibrationError for a camera whose name cannot be that of a folder: exports and captures make one for
+    each."""
     for name in names:
         why = name_fault(name)
         if why is not None:
-            raise CalibrationError(f"camera name {str(name)[:200]!r} cannot name a folder: {why}; use letters, digits, '-', '_' and '.'")
+            raise CalibrationError(
+                f"camera name {str(name)[:200]!r} cannot name a folder: {why}; use letters, digits, '-', '_' and '.'"
+            )
 
 
 def is_word(name: Any) -> bool:
@@ -69,7 +72,10 @@ def below(root: Path, key: str) -> Path:
     """
     parts = key.split("/")
     if any(p in ("", ".", "..") or "\\" in p or not p.isprintable() for p in parts):
-        raise Unsafe(f"archive folder {root}: {key[:200]!r} is no place in it: it is absolute, climbs or holds what no name holds; the archive was not made by posegaussian alone, so do not work on it")
+        raise Unsafe(
+            f"archive folder {root}: {key[:200]!r} is no place in it: it is absolute, climbs or holds what no name"
+            " holds; the archive was not made by posegaussian alone, so do not work on it"
+        )
     place = str(root)
     for i, part in enumerate(parts):
         place = f"{place}/{part}"
@@ -86,13 +92,18 @@ def below(root: Path, key: str) -> Path:
 def refuse_link(place: str, mode: int) -> None:
     """Raise Unsafe for a symbolic link and for what is neither file nor folder, by its mode."""
     if stat.S_ISLNK(mode):
-        raise Unsafe(f"{place} is a symbolic link to {os.readlink(place)[:200]!r}: an archive is followed nowhere but into its own folder, so nothing was read, written or deleted there; put what it points to in its place, or take it away")
+        raise Unsafe(
+            f"{place} is a symbolic link to {os.readlink(place)[:200]!r}: an archive is followed nowhere but into its"
+            " own folder, so nothing was read, written or deleted there; put what it points to in its place, or take"
+            " it away"
+        )
     if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
         raise Unsafe(f"{place} is neither a file nor a folder; an archive holds nothing else, so take it away")
 
 
 def files_below(folder: Path | str) -> Iterator[str]:
-    """Paths of all files below a folder that may not be there, in the order of names, a folder's files before its folders. Raises Unsafe."""
+    """Paths of all files below a folder that may not be there, in the order of names, a folder's files before its
+    folders. Raises Unsafe."""
     todo = [str(folder)]
     while todo:
         here = todo.pop()
@@ -136,7 +147,8 @@ def folders_in(folder: Path) -> list[Path]:
 
 
 def read_file(file: Path | str, most: int) -> bytes:
-    """The bytes of a file of at most `most` bytes. Raises Unsafe for a link, for no file and for a larger one, and OSError."""
+    """The bytes of a file of at most `most` bytes. Raises Unsafe for a link, for no file and for a larger one, and
+    OSError."""
     try:
         handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as e:
@@ -149,11 +161,16 @@ def read_file(file: Path | str, most: int) -> bytes:
             refuse_link(str(file), found.st_mode)
             raise Unsafe(f"{file} is a folder, where the archive has a file; take it away")
         if found.st_size > most:
-            raise Unsafe(f"{file} has {found.st_size} bytes, such a file has at most {most}; it was not made by posegaussian, so take it away")
+            raise Unsafe(
+                f"{file} has {found.st_size} bytes, such a file has at most {most}; it was not made by posegaussian, so"
+                " take it away"
+            )
         data = os.read(handle, found.st_size + 1)
         if len(data) <= found.st_size <= SMALL_BYTES:
             return data
-        with open(handle, "rb", closefd=False) as f:  # a large one comes in pieces, and one that grows meanwhile is read on
+        with open(
+            handle, "rb", closefd=False
+        ) as f:  # a large one comes in pieces, and one that grows meanwhile is read on
             return data + f.read()
     finally:
         os.close(handle)
@@ -168,7 +185,8 @@ def parse_json(text: bytes) -> Any:
 
 
 class Look:
-    """One look at the files of a folder: every folder on the way to them is looked at once. Keys are those of receipts, checked."""
+    """One look at the files of a folder: every folder on the way to them is looked at once. Keys are those of
+    receipts, checked."""
 
     def __init__(self, root: Path) -> None:
         """Nothing is looked at yet."""

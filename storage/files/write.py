@@ -1,7 +1,9 @@
-"""Files that are written for good: beside their place, whole, on disk, and only then under their name. There is no other way.
+"""Files that are written for good: beside their place, whole, on disk, and only then under their name. There is no
+other way.
 
-So a full disk, a kill or a power cut leaves the old file or the new one, never an empty or a cut one, and nothing beside
-it. What the system says is told as a sentence: which file, why, how much is free and needed, what to do (`NotWritten`).
+So a full disk, a kill or a power cut leaves the old file or the new one, never an empty or a cut one, and nothing
+beside it. What the system says is told as a sentence: which file, why, how much is free and needed, what to do
+(`NotWritten`).
 """
 
 from __future__ import annotations
@@ -33,14 +35,16 @@ _ZEROS = bytes(2**20)
 
 
 def write_atomically(path: Path, data: bytes | memoryview) -> None:
-    """Write a file so that a reader sees the old one or the new one, and that a power cut does not lose it. Raises NotWritten."""
+    """Write a file so that a reader sees the old one or the new one, and that a power cut does not lose it. Raises
+    NotWritten."""
     with whole_file(path, len(data)) as partial, open(partial, "wb") as f:
         f.write(data)
 
 
 @contextlib.contextmanager
 def whole_file(path: str | Path, need: int | None = None) -> Iterator[Path]:
-    """A path to write to within the block, by whatever writes to paths; at its end the file is synced and takes its name.
+    """A path to write to within the block, by whatever writes to paths; at its end the file is synced and takes its
+    name.
 
     Folders above it are made. Where the block raises, nothing is left and an earlier file stays; a writer that does not
     raise when it fails is for the block to check.
@@ -156,7 +160,8 @@ def _fill(handle: int, size: int) -> None:
 
 
 def ask_why(partial: Path, size: int, told: str) -> NoReturn:
-    """Raise the OSError that kept a library from writing `size` bytes: the library says only that it failed, the system says why.
+    """Raise the OSError that kept a library from writing `size` bytes: the library says only that it failed, the system
+    says why.
 
     The bytes are written once more, as zeros, to a file that is going to be deleted. `told`: what the library said.
     """
@@ -186,7 +191,10 @@ def refusals(path: str | Path, need: int | None = None, partial: Path | None = N
 def _about(error: OSError, path: Path) -> bool:
     """Whether an error is about a path, what is half written in its place, a file below it or a folder above it."""
     told = [Path(f) for f in (error.filename, error.filename2) if isinstance(f, str | os.PathLike)]
-    return not told or any(f == path or path in f.parents or f in path.parents or (f.parent == path.parent and f.suffix == PARTIAL) for f in told)
+    return not told or any(
+        f == path or path in f.parents or f in path.parents or (f.parent == path.parent and f.suffix == PARTIAL)
+        for f in told
+    )
 
 
 def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None) -> str:
@@ -196,13 +204,25 @@ def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None
     if number in (errno.ENOTDIR, errno.EEXIST):
         return f"cannot write {path}: {above} is a file, no folder; name another place, or move that file away"
     if number == errno.ENAMETOOLONG:
-        return f"cannot write {path.parent / path.name[:20]}...: its name has {len(os.fsencode(path.name))} bytes and its path {len(os.fsencode(path))}, file systems take {_NAME_BYTES} and some 4000; choose a shorter one"
+        return (
+            f"cannot write {path.parent / path.name[:20]}...: its name has {len(os.fsencode(path.name))} bytes and its"
+            f" path {len(os.fsencode(path))}, file systems take {_NAME_BYTES} and some 4000; choose a shorter one"
+        )
     why = {
         errno.EROFS: ("the file system is read-only", "choose a folder that can be written"),
-        errno.EACCES: (f"there is no permission to write in {above}", "choose another folder, or have its owner allow it"),
-        errno.EPERM: (f"there is no permission to write in {above}", "choose another folder, or have its owner allow it"),
+        errno.EACCES: (
+            f"there is no permission to write in {above}",
+            "choose another folder, or have its owner allow it",
+        ),
+        errno.EPERM: (
+            f"there is no permission to write in {above}",
+            "choose another folder, or have its owner allow it",
+        ),
         errno.EISDIR: ("it is a folder", "name a file, or move the folder away"),
-        errno.EFBIG: (f"it is larger than files may become here{'' if need is None else f', about {_bytes(need)}'}", "see `ulimit -f`, or name another disk"),
+        errno.EFBIG: (
+            f"it is larger than files may become here{'' if need is None else f', about {_bytes(need)}'}",
+            "see `ulimit -f`, or name another disk",
+        ),
     }.get(number or 0, (str(error.strerror or error), f"look at the disk that holds {above}, then do it again"))
     return f"cannot write {path}: {why[0]}; {why[1]}"
 

@@ -29,19 +29,30 @@ def decode(path: str | Path, ply: Ply) -> Splats:
     vertex, chunk = ply.elements["vertex"], ply.elements.get("chunk")
     n = len(vertex)
     if chunk is None or len(chunk) != -(-n // CHUNK):
-        raise SourceError(f"{path}: {n} packed Gaussians need {-(-n // CHUNK)} rows of element chunk, one for {CHUNK}; found {0 if chunk is None else len(chunk)}")
+        raise SourceError(
+            f"{path}: {n} packed Gaussians need {-(-n // CHUNK)} rows of element chunk, one for {CHUNK}; found"
+            f" {0 if chunk is None else len(chunk)}"
+        )
     index = np.arange(n) // CHUNK
     position = _between(path, chunk, index, _bits(vertex["packed_position"], (11, 10, 11)), "{}_x {}_y {}_z")
-    scale = _between(path, chunk, index, _bits(vertex["packed_scale"], (11, 10, 11)), "{}_scale_x {}_scale_y {}_scale_z")
+    scale = _between(
+        path, chunk, index, _bits(vertex["packed_scale"], (11, 10, 11)), "{}_scale_x {}_scale_y {}_scale_z"
+    )
     rgba = _bits(vertex["packed_color"], (8, 8, 8, 8))
-    color = _between(path, chunk, index, rgba[:, :3], "{}_r {}_g {}_b") if "min_r" in (chunk.dtype.names or ()) else rgba[:, :3]
+    color = (
+        _between(path, chunk, index, rgba[:, :3], "{}_r {}_g {}_b")
+        if "min_r" in (chunk.dtype.names or ())
+        else rgba[:, :3]
+    )
     dc = (color - 0.5) / SH0
     harmonics = np.concatenate([dc[:, None, :], _higher(path, ply, n)], axis=1)
     logit = np.full(n, OPAQUE)
     inside = (rgba[:, 3] > 0) & (rgba[:, 3] < 1)
     logit[inside] = -np.log(1 / rgba[inside, 3] - 1)
     logit[rgba[:, 3] <= 0] = -OPAQUE
-    return Splats(*(a.astype(np.float32) for a in (position, scale, _rotation(vertex["packed_rotation"]), logit, harmonics)))
+    return Splats(
+        *(a.astype(np.float32) for a in (position, scale, _rotation(vertex["packed_rotation"]), logit, harmonics))
+    )
 
 
 def _bits(packed: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
@@ -58,7 +69,9 @@ def _between(path: str | Path, chunk: np.ndarray, index: np.ndarray, share: np.n
     low, high = ([s.format(end) for s in names.split()] for end in ("min", "max"))
     missing = [n for n in (*low, *high) if n not in (chunk.dtype.names or ())]
     if missing:
-        raise SourceError(f"{path}: element chunk lacks {', '.join(missing)}; the bounds of packed values are expected there")
+        raise SourceError(
+            f"{path}: element chunk lacks {', '.join(missing)}; the bounds of packed values are expected there"
+        )
     a, b = (np.stack([chunk[n].astype(np.float64) for n in side], axis=1)[index] for side in (low, high))
     return a * (1 - share) + b * share
 
@@ -76,13 +89,22 @@ def _rotation(packed: np.ndarray) -> np.ndarray:
 
 
 def _higher(path: str | Path, ply: Ply, n: int) -> np.ndarray:
-    """[N, K - 1, 3] coefficients of degree 1 and above: the ends of a byte are 0 and 1, what lies between is centred."""
+    """[N, K - 1, 3] coefficients of degree 1 and above: the ends of a byte are 0 and 1, what lies between is
+    centred."""
     sh = ply.elements.get("sh")
     if sh is None:
         return np.zeros((n, 0, 3))
     names = tuple(f"f_rest_{i}" for i in range(len(sh.dtype.names or ())))
-    if len(sh) != n or len(names) not in (9, 24, 45) or names != sh.dtype.names or any(sh.dtype[m] != np.uint8 for m in names):
-        raise SourceError(f"{path}: element sh has {len(sh)} rows of {list(sh.dtype.names or ())[:3]}...; {n} rows of 9, 24 or 45 uchar f_rest_* are expected")
+    if (
+        len(sh) != n
+        or len(names) not in (9, 24, 45)
+        or names != sh.dtype.names
+        or any(sh.dtype[m] != np.uint8 for m in names)
+    ):
+        raise SourceError(
+            f"{path}: element sh has {len(sh)} rows of {list(sh.dtype.names or ())[:3]}...; {n} rows of 9, 24 or 45"
+            " uchar f_rest_* are expected"
+        )
     value = np.stack([sh[m] for m in names], axis=1).astype(np.float64)
     share = np.where(value == 0, 0.0, np.where(value == 255, 1.0, (value + 0.5) / 256))
     return ((share - 0.5) * 8).reshape(n, 3, len(names) // 3).transpose(0, 2, 1)

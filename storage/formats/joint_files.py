@@ -1,4 +1,5 @@
-"""Joint files of other people: OpenPose, COCO and EasyMocap JSON and Caliscope's CSV (2D) and TRC (3D), read into our pixel centres and axes.
+"""Joint files of other people: OpenPose, COCO and EasyMocap JSON and Caliscope's CSV (2D) and TRC (3D), read into our
+pixel centres and axes.
 
 2D formats place the centre of the top-left pixel at (0, 0) unless a COCO file says `"pixel_center": "half"`.
 """
@@ -34,7 +35,8 @@ def no_people(joints: int) -> Detections:
 
 
 def frame_number(path: str | Path) -> int | None:
-    """The last group of digits in a file's name (cam01_000012_keypoints.json -> 12), or None without digits. Raises SourceError for one beyond 64 bits."""
+    """The last group of digits in a file's name (cam01_000012_keypoints.json -> 12), or None without digits. Raises
+    SourceError for one beyond 64 bits."""
     digits = re.findall(r"[0-9]+", re.sub(r"_keypoints(2d|3d)?$", "", Path(path).stem))
     if digits and len(digits[-1].lstrip("0")) > MOST_DIGITS:
         raise SourceError(f"{path}: a frame number of {len(digits[-1])} digits; at most {MOST_DIGITS} are read")
@@ -42,7 +44,8 @@ def frame_number(path: str | Path) -> int | None:
 
 
 def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
-    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing. Scores are clipped to 0..1."""
+    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing. Scores are clipped to
+    0..1."""
     try:
         values = np.array(flat, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
@@ -76,7 +79,9 @@ def _gather(people: list[np.ndarray], boxes: list[np.ndarray], path: str | Path)
     counts = {len(p) for p in people}
     if len(counts) > 1:
         raise SourceError(f"{path}: people have different numbers of joints ({', '.join(map(str, sorted(counts)))})")
-    return Detections(np.stack(people) if people else np.zeros((0, 0, 3)), np.stack(boxes) if boxes else np.zeros((0, 5)))
+    return Detections(
+        np.stack(people) if people else np.zeros((0, 0, 3)), np.stack(boxes) if boxes else np.zeros((0, 5))
+    )
 
 
 def _list(data: Any, key: str, path: str | Path) -> list[dict[str, Any]]:
@@ -101,7 +106,8 @@ def read_openpose(path: str | Path) -> Detections:
 
 
 def read_easymocap(path: str | Path) -> Detections:
-    """One picture's EasyMocap `annots` JSON: keypoints and, where given, bbox (l, t, r, b, score). Raises SourceError."""
+    """One picture's EasyMocap `annots` JSON: keypoints and, where given, bbox (l, t, r, b, score). Raises
+    SourceError."""
     annots = [a for a in _list(read_json(path), "annots", path) if a.get("keypoints")]
     given = [[*_items(a.get("bbox") or (), "bbox", path), 1.0] for a in annots]
     boxes = [_box(b[:4], b[4], path, half=False) if len(b) > 4 else np.zeros(5) for b in given]
@@ -112,8 +118,8 @@ def read_coco(path: str | Path, view: str | None = None) -> dict[int, Detections
     """People by frame number of a COCO keypoints JSON, one view's where `file_name` has the view's folder.
 
     The frame number is the last group of digits of `images[].file_name`. The third number of a joint is its score, a
-    visibility of 1 or 2 counts as 1; `keypoint_scores` [J], where given, goes before it. `"pixel_center": "half"` at the
-    top says that coordinates are in our pixel centres. Raises SourceError.
+    visibility of 1 or 2 counts as 1; `keypoint_scores` [J], where given, goes before it. `"pixel_center": "half"` at
+    the top says that coordinates are in our pixel centres. Raises SourceError.
     """
     data = read_json(path)
     half = isinstance(data, dict) and _pixel_center(data.get("pixel_center", "integer"), path) == "half"
@@ -183,10 +189,14 @@ def read_tracked(path: str | Path) -> dict[int, dict[int, TrackedFrame]]:
     """{camera: {sync_index: frame}} of Caliscope's `xy_TRACKER.csv`. Raises SourceError with path, line and cause."""
     out: dict[int, dict[int, TrackedFrame]] = {}
     columns, rows = read_table(path)
-    camera, point = (next((k for k in keys if k in columns), keys[0]) for keys in (("cam_id", "port"), ("point_id", "keypoint_id")))
+    camera, point = (
+        next((k for k in keys if k in columns), keys[0]) for keys in (("cam_id", "port"), ("point_id", "keypoint_id"))
+    )
     lacking = {"sync_index", camera, "frame_index", "frame_time", point, "img_loc_x", "img_loc_y"} - set(columns)
     if lacking:
-        raise SourceError(f"{path} lacks the columns {', '.join(sorted(lacking))}; track the recording with Caliscope again")
+        raise SourceError(
+            f"{path} lacks the columns {', '.join(sorted(lacking))}; track the recording with Caliscope again"
+        )
     for line, row in rows:
         try:
             frame = TrackedFrame(whole(row["frame_index"]), float(row["frame_time"]), {})
@@ -199,7 +209,8 @@ def read_tracked(path: str | Path) -> dict[int, dict[int, TrackedFrame]]:
 
 
 def read_caliscope(path: str | Path, camera: int, joints: int) -> dict[int, Detections]:
-    """The one person of a camera by sync_index, landmarks 0 to J-1; Caliscope keeps no scores, so a landmark it has counts as 1. Raises SourceError."""
+    """The one person of a camera by sync_index, landmarks 0 to J-1; Caliscope keeps no scores, so a landmark it has
+    counts as 1. Raises SourceError."""
     out = {}
     for sync, frame in read_tracked(path).get(camera, {}).items():
         flat = [(*frame.points[j], 1.0) if j in frame.points else (np.nan, np.nan, 0.0) for j in range(joints)]
@@ -242,7 +253,9 @@ def read_trc(path: str | Path) -> TrcFile:
     """Read a TRC file (OpenSim: 5 header lines, tab separated). Raises SourceError with path, line and cause."""
     lines = read_text(path).splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise SourceError(f"{path} is not a TRC file: its first line must start with PathFileType and data follow 5 header lines")
+        raise SourceError(
+            f"{path} is not a TRC file: its first line must start with PathFileType and data follow 5 header lines"
+        )
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     unit = header.get("Units", "").strip()
     if unit not in _UNITS:

@@ -12,7 +12,9 @@ from posegaussian.storage.model.errors import SourceError
 
 NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 SIZED = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
-TYPES = dict(zip(NAMES, ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), strict=True)) | {n: np.dtype(n).str[1:] for n in SIZED}
+TYPES = dict(zip(NAMES, ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), strict=True)) | {
+    n: np.dtype(n).str[1:] for n in SIZED
+}
 """numpy types of PLY's two sets of names."""
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_HEADER = 2**20
@@ -45,11 +47,17 @@ def read_ply(path: str | Path) -> Ply:
     for name, (count, dtype) in types.items():
         size = count * dtype.itemsize
         if at + size > len(raw):
-            raise SourceError(f"{path}: the file ends at byte {len(raw)}, but element {name} of {count} rows of {dtype.itemsize} bytes reaches from byte {at} to {at + size}; it was cut off, copy it again")
+            raise SourceError(
+                f"{path}: the file ends at byte {len(raw)}, but element {name} of {count} rows of {dtype.itemsize}"
+                f" bytes reaches from byte {at} to {at + size}; it was cut off, copy it again"
+            )
         elements[name] = np.frombuffer(raw, dtype, count, at)
         at += size
     if at < len(raw):
-        raise SourceError(f"{path}: {len(raw) - at} bytes are left after byte {at}, where the last element ends by the header; the header does not belong to this file")
+        raise SourceError(
+            f"{path}: {len(raw) - at} bytes are left after byte {at}, where the last element ends by the header; the"
+            " header does not belong to this file"
+        )
     return Ply(header, elements)
 
 
@@ -60,7 +68,10 @@ def _header(path: str | Path, raw: bytes) -> tuple[bytes, dict[str, tuple[int, n
     end = raw.find(b"\nend_header", 0, LONGEST_HEADER)
     stop = raw.find(b"\n", end + 1) + 1 if end >= 0 else 0
     if not stop:
-        raise SourceError(f"{path}: no line 'end_header' in the first {min(len(raw), LONGEST_HEADER)} bytes; the file was cut off or is no PLY")
+        raise SourceError(
+            f"{path}: no line 'end_header' in the first {min(len(raw), LONGEST_HEADER)} bytes; the file was cut off or"
+            " is no PLY"
+        )
     order, found = None, {}  # type: ignore[var-annotated]
     for number, line in enumerate(raw[:stop].decode("ascii", "replace").splitlines(), start=1):
         words = line.split()
@@ -75,7 +86,10 @@ def _header(path: str | Path, raw: bytes) -> tuple[bytes, dict[str, tuple[int, n
             found[words[1]] = (int(words[2]), [])
         elif words[:1] == ["property"]:
             if len(words) != 3 or words[1] not in TYPES or not found:
-                raise SourceError(f"{where}: 'property TYPE NAME' after an element is expected, with one of the types {', '.join(NAMES)}")
+                raise SourceError(
+                    f"{where}: 'property TYPE NAME' after an element is expected, with one of the types"
+                    f" {', '.join(NAMES)}"
+                )
             if words[2] in dict(found[next(reversed(found))][1]):
                 raise SourceError(f"{where}: the element has a property {words[2]} already")
             found[next(reversed(found))][1].append((words[2], (order or "<") + TYPES[words[1]]))

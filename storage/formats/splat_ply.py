@@ -18,7 +18,11 @@ from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.splats import Splats
 
 MEAN, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
-DC, SCALE, ROTATION = tuple(f"f_dc_{i}" for i in range(3)), tuple(f"scale_{i}" for i in range(3)), tuple(f"rot_{i}" for i in range(4))
+DC, SCALE, ROTATION = (
+    tuple(f"f_dc_{i}" for i in range(3)),
+    tuple(f"scale_{i}" for i in range(3)),
+    tuple(f"rot_{i}" for i in range(4)),
+)
 NEEDED = (*MEAN, *DC, "opacity", *SCALE, *ROTATION)
 """Properties every standard file has."""
 RESTS = (0, 9, 24, 45)
@@ -43,7 +47,9 @@ def read_splats(path: str | Path) -> SplatFile:
     ply = read_ply(path)
     vertex = ply.elements.get("vertex")
     if vertex is None:
-        raise SourceError(f"{path}: no element 'vertex' among {list(ply.elements)}; a splat file has one row of it for each Gaussian")
+        raise SourceError(
+            f"{path}: no element 'vertex' among {list(ply.elements)}; a splat file has one row of it for each Gaussian"
+        )
     assert vertex.dtype.names is not None or not vertex.dtype.itemsize
     names = vertex.dtype.names or ()
     if set(PACKED) <= set(names):
@@ -51,10 +57,16 @@ def read_splats(path: str | Path) -> SplatFile:
     missing = [n for n in NEEDED if n not in names]
     if missing:
         mesh = " (a mesh or a point cloud?)" if "face" in ply.elements or {"red", "green", "blue"} <= set(names) else ""
-        raise SourceError(f"{path}: element vertex lacks {', '.join(missing)}{mesh}; a 3DGS file has {', '.join(NEEDED)}, a compressed one {', '.join(PACKED)}")
+        raise SourceError(
+            f"{path}: element vertex lacks {', '.join(missing)}{mesh}; a 3DGS file has {', '.join(NEEDED)}, a"
+            f" compressed one {', '.join(PACKED)}"
+        )
     rest = _rest(names)
     if len(rest) not in RESTS or any(n not in names for n in rest):
-        raise SourceError(f"{path}: element vertex has {len(rest)} properties f_rest_*; {', '.join(map(str, RESTS))} are expected (degree 0 to 3), numbered from 0")
+        raise SourceError(
+            f"{path}: element vertex has {len(rest)} properties f_rest_*; {', '.join(map(str, RESTS))} are expected"
+            " (degree 0 to 3), numbered from 0"
+        )
     for name in (*NEEDED, *rest):
         if vertex.dtype[name].newbyteorder("<") != np.dtype("<f4"):
             raise SourceError(f"{path}: property {name} is {vertex.dtype[name].name}; float is expected")
@@ -76,7 +88,13 @@ def _columns(table: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 def _from_table(table: np.ndarray, rest: tuple[str, ...]) -> Splats:
     higher = _columns(table, rest).reshape(len(table), 3, len(rest) // 3).transpose(0, 2, 1)
     harmonics = np.concatenate([_columns(table, DC)[:, None, :], higher], axis=1)
-    return Splats(_columns(table, MEAN), _columns(table, SCALE), _columns(table, ROTATION), _columns(table, ("opacity",))[:, 0], harmonics)
+    return Splats(
+        _columns(table, MEAN),
+        _columns(table, SCALE),
+        _columns(table, ROTATION),
+        _columns(table, ("opacity",))[:, 0],
+        harmonics,
+    )
 
 
 def write_splats(path: str | Path, splats: Splats, carried: Ply | None = None) -> None:
@@ -89,10 +107,20 @@ def write_splats(path: str | Path, splats: Splats, carried: Ply | None = None) -
     vertex = ply.elements["vertex"]
     rest = _rest(vertex.dtype.names or ())
     if len(vertex) != len(splats) or len(rest) != RESTS[splats.degree]:
-        raise ValueError(f"the carried file has {len(vertex)} Gaussians with {len(rest)} f_rest, the splats {len(splats)} with {RESTS[splats.degree]}; write without it")
+        raise ValueError(
+            f"the carried file has {len(vertex)} Gaussians with {len(rest)} f_rest, the splats {len(splats)} with"
+            f" {RESTS[splats.degree]}; write without it"
+        )
     table = vertex.copy()
     higher = splats.harmonics[:, 1:].transpose(0, 2, 1).reshape(len(splats), len(rest))
-    parts = ((MEAN, splats.mean), (DC, splats.harmonics[:, 0]), (rest, higher), (("opacity",), splats.opacity_logit[:, None]), (SCALE, splats.log_scale), (ROTATION, splats.quaternion))
+    parts = (
+        (MEAN, splats.mean),
+        (DC, splats.harmonics[:, 0]),
+        (rest, higher),
+        (("opacity",), splats.opacity_logit[:, None]),
+        (SCALE, splats.log_scale),
+        (ROTATION, splats.quaternion),
+    )
     for names, values in parts:
         for i, name in enumerate(names):
             table[name] = values[:, i]
@@ -102,5 +130,12 @@ def write_splats(path: str | Path, splats: Splats, carried: Ply | None = None) -
 def _standard(splats: Splats) -> Ply:
     """An empty file of the layout that Inria's code writes and viewers expect."""
     names = (*MEAN, *NORMAL, *DC, *(f"f_rest_{i}" for i in range(RESTS[splats.degree])), "opacity", *SCALE, *ROTATION)
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}", *(f"property float {n}" for n in names), "end_header", ""]
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(splats)}",
+        *(f"property float {n}" for n in names),
+        "end_header",
+        "",
+    ]
     return Ply("\n".join(lines).encode(), {"vertex": np.zeros(len(splats), [(n, "<f4") for n in names])})

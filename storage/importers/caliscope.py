@@ -1,9 +1,10 @@
 """Recordings as Caliscope leaves them: `cam_N.mp4`, `timestamps.csv` and the workspace's `camera_array.toml`.
 
-Which frames of the videos belong together is told by `timestamps.csv`: frame k of a video is the k-th row of its camera in
-order of `frame_time`; rows of one `sync_index` are one instant, and where the file has no such column (newer versions) frames
-are matched by time. Frame n of the capture is the n-th instant. Older names (`port_N.mp4`, `frame_time_history.csv`, `port`)
-are read, too. Pixel centres lie at integers; landmarks of Caliscope's trackers (`xy_TRACKER.csv`) become 2D joints.
+Which frames of the videos belong together is told by `timestamps.csv`: frame k of a video is the k-th row of its camera
+in order of `frame_time`; rows of one `sync_index` are one instant, and where the file has no such column (newer
+versions) frames are matched by time. Frame n of the capture is the n-th instant. Older names (`port_N.mp4`,
+`frame_time_history.csv`, `port`) are read, too. Pixel centres lie at integers; landmarks of Caliscope's trackers
+(`xy_TRACKER.csv`) become 2D joints.
 Format: https://github.com/mprib/caliscope, docs/project_setup.md.
 """
 
@@ -37,8 +38,17 @@ _RATE_TOLERANCE = 0.01
 class CaliscopeOptions(ImportOptions):
     """What to take where several files fit; paths are relative to the recording's folder."""
 
-    calibration: str | None = Field(None, description="Calibration file; by default camera_array.toml beside the videos, below them, or the workspace's.")
-    tracker: str | None = Field(None, description="Tracker whose landmarks become 2D joints, by the name of its folder; by default the one whose joints are known.")
+    calibration: str | None = Field(
+        None,
+        description="Calibration file; by default camera_array.toml beside the videos, below them, or the workspace's.",
+    )
+    tracker: str | None = Field(
+        None,
+        description=(
+            "Tracker whose landmarks become 2D joints, by the name of its folder; by default the one whose joints are"
+            " known."
+        ),
+    )
 
 
 def find(source: Path, options: CaliscopeOptions) -> Capture:
@@ -53,8 +63,18 @@ def find(source: Path, options: CaliscopeOptions) -> Capture:
     rate, more = _rate(options, opened, matched)
     pictures = [_stream(video, opened[_id(name)], matched.frames[_id(name)]) for name, video in videos.items()]
     rig = build_rig([table_camera(name, t) for name, t in tables.items()], [s.size for s in pictures], half=False)
-    joints, found = tracked_joints(base, {n: _id(n) for n in rig.names}, matched, pictures, options.tracker, options.joint_set)
-    notes = [f"calibration: {shown(base, [path])}", *matched.notes, *more, *picture_gaps(rig.names, pictures), *_turned(tables), *_left_out(base), *found]
+    joints, found = tracked_joints(
+        base, {n: _id(n) for n in rig.names}, matched, pictures, options.tracker, options.joint_set
+    )
+    notes = [
+        f"calibration: {shown(base, [path])}",
+        *matched.notes,
+        *more,
+        *picture_gaps(rig.names, pictures),
+        *_turned(tables),
+        *_left_out(base),
+        *found,
+    ]
     return Capture("caliscope", rig, rate, tuple(pictures), joints=joints, notes=(*notes, *rig_notes(rig)))
 
 
@@ -68,12 +88,15 @@ def _recorded(path: Path) -> dict[str, Path]:
     found = {name: video for name, video in videos_in(path).items() if re.fullmatch(r"(cam|port)_\d+", name)}
     for name, video in found.items():
         if (other := next(n for n in found if _id(n) == _id(name))) != name:
-            raise SourceError(f"two videos are camera {_id(name)}: {found[other].name} and {video.name}; take one out of {path}")
+            raise SourceError(
+                f"two videos are camera {_id(name)}: {found[other].name} and {video.name}; take one out of {path}"
+            )
     return found
 
 
 def recordings(base: Path) -> dict[Path, dict[str, Path]]:
-    """{folder: {camera: video}} of the recordings in a folder and below. Raises SourceError for two videos of one number."""
+    """{folder: {camera: video}} of the recordings in a folder and below. Raises SourceError for two videos of one
+    number."""
     return {f: v for f in [base, *sorted(p for p in base.rglob("*") if p.is_dir())] if (v := _recorded(f))}
 
 
@@ -90,20 +113,30 @@ def _videos(base: Path, options: CaliscopeOptions) -> dict[str, Path]:
 def calibration_files(base: Path) -> list[Path]:
     """Every camera_array.toml below a folder, then those of the workspace above it."""
     below = sorted(base.rglob(CALIBRATION), key=lambda p: len(p.parts))
-    above = [p / part / CALIBRATION for p in base.parents[:3] for part in ("calibration/extrinsic/capture_volume", "calibration/extrinsic", "")]
+    above = [
+        p / part / CALIBRATION
+        for p in base.parents[:3]
+        for part in ("calibration/extrinsic/capture_volume", "calibration/extrinsic", "")
+    ]
     return [*below, *(p for p in above if p.is_file())]
 
 
 def _calibration(base: Path, options: CaliscopeOptions) -> Path:
-    """The chosen file, or the first camera_array.toml: beside the videos, with a tracker's results below them, of the workspace above."""
+    """The chosen file, or the first camera_array.toml: beside the videos, with a tracker's results below them, of
+    the workspace above."""
     if given := chosen(base, options.calibration, "calibration"):
         return given
     found = calibration_files(base)
     below = [p for p in found if p.is_relative_to(base)]
     if not found:
-        raise CalibrationError(f"no {CALIBRATION} in {base}, below it or in its workspace; calibrate with Caliscope, or name the file with the option calibration")
+        raise CalibrationError(
+            f"no {CALIBRATION} in {base}, below it or in its workspace; calibrate with Caliscope, or name the file with"
+            " the option calibration"
+        )
     if base / CALIBRATION not in found and len({p.read_bytes() for p in below}) > 1:
-        raise CalibrationError(f"several calibrations fit: {shown(base, below)}; choose one with the option calibration")
+        raise CalibrationError(
+            f"several calibrations fit: {shown(base, below)}; choose one with the option calibration"
+        )
     return found[0]
 
 
@@ -113,20 +146,28 @@ def _tables(names: tuple[str, ...], path: Path) -> dict[str, Mapping[str, Any]]:
     keys = {int(found[1]): k for k in tables if (found := re.fullmatch(r"(?:cameras\.|cam_|port_)(\d+)", k))}
     for name in names:
         if _id(name) not in keys:
-            raise CalibrationError(f"camera {name} has no calibration in {path}, which holds {', '.join(tables) or 'no camera'}; list the wanted cameras in the option cameras")
+            raise CalibrationError(
+                f"camera {name} has no calibration in {path}, which holds {', '.join(tables) or 'no camera'}; list the"
+                " wanted cameras in the option cameras"
+            )
         if tables[keys[_id(name)]].get("ignore"):
-            raise CalibrationError(f"camera {name} is set to ignore in {path}; list the wanted cameras in the option cameras")
+            raise CalibrationError(
+                f"camera {name} is set to ignore in {path}; list the wanted cameras in the option cameras"
+            )
     return {name: tables[keys[_id(name)]] for name in names}
 
 
 def _stream(path: Path, video: VideoFile, frames: Mapping[int, int]) -> Stream:
     """The pictures of a view: {instant: frame of its video}."""
     numbers, indices = tuple(frames), list(frames.values())
-    return Stream("video", (SourceFile.of(path),), numbers, video.size, {} if indices == list(numbers) else {"indices": indices})
+    return Stream(
+        "video", (SourceFile.of(path),), numbers, video.size, {} if indices == list(numbers) else {"indices": indices}
+    )
 
 
 def _rate(options: CaliscopeOptions, videos: Mapping[int, VideoFile], matched: Instants) -> tuple[float, list[str]]:
-    """(frames per second, notes): as asked for, else that of the instants; a video's round figure where it is the same."""
+    """(frames per second, notes): as asked for, else that of the instants; a video's round figure where it is the
+    same."""
     if options.frame_rate is not None:
         return options.frame_rate, []
     nominal = max(v.rate for v in videos.values())
@@ -141,7 +182,11 @@ def _rate(options: CaliscopeOptions, videos: Mapping[int, VideoFile], matched: I
 def _turned(tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Sentences about cameras that Caliscope shows turned: their calibration is of the picture as filmed."""
     turns = {n: t.get("rotation_count", 0) for n, t in tables.items()}
-    return [f"camera {n} is shown turned by {90 * t} degrees in Caliscope; its pictures are used as filmed" for n, t in turns.items() if t]
+    return [
+        f"camera {n} is shown turned by {90 * t} degrees in Caliscope; its pictures are used as filmed"
+        for n, t in turns.items()
+        if t
+    ]
 
 
 def _left_out(base: Path) -> list[str]:

@@ -33,21 +33,34 @@ class _Row(NamedTuple):
 
 
 def instants(table: Path | None, videos: Mapping[int, VideoFile]) -> Instants:
-    """Match the frames of all videos by the table of times; without one, videos of equal length are taken to start together.
+    """Match the frames of all videos by the table of times; without one, videos of equal length are taken to start
+    together.
 
-    Raises SourceError for a table that cannot be read, that has another number of rows than a video has frames, or that is
-    missing while the videos differ in length.
+    Raises SourceError for a table that cannot be read, that has another number of rows than a video has frames, or that
+    is missing while the videos differ in length.
     """
     if table is None:
         counts = {f"camera {c}": v.count for c, v in videos.items()}
         if len(set(counts.values())) > 1:
-            raise SourceError(f"there is no timestamps.csv, and the videos have {', '.join(f'{n} frames ({c})' for c, n in counts.items())}; add the file, or cut all videos to the same instants")
-        return Instants({c: {n: n for n in range(v.count)} for c, v in videos.items()}, {}, 0.0, ["no timestamps.csv: frame n of each video is taken as one instant"])
+            raise SourceError(
+                "there is no timestamps.csv, and the videos have"
+                f" {', '.join(f'{n} frames ({c})' for c, n in counts.items())}; add the file, or cut all videos to the"
+                " same instants"
+            )
+        return Instants(
+            {c: {n: n for n in range(v.count)} for c, v in videos.items()},
+            {},
+            0.0,
+            ["no timestamps.csv: frame n of each video is taken as one instant"],
+        )
     rows = _rows(table)
     for camera, video in videos.items():
         found = len(rows.get(camera, ()))
         if found != video.count:
-            raise SourceError(f"{table} has {found} rows of camera {camera}, its video {video.path} has {video.count} frames; put the file of this recording there")
+            raise SourceError(
+                f"{table} has {found} rows of camera {camera}, its video {video.path} has {video.count} frames; put the"
+                " file of this recording there"
+            )
     used = {c: rows[c] for c in videos}
     by_index = all(r.sync is not None for found in used.values() for r in found)
     groups = _by_index(used, table) if by_index else _by_time(used)
@@ -79,7 +92,10 @@ def _by_index(rows: Mapping[int, Sequence[_Row]], table: Path) -> dict[int, list
     for camera, found in out.items():
         wrong = next((n for n in range(1, len(found)) if found[n] <= found[n - 1]), None)
         if wrong is not None:
-            raise SourceError(f"{table}: camera {camera} has sync_index {found[wrong]} after {found[wrong - 1]} in order of frame_time; each must come once and ascend")
+            raise SourceError(
+                f"{table}: camera {camera} has sync_index {found[wrong]} after {found[wrong - 1]} in order of"
+                " frame_time; each must come once and ascend"
+            )
     return out
 
 
@@ -125,5 +141,8 @@ def _described(groups: Mapping[int, Sequence[int]], rows: Mapping[int, Sequence[
         frames,
         {c: [r.time for r in found] for c, found in rows.items()},
         rate,
-        [f"{how}; frames of one instant are up to {1000 * apart:.1f} ms apart", *(f"camera {c}: {n} frames lie between two instants and are left out" for c, n in left.items() if n)],
+        [
+            f"{how}; frames of one instant are up to {1000 * apart:.1f} ms apart",
+            *(f"camera {c}: {n} frames lie between two instants and are left out" for c, n in left.items() if n),
+        ],
     )

@@ -43,7 +43,9 @@ def numbers(value: Any, camera: str, label: str, shapes: Sequence[tuple[int, ...
     for shape in shapes:
         if shape == (-1,) or out.size == np.prod(shape):
             return out.reshape(shape)
-    raise CalibrationError(f"camera {camera}: {label} has {out.size} numbers, expected {' or '.join(str(int(np.prod(s))) for s in shapes)}")
+    raise CalibrationError(
+        f"camera {camera}: {label} has {out.size} numbers, expected {' or '.join(str(int(np.prod(s))) for s in shapes)}"
+    )
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
@@ -86,11 +88,16 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
 def _check_model(c: RawCamera) -> None:
     k = c.intrinsics
     if np.isfinite(k).all() and (not np.array_equal(k[2], [0, 0, 1]) or k[1, 0] != 0):
-        raise CalibrationError(f"camera {c.name}: intrinsics must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}")
+        raise CalibrationError(
+            f"camera {c.name}: intrinsics must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}"
+        )
     if abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
         raise CalibrationError(f"camera {c.name}: skew {k[0, 1]:g} px must be 0; calibrate without skew")
     if np.any(c.distortion[DISTORTION:]):
-        raise CalibrationError(f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3 k4 k5 k6) are read")
+        raise CalibrationError(
+            f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3"
+            " k4 k5 k6) are read"
+        )
 
 
 def rig_notes(rig: Rig) -> list[str]:

@@ -25,7 +25,13 @@ def _listed(value: Any) -> Any:
     """`cam01,cam02` as the list it stands for."""
     if isinstance(value, str):
         return [part.strip() for part in value.split(",") if part.strip()]
-    return [str(v) if isinstance(v, int) else v for v in value] if isinstance(value, list) else [str(value)] if isinstance(value, int) else value
+    return (
+        [str(v) if isinstance(v, int) else v for v in value]
+        if isinstance(value, list)
+        else [str(value)]
+        if isinstance(value, int)
+        else value
+    )
 
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
@@ -37,10 +43,22 @@ class ImportOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     cameras: Names | None = Field(None, description="Names of the cameras to import; all by default.")
-    held_out: Names | None = Field(None, description="Names of the cameras that only metrics may look at; by default those that the layout marks.")
-    crop: dict[str, Crop] = Field({}, description="Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop); by default what the pictures show.")
-    frame_rate: float | None = Field(None, gt=0, description="Frames per second; by default what the videos or the layout say.")
-    joint_set: str | None = Field(None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name.")
+    held_out: Names | None = Field(
+        None, description="Names of the cameras that only metrics may look at; by default those that the layout marks."
+    )
+    crop: dict[str, Crop] = Field(
+        {},
+        description=(
+            "Per camera, captured pixel to calibrated pixel, where their sizes differ (frames.crop); by default what"
+            " the pictures show."
+        ),
+    )
+    frame_rate: float | None = Field(
+        None, gt=0, description="Frames per second; by default what the videos or the layout say."
+    )
+    joint_set: str | None = Field(
+        None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name."
+    )
 
     @property
     def crops(self) -> dict[str, Crop]:
@@ -48,7 +66,8 @@ class ImportOptions(BaseModel):
         return {n: c for n, c in self.crop.items() if self.cameras is None or n in self.cameras}
 
     def pick(self, found: Sequence[str]) -> tuple[str, ...]:
-        """The cameras to import out of those found, in the order asked for. Raises SourceError for one that is not there."""
+        """The cameras to import out of those found, in the order asked for. Raises SourceError for one that is not
+        there."""
         for name in self.cameras or ():
             if name not in found:
                 raise SourceError(f"option cameras: no pictures of a camera named {name}; there are {', '.join(found)}")
@@ -63,7 +82,9 @@ def natural(path: Path | str) -> list[tuple[int, int | str]]:
 def folder(path: Path) -> Path:
     """The folder itself, or SourceError when it is missing, no folder or empty."""
     if not path.is_dir():
-        raise SourceError(f"{path} is a file; give the capture's folder" if path.exists() else f"no such folder: {path}")
+        raise SourceError(
+            f"{path} is a file; give the capture's folder" if path.exists() else f"no such folder: {path}"
+        )
     if not any(path.iterdir()):
         raise SourceError(f"folder {path} is empty")
     return path
@@ -92,15 +113,22 @@ def subfolders(path: Path) -> list[Path]:
 def videos_in(path: Path) -> dict[str, Path]:
     """{stem: video} of one folder in natural order. Raises SourceError for two videos of one name."""
     out: dict[str, Path] = {}
-    for p in sorted((p for p in path.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES), key=lambda p: natural(p.name)) if path.is_dir() else []:
+    for p in (
+        sorted((p for p in path.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES), key=lambda p: natural(p.name))
+        if path.is_dir()
+        else []
+    ):
         if p.stem in out:
-            raise SourceError(f"two videos would be camera {p.stem}: {out[p.stem].name} and {p.name}; take one out of {path}")
+            raise SourceError(
+                f"two videos would be camera {p.stem}: {out[p.stem].name} and {p.name}; take one out of {path}"
+            )
         out[p.stem] = p
     return out
 
 
 def numbered(path: Path, suffixes: Iterable[str]) -> dict[int, Path]:
-    """{frame number: file} of the files of one folder with one of the endings. Raises SourceError for a number twice or none."""
+    """{frame number: file} of the files of one folder with one of the endings. Raises SourceError for a number twice
+    or none."""
     out: dict[int, Path] = {}
     for p in sorted(path.iterdir()) if path.is_dir() else []:
         if p.suffix.lower() not in suffixes or p.name.startswith("."):
@@ -125,7 +153,10 @@ def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
     size = images.picture_size(first)
     for p in files.values():
         if (other := images.picture_size(p)) != size:
-            raise SourceError(f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px; one camera has one size")
+            raise SourceError(
+                f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px; one camera"
+                " has one size"
+            )
     return file_stream("images", files, size)
 
 
@@ -136,11 +167,16 @@ def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple
     same instant in every view.
     """
     opened = {name: VideoFile(p) for name, p in videos.items()}
-    streams = [Stream("video", (SourceFile.of(videos[name]),), tuple(range(v.count)), v.size) for name, v in opened.items()]
+    streams = [
+        Stream("video", (SourceFile.of(videos[name]),), tuple(range(v.count)), v.size) for name, v in opened.items()
+    ]
     rates = {name: v.rate for name, v in opened.items()}
     low, high = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
     if frame_rate is None and rates[high] > rates[low] * (1 + _RATE_TOLERANCE):
-        raise SourceError(f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one instant: give all one rate, or set frame_rate")
+        raise SourceError(
+            f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one"
+            " instant: give all one rate, or set frame_rate"
+        )
     rate = frame_rate or rates[high]
     if rate <= 0:
         raise SourceError(f"video {opened[high].path} gives no frame rate; set frame_rate")
@@ -148,11 +184,16 @@ def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple
     for name, v in opened.items():
         shortest, longest = v.spacing
         if longest > 1.5 * shortest:
-            notes.append(f"camera {name}: frames are {1000 * shortest:.1f} to {1000 * longest:.1f} ms apart; time is taken as frame / {rate:g}")
+            notes.append(
+                f"camera {name}: frames are {1000 * shortest:.1f} to {1000 * longest:.1f} ms apart; time is taken as"
+                f" frame / {rate:g}"
+            )
     return streams, rate, notes
 
 
-def gap_notes(names: Sequence[str], streams: Sequence[Stream | None], expected: Sequence[Sequence[int] | np.ndarray], what: str) -> list[str]:
+def gap_notes(
+    names: Sequence[str], streams: Sequence[Stream | None], expected: Sequence[Sequence[int] | np.ndarray], what: str
+) -> list[str]:
     """A sentence for every camera whose stream lacks some of the frames it is expected to have."""
     notes = []
     for name, stream, wanted in zip(names, streams, expected, strict=True):
@@ -174,7 +215,9 @@ def ranges(values: np.ndarray, most: int = 4) -> str:
     return ", ".join(parts[:most]) + (", ..." if len(parts) > most else "")
 
 
-def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream]) -> tuple[tuple[Stream, ...], list[str]]:
+def mask_streams(
+    names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream]
+) -> tuple[tuple[Stream, ...], list[str]]:
     """(masks of every view, notes), one folder a camera; no masks at all where none of the folders has any.
 
     Raises SourceError when only some cameras have masks, and for a mask of another size than its picture.
@@ -184,14 +227,18 @@ def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequen
         return (), []
     lacking = [n for n, f in zip(names, files, strict=True) if not f]
     if lacking:
-        raise SourceError(f"cameras {', '.join(lacking)} have no masks while others have; add {folders[names.index(lacking[0])]} or move all masks away")
+        raise SourceError(
+            f"cameras {', '.join(lacking)} have no masks while others have; add {folders[names.index(lacking[0])]} or"
+            " move all masks away"
+        )
     streams = []
     for name, found, stream in zip(names, files, pictures, strict=True):
         found = {n: p for n, p in found.items() if n in set(stream.numbers)}
         for n, p in found.items():
             if (size := images.picture_size(p)) != tuple(stream.size):
                 raise SourceError(
-                    f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is {stream.size[0]}x{stream.size[1]} px; masks must have the picture's size"
+                    f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is"
+                    f" {stream.size[0]}x{stream.size[1]} px; masks must have the picture's size"
                 )
         streams.append(file_stream("images", found, stream.size))
     notes = gap_notes(names, streams, [s.numbers for s in pictures], "masks")
@@ -204,4 +251,14 @@ def mask_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequen
 def _zero_one(streams: Sequence[Stream]) -> bool:
     """Whether the largest value over a few masks of every view is 1."""
     steps = [max(1, len(s.files) // _MASKS_LOOKED_AT) for s in streams]
-    return max((int(images.read_mask(f.path).max()) for s, step in zip(streams, steps, strict=True) for f in s.files[::step]), default=0) == 1
+    return (
+        max(
+            (
+                int(images.read_mask(f.path).max())
+                for s, step in zip(streams, steps, strict=True)
+                for f in s.files[::step]
+            ),
+            default=0,
+        )
+        == 1
+    )

@@ -20,11 +20,14 @@ LOOKED_AT = 3
 """Maps of a camera whose median is taken."""
 
 
-def depth_map_streams(names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream], scale: float | None) -> tuple[tuple[Stream | None, ...], list[str]]:
+def depth_map_streams(
+    names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream], scale: float | None
+) -> tuple[tuple[Stream | None, ...], list[str]]:
     """(depth maps of every view or None, notes), one folder a camera; none at all where no folder has any.
 
-    `scale` is metres per unit of the files; None: floats are metres, and integers are refused. Maps may be smaller or larger than their
-    pictures, but show the same field. Raises SourceError for maps of another shape, of a unit that is not known, or whose median is no distance of a person.
+    `scale` is metres per unit of the files; None: floats are metres, and integers are refused. Maps may be smaller or
+    larger than their pictures, but show the same field. Raises SourceError for maps of another shape, of a unit that is
+    not known, or whose median is no distance of a person.
     """
     streams: list[Stream | None] = []
     notes: list[str] = []
@@ -35,12 +38,19 @@ def depth_map_streams(names: Sequence[str], folders: Sequence[Path], pictures: S
             continue
         size = _size(name, files, stream.size)
         if size != tuple(stream.size):
-            notes.append(f"camera {name}: depth maps are {size[0]}x{size[1]} px, pictures {stream.size[0]}x{stream.size[1]} px; both are taken to show the same field")
+            notes.append(
+                f"camera {name}: depth maps are {size[0]}x{size[1]} px, pictures {stream.size[0]}x{stream.size[1]} px;"
+                " both are taken to show the same field"
+            )
         _check_unit(name, files, scale)
         streams.append(file_stream("images", files, size, scale=1.0 if scale is None else scale))
     if not any(streams):
         return (), []
-    notes += [f"camera {n} has no depth maps; depth.method: given needs them of every source view" for n, s in zip(names, streams, strict=True) if s is None]
+    notes += [
+        f"camera {n} has no depth maps; depth.method: given needs them of every source view"
+        for n, s in zip(names, streams, strict=True)
+        if s is None
+    ]
     return tuple(streams), notes + gap_notes(names, streams, [np.asarray(s.numbers) for s in pictures], "depth maps")
 
 
@@ -49,11 +59,15 @@ def _size(name: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tup
     size = images.picture_size(next(iter(files.values())))
     for n, p in files.items():
         if (other := images.picture_size(p)) != size:
-            raise SourceError(f"camera {name}, frame {n}: depth map {p} is {other[0]}x{other[1]} px, the first one is {size[0]}x{size[1]} px; one camera has one size")
+            raise SourceError(
+                f"camera {name}, frame {n}: depth map {p} is {other[0]}x{other[1]} px, the first one is"
+                f" {size[0]}x{size[1]} px; one camera has one size"
+            )
     if abs(size[0] * picture[1] / picture[0] - size[1]) > 1:
         raise SourceError(
-            f"camera {name}: depth maps are {size[0]}x{size[1]} px, which is another shape than the pictures' {picture[0]}x{picture[1]} px; "
-            f"a map may be smaller or larger, but must show the whole picture: crop or pad the maps to the pictures' shape"
+            f"camera {name}: depth maps are {size[0]}x{size[1]} px, which is another shape than the pictures'"
+            f" {picture[0]}x{picture[1]} px; a map may be smaller or larger, but must show the whole picture: crop or"
+            " pad the maps to the pictures' shape"
         )
     return size
 
@@ -63,11 +77,15 @@ def _check_unit(name: str, files: Mapping[int, Path], scale: float | None) -> No
     paths = list(files.values())
     for p in paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]:
         if scale is None and images.holds_integers(p):
-            raise SourceError(f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for millimetres --option depth_scale=0.001")
+            raise SourceError(
+                f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for"
+                " millimetres --option depth_scale=0.001"
+            )
         depth = images.read_depth_map(p, 1.0 if scale is None else scale)
         known = depth[depth > 0]
         if known.size and not PLAUSIBLE[0] <= (middle := float(np.median(known))) <= PLAUSIBLE[1]:
             raise SourceError(
-                f"camera {name}: the median of depth map {p} is {middle:g} m, which is not between {PLAUSIBLE[0]:g} and {PLAUSIBLE[1]:g} m; "
-                f"say how many metres a unit of the files is, for millimetres --option depth_scale=0.001 (inverse or relative depth must be made metric first)"
+                f"camera {name}: the median of depth map {p} is {middle:g} m, which is not between {PLAUSIBLE[0]:g} and"
+                f" {PLAUSIBLE[1]:g} m; say how many metres a unit of the files is, for millimetres --option"
+                " depth_scale=0.001 (inverse or relative depth must be made metric first)"
             )

@@ -1,8 +1,8 @@
 """Captures in EasyMocap's layout, which EasyVolcap shares.
 
-`images/NAME/000000.jpg` or `videos/NAME.mp4`, `intri.yml` and `extri.yml` (OpenCV FileStorage, metres, world to camera),
-soft masks in `masks/NAME` or `mask/NAME`, `annots/NAME/000000.json`. Calibration, joints and boxes put pixel centres at
-integers. Format: https://github.com/zju3dv/EasyMocap, doc/02_output.md and quickstart.
+`images/NAME/000000.jpg` or `videos/NAME.mp4`, `intri.yml` and `extri.yml` (OpenCV FileStorage, metres, world to
+camera), soft masks in `masks/NAME` or `mask/NAME`, `annots/NAME/000000.json`. Calibration, joints and boxes put pixel
+centres at integers. Format: https://github.com/zju3dv/EasyMocap, doc/02_output.md and quickstart.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ DEFAULT_RATE = 30.0
 class EasyMocapOptions(ImportOptions):
     """What to take where several fit."""
 
-    pictures: Literal["auto", "images", "videos"] = Field("auto", description="Folder of the pictures; auto takes images where there are any.")
+    pictures: Literal["auto", "images", "videos"] = Field(
+        "auto", description="Folder of the pictures; auto takes images where there are any."
+    )
 
 
 def find(source: Path, options: EasyMocapOptions) -> Capture:
@@ -53,7 +55,10 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     calibrated = _names(intri, base / "intri.yml")
     for name in names:
         if name not in calibrated:
-            raise CalibrationError(f"camera {name} has pictures but is not in {base / 'intri.yml'}, which names {', '.join(calibrated)}; list the wanted ones in the option cameras")
+            raise CalibrationError(
+                f"camera {name} has pictures but is not in {base / 'intri.yml'}, which names {', '.join(calibrated)};"
+                " list the wanted ones in the option cameras"
+            )
     if options.cameras is None:
         notes += [f"calibration {n} has no pictures and is left out" for n in calibrated if n not in names]
     rig = build_rig([_camera(n, intri, extri) for n in names], [s.size for s in pictures], half=False)
@@ -62,12 +67,18 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     notes += more
     files = {n: numbered(base / "annots" / n, (".json",)) for n in names}
     joints, more = picture_joints("easymocap", read_easymocap, names, files, pictures, options.joint_set, "annots")
-    return Capture("easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more, *rig_notes(rig)))
+    return Capture(
+        "easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more, *rig_notes(rig))
+    )
 
 
 def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], list[Stream], float, list[str]]:
     """(camera names, pictures, frames per second, notes)."""
-    images = {f.name: n for f in subfolders(base / "images") if (n := numbered(f, media.PICTURE_SUFFIXES))} if options.pictures != "videos" else {}
+    images = (
+        {f.name: n for f in subfolders(base / "images") if (n := numbered(f, media.PICTURE_SUFFIXES))}
+        if options.pictures != "videos"
+        else {}
+    )
     videos = videos_in(base / "videos") if options.pictures != "images" and not images else {}
     if not (images or videos):
         raise SourceError(f"no pictures in {base}: expected images/NAME/000000.jpg or videos/NAME.mp4")
@@ -102,11 +113,14 @@ def _number(text: Any) -> float:
 
 def _without_version(text: str) -> Any:
     """What the text holds; OpenCV's first line, %YAML:1.0, is none that YAML knows."""
-    return yaml.load("\n".join("" if line.startswith("%YAML") else line for line in text.split("\n")), Loader=_Loader)  # bounded; builds texts and matrices
+    return yaml.load(
+        "\n".join("" if line.startswith("%YAML") else line for line in text.split("\n")), Loader=_Loader
+    )  # bounded; builds texts and matrices
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
-    """The nodes of an OpenCV FileStorage YAML: matrices as float64 arrays, lists, and scalars as text. Raises CalibrationError."""
+    """The nodes of an OpenCV FileStorage YAML: matrices as float64 arrays, lists, and scalars as text. Raises
+    CalibrationError."""
     try:
         data = parse(_without_version, path, "calibration")
     except SourceError as e:
@@ -120,7 +134,9 @@ def _names(intri: Mapping[str, Any], path: Path) -> tuple[str, ...]:
     names = intri.get("names") or [k[2:] for k in intri if k.startswith("K_")]
     for n in names:
         if list(names).count(n) > 1:
-            raise CalibrationError(f"{path}: camera name {n!r} occurs {list(names).count(n)} times; names must be unique")
+            raise CalibrationError(
+                f"{path}: camera name {n!r} occurs {list(names).count(n)} times; names must be unique"
+            )
     return tuple(names)
 
 
@@ -134,9 +150,16 @@ def _node(data: Mapping[str, Any], keys: Sequence[str], file: str, name: str) ->
 def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> RawCamera:
     distortion = intri.get(f"D_{name}", intri.get(f"dist_{name}", []))
     try:
-        size = (int(_number(intri[f"W_{name}"])), int(_number(intri[f"H_{name}"]))) if f"W_{name}" in intri and f"H_{name}" in intri else None
+        size = (
+            (int(_number(intri[f"W_{name}"])), int(_number(intri[f"H_{name}"])))
+            if f"W_{name}" in intri and f"H_{name}" in intri
+            else None
+        )
     except (ValueError, OverflowError):
-        raise CalibrationError(f"camera {name}: W_{name} {intri[f'W_{name}']!r} and H_{name} {intri[f'H_{name}']!r} in intri.yml must be whole numbers") from None
+        raise CalibrationError(
+            f"camera {name}: W_{name} {intri[f'W_{name}']!r} and H_{name} {intri[f'H_{name}']!r} in intri.yml must be"
+            " whole numbers"
+        ) from None
     return RawCamera(
         name,
         numbers(_node(intri, [f"K_{name}"], "intri.yml", name), name, f"K_{name}", [(3, 3)]),

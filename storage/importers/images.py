@@ -2,7 +2,8 @@
 
 `images/NAME/<number>.png|jpg|exr`, `cameras.json`, and optionally `masks/NAME/<number>.png`, joints as
 `joints/NAME.json` (COCO), `joints.json` (COCO, all views) or `joints/NAME/<number>.json` (OpenPose),
-`depth_maps/NAME/<number>.exr|png|tif` to reconstruct from, and a simulator's truth `depth/NAME/<number>.exr`. `cameras.json` is
+`depth_maps/NAME/<number>.exr|png|tif` to reconstruct from, and a simulator's truth `depth/NAME/<number>.exr`.
+`cameras.json` is
 
     {"pixel_center": "integer" | "half", "frame_rate": 30,
      "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?, "held_out"?}]}
@@ -21,7 +22,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from posegaussian.storage.formats.joint_files import read_openpose
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, file_stream, folder, gap_notes, image_stream, mask_streams, numbered, picture_gaps, subfolders
+from posegaussian.storage.importers.common import (
+    ImportOptions,
+    file_stream,
+    folder,
+    gap_notes,
+    image_stream,
+    mask_streams,
+    numbered,
+    picture_gaps,
+    subfolders,
+)
 from posegaussian.storage.importers.depth_streams import depth_map_streams
 from posegaussian.storage.importers.joint_streams import coco_joints, picture_joints
 from posegaussian.storage.model.capture import Capture, Stream
@@ -33,7 +44,12 @@ from posegaussian.storage.readers import images
 class ImagesOptions(ImportOptions):
     """The layout leaves little else to choose."""
 
-    depth_scale: float | None = Field(None, gt=0, le=1000, description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.")
+    depth_scale: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.",
+    )
 
 
 class CameraEntry(BaseModel):
@@ -70,8 +86,13 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     names = options.pick(tuple(c for c in entries if c in found) + tuple(n for n in found if n not in entries))
     for name in names:
         if name not in entries:
-            raise CalibrationError(f"pictures {base / 'images' / name} have no camera in {base / 'cameras.json'}, which names {', '.join(entries) or 'none'}")
-    notes = [f"camera {n} has no pictures and is left out" for n in entries if n not in found and options.cameras is None]
+            raise CalibrationError(
+                f"pictures {base / 'images' / name} have no camera in {base / 'cameras.json'}, which names"
+                f" {', '.join(entries) or 'none'}"
+            )
+    notes = [
+        f"camera {n} has no pictures and is left out" for n in entries if n not in found and options.cameras is None
+    ]
     pictures = [image_stream(n, found[n]) for n in names]
     rate = options.frame_rate or cameras.frame_rate or 30.0
     if not (options.frame_rate or cameras.frame_rate):
@@ -80,10 +101,23 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     masks, more = mask_streams(names, [base / "masks" / n for n in names], pictures)
     joints, joint_notes = _joints(base, names, pictures, options.joint_set)
     depth, depth_notes = _depth(base, names, pictures)
-    depth_maps, map_notes = depth_map_streams(names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale)
+    depth_maps, map_notes = depth_map_streams(
+        names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale
+    )
     notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *map_notes, *rig_notes(rig)]
     held_out = tuple(n for n in names if entries[n].held_out)
-    return Capture("images", rig, rate, tuple(pictures), masks=masks, joints=joints, depth=depth, depth_maps=depth_maps, held_out=held_out, notes=tuple(notes))
+    return Capture(
+        "images",
+        rig,
+        rate,
+        tuple(pictures),
+        masks=masks,
+        joints=joints,
+        depth=depth,
+        depth_maps=depth_maps,
+        held_out=held_out,
+        notes=tuple(notes),
+    )
 
 
 def _cameras(path: Path) -> CamerasFile:
@@ -97,7 +131,9 @@ def _cameras(path: Path) -> CamerasFile:
     names = [c.name for c in out.cameras]
     for name in names:
         if names.count(name) > 1:
-            raise CalibrationError(f"{path}: camera name {name!r} occurs {names.count(name)} times; names must be unique")
+            raise CalibrationError(
+                f"{path}: camera name {name!r} occurs {names.count(name)} times; names must be unique"
+            )
     if not names:
         raise CalibrationError(f"{path} names no cameras")
     return out
@@ -114,11 +150,21 @@ def _camera(c: CameraEntry) -> RawCamera:
     )
 
 
-def _joints(base: Path, names: Sequence[str], pictures: Sequence[Stream], given: str | None) -> tuple[tuple[Stream | None, ...], list[str]]:
+def _joints(
+    base: Path, names: Sequence[str], pictures: Sequence[Stream], given: str | None
+) -> tuple[tuple[Stream | None, ...], list[str]]:
     shared, own = base / "joints.json", {n: base / "joints" / f"{n}.json" for n in names}
     own = {n: p for n, p in own.items() if p.is_file()}
     folders = {n: f for n in names if (f := numbered(base / "joints" / n, (".json",)))}
-    fitting = [what for what, there in (("joints.json", shared.is_file()), ("joints/NAME.json", own), ("joints/NAME/<number>.json", folders)) if there]
+    fitting = [
+        what
+        for what, there in (
+            ("joints.json", shared.is_file()),
+            ("joints/NAME.json", own),
+            ("joints/NAME/<number>.json", folders),
+        )
+        if there
+    ]
     if len(fitting) > 1:
         raise SourceError(f"{base} holds joints as {' and as '.join(fitting)}; keep one of them")
     if folders:
@@ -134,7 +180,10 @@ def _depth(base: Path, names: Sequence[str], pictures: Sequence[Stream]) -> tupl
         files = {n: p for n, p in numbered(base / "depth" / name, (".exr",)).items() if n in set(stream.numbers)}
         for n, p in files.items():
             if (size := images.picture_size(p)) != tuple(stream.size):
-                raise SourceError(f"camera {name}, frame {n}: depth {p} is {size[0]}x{size[1]} px, its picture is {stream.size[0]}x{stream.size[1]} px")
+                raise SourceError(
+                    f"camera {name}, frame {n}: depth {p} is {size[0]}x{size[1]} px, its picture is"
+                    f" {stream.size[0]}x{stream.size[1]} px"
+                )
         streams.append(file_stream("images", files, stream.size) if files else None)
     if not any(streams):
         return (), []

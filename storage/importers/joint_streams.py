@@ -19,8 +19,8 @@ _HINTS = {"body_25b": "25b", "h36m17": "h36m"}
 def guess_joint_set(joints: int, given: str | None, hint: str, where: Path) -> str:
     """Id of the joint set: the given one, else the known one with that many joints.
 
-    Of two sets with as many joints, BODY_25 and COCO-17 are taken unless the hint, a folder's name, says 25b or h36m. Raises
-    SourceError for an unknown id, one that does not fit, and a number of joints that no known set has.
+    Of two sets with as many joints, BODY_25 and COCO-17 are taken unless the hint, a folder's name, says 25b or h36m.
+    Raises SourceError for an unknown id, one that does not fit, and a number of joints that no known set has.
     """
     if given is not None:
         if len(joint_set(given)) != joints:
@@ -28,7 +28,10 @@ def guess_joint_set(joints: int, given: str | None, hint: str, where: Path) -> s
         return given
     fitting = [s.id for s in JOINT_SETS.values() if len(s) == joints]
     if not fitting:
-        raise SourceError(f"{where} holds {joints} joints a person, which no known joint set has ({', '.join(f'{s.id}: {len(s)}' for s in JOINT_SETS.values())})")
+        raise SourceError(
+            f"{where} holds {joints} joints a person, which no known joint set has"
+            f" ({', '.join(f'{s.id}: {len(s)}' for s in JOINT_SETS.values())})"
+        )
     return next((id for id in fitting if id in _HINTS and _HINTS[id] in hint.lower()), fitting[0])
 
 
@@ -53,10 +56,17 @@ def picture_joints(
 
     No streams where no file holds a person. Files of frames without a picture are left out.
     """
-    kept = {n: {k: p for k, p in found.get(n, {}).items() if k in set(s.numbers)} for n, s in zip(names, pictures, strict=True)}
+    kept = {
+        n: {k: p for k, p in found.get(n, {}).items() if k in set(s.numbers)}
+        for n, s in zip(names, pictures, strict=True)
+    }
     person = next((p for n in names if (p := _joints_a_person(list(kept[n].values()), read))), None)
     if person is None:
-        return (), ["the joint files hold no person" if any(kept.values()) else "no joint file belongs to a picture"] if any(found.values()) else []
+        return (), (
+            ["the joint files hold no person" if any(kept.values()) else "no joint file belongs to a picture"]
+            if any(found.values())
+            else []
+        )
     chosen = guess_joint_set(person[0], given, hint, person[1])
     streams = tuple(file_stream(kind, kept[n], joint_set=chosen) if kept[n] else None for n in names)
     return streams, [f"2D joints: {kind} files, joint set {chosen}", *_joint_gaps(names, streams, pictures)]
@@ -65,9 +75,12 @@ def picture_joints(
 def coco_joints(
     names: Sequence[str], files: Mapping[str, Path], shared: bool, pictures: Sequence[Stream], given: str | None
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
-    """(joints of every view, notes) of COCO JSON: a file a view, or one `shared` by all that names each view's folder."""
+    """(joints of every view, notes) of COCO JSON: a file a view, or one `shared` by all that names each view's
+    folder."""
     contents = {n: read_coco(p, n if shared else None) for n, p in files.items()}
-    person = next(((d.joints.shape[1], files[n]) for n, c in contents.items() for d in c.values() if len(d.joints)), None)
+    person = next(
+        ((d.joints.shape[1], files[n]) for n, c in contents.items() for d in c.values() if len(d.joints)), None
+    )
     if person is None:
         return (), ["the joint files hold no person"] if files else []
     chosen = guess_joint_set(person[0], given, person[1].stem, person[1])
@@ -75,7 +88,9 @@ def coco_joints(
     for name, stream in zip(names, pictures, strict=True):
         numbers = sorted(set(contents.get(name, {})) & set(stream.numbers))
         options = {"joint_set": chosen, **({"view": name} if shared else {})}
-        streams.append(Stream("coco", (SourceFile.of(files[name]),), tuple(numbers), options=options) if numbers else None)
+        streams.append(
+            Stream("coco", (SourceFile.of(files[name]),), tuple(numbers), options=options) if numbers else None
+        )
     return tuple(streams), [f"2D joints: coco files, joint set {chosen}", *_joint_gaps(names, streams, pictures)]
 
 
@@ -92,7 +107,12 @@ def trc_joints(path: Path, axes: str) -> Stream:
     trc = read_trc(path)
     fitting = [s for s in JOINT_SETS.values() if set(s.names) <= set(trc.markers)]
     if not fitting:
-        raise SourceError(f"{path}: its {len(trc.markers)} markers ({', '.join(trc.markers[:6])}, ...) include no known joint set ({', '.join(JOINT_SETS)})")
+        raise SourceError(
+            f"{path}: its {len(trc.markers)} markers ({', '.join(trc.markers[:6])}, ...) include no known joint set"
+            f" ({', '.join(JOINT_SETS)})"
+        )
     check_person(str(path), trc.points)
     best = max(fitting, key=len)
-    return Stream("trc", (SourceFile.of(path),), tuple(trc.numbers.tolist()), options={"joint_set": best.id, "axes": axes})
+    return Stream(
+        "trc", (SourceFile.of(path),), tuple(trc.numbers.tolist()), options={"joint_set": best.id, "axes": axes}
+    )

@@ -1,7 +1,9 @@
-"""How captured pixels become calibrated ones where the sizes differ: plain scaling, or black bars around the scaled picture.
+"""How captured pixels become calibrated ones where the sizes differ: plain scaling, or black bars around the scaled
+picture.
 
-Bars are measured: rows and columns that stay dark in several frames while the picture begins beside them with a step. They
-count where they explain both sizes at once; a dark scene has no step, and what is left open is refused, not guessed.
+Bars are measured: rows and columns that stay dark in several frames while the picture begins beside them with a step.
+They count where they explain both sizes at once; a dark scene has no step, and what is left open is refused, not
+guessed.
 """
 
 from __future__ import annotations
@@ -20,11 +22,14 @@ from posegaussian.storage.readers.sources import open_source
 LOOKED_AT = 7
 """Frames of a camera in which bars are looked for."""
 DARK = (40, 64)
-"""Of 255, what three quarters and 98 in 100 pixels of a bar's row stay below: codecs let the picture beside it ring in (balance: 35 and 52)."""
+"""Of 255, what three quarters and 98 in 100 pixels of a bar's row stay below: codecs let the picture beside it ring
+in (balance: 35 and 52)."""
 STEP = 24
-"""Of 255, by which the picture beside a bar is brighter than the bar, or it is no bar that can be told from a dark scene."""
+"""Of 255, by which the picture beside a bar is brighter than the bar, or it is no bar that can be told from a dark
+scene."""
 EDGE = 1.25
-"""Captured px by which a measured edge may lie beside the one that the sizes lead to: a whole row, and the fraction that scaling leaves."""
+"""Captured px by which a measured edge may lie beside the one that the sizes lead to: a whole row, and the fraction
+that scaling leaves."""
 SAME = 0.5
 """Calibrated px anywhere in the picture below which two explanations are one."""
 
@@ -58,14 +63,19 @@ class Fit(NamedTuple):
 
 
 def fitted(capture: Capture, given: Mapping[str, Crop]) -> Capture:
-    """The capture with the crop of every camera whose pictures have not the calibrated size: the given one, else what its pictures show.
+    """The capture with the crop of every camera whose pictures have not the calibrated size: the given one, else what
+    its pictures show.
 
-    Raises CalibrationError for crops of no camera, and, with settings to copy, where the pictures do not tell how the sizes relate.
+    Raises CalibrationError for crops of no camera, and, with settings to copy, where the pictures do not tell how the
+    sizes relate.
     """
     rig = capture.rig
     unknown = [n for n in given if n not in rig.names]
     if unknown:
-        raise CalibrationError(f"frames.crop names {', '.join(unknown)}, but the cameras are {', '.join(rig.names)}; correct the name, or move it below sequences: NAME: frames: crop")
+        raise CalibrationError(
+            f"frames.crop names {', '.join(unknown)}, but the cameras are {', '.join(rig.names)}; correct the name, or"
+            " move it below sequences: NAME: frames: crop"
+        )
     found: dict[str, Fit] = {}
     faults: list[str] = []
     open_crops: dict[str, list[Fit]] = {}
@@ -80,7 +90,10 @@ def fitted(capture: Capture, given: Mapping[str, Crop]) -> Capture:
             found[name] = fits[0]
             continue
         what, guesses = _left_open(calibrated, stream.size, border, fits)
-        faults.append(f"camera {name}: pictures are {_size(stream.size)} px, the calibration is for {_size(calibrated)} px; {what}")
+        faults.append(
+            f"camera {name}: pictures are {_size(stream.size)} px, the calibration is for {_size(calibrated)} px;"
+            f" {what}"
+        )
         if guesses:
             open_crops[name] = guesses
     if faults:
@@ -95,7 +108,8 @@ def spread(numbers: Sequence[int]) -> list[int]:
 
 
 def measured(pictures: Iterable[np.ndarray]) -> Border:
-    """The border of pictures [h, w, 3] of one camera, uint8 or float 0..1; columns are judged in those rows that are no bars."""
+    """The border of pictures [h, w, 3] of one camera, uint8 or float 0..1; columns are judged in those rows that are
+    no bars."""
     shown = [_brightness(p) for p in pictures]
     top, bottom = _bars(shown, axis=1)
     height = len(shown[0])
@@ -107,7 +121,10 @@ def measured(pictures: Iterable[np.ndarray]) -> Border:
 def explanations(calibrated: Size, captured: Size, border: Border) -> list[Fit]:
     """What agrees with both sizes and the border: none, one, or several that differ by SAME and more."""
     out: list[Fit] = []
-    for fit in (_scaled(calibrated, captured), _letterboxed(calibrated, captured, border) or _framed(calibrated, captured, border)):
+    for fit in (
+        _scaled(calibrated, captured),
+        _letterboxed(calibrated, captured, border) or _framed(calibrated, captured, border),
+    ):
         if fit is not None and all(_apart(fit.crop, other.crop, captured) >= SAME for other in out):
             out.append(fit)
     return out
@@ -132,7 +149,10 @@ def _bar(level: np.ndarray, dark: np.ndarray) -> Bar:
     count = len(dark) if dark.all() else int(np.argmin(dark))
     if count in (0, len(dark)):
         return Bar(count, False)
-    inside, outside = float(np.median(level[:count])), float(np.median(level[count + 2 : count + 8])) if count + 2 < len(level) else 0.0
+    inside, outside = (
+        float(np.median(level[:count])),
+        (float(np.median(level[count + 2 : count + 8])) if count + 2 < len(level) else 0.0),
+    )
     edge = count
     while edge < min(count + 3, len(level)) and level[edge] < (inside + outside) / 2:
         edge += 1
@@ -145,11 +165,14 @@ def _scaled(calibrated: Size, captured: Size) -> Fit | None:
     scale = w / cw if cw >= ch else h / ch
     if max(abs(scale * cw - w), abs(scale * ch - h)) > max(1.0, scale):
         return None
-    return Fit(_centred(calibrated, captured, scale), f"the same shape, so the whole picture is taken as {_ratio(scale)}")
+    return Fit(
+        _centred(calibrated, captured, scale), f"the same shape, so the whole picture is taken as {_ratio(scale)}"
+    )
 
 
 def _letterboxed(calibrated: Size, captured: Size, border: Border) -> Fit | None:
-    """The calibrated picture scaled to fit in, bars of equal breadth at two sides: one of them must be seen, none may be contradicted."""
+    """The calibrated picture scaled to fit in, bars of equal breadth at two sides: one of them must be seen, none
+    may be contradicted."""
     (w, h), (cw, ch) = calibrated, captured
     scale = max(w / cw, h / ch)
     upright = ch - h / scale > cw - w / scale
@@ -160,7 +183,11 @@ def _letterboxed(calibrated: Size, captured: Size, border: Border) -> Fit | None
         return None
     words = ("rows above", "rows below") if upright else ("columns at the left", "columns at the right")
     told = " and ".join(f"{s.dark} black {what}" for s, what in zip(sides, words, strict=True) if s in seen)
-    return Fit(_centred(calibrated, captured, scale), f"{_ratio(scale)} and letterboxed: {told} are always dark, where this leaves {expected:.1f} at each of the two sides")
+    return Fit(
+        _centred(calibrated, captured, scale),
+        f"{_ratio(scale)} and letterboxed: {told} are always dark, where this leaves {expected:.1f} at each of the two"
+        " sides",
+    )
 
 
 def _framed(calibrated: Size, captured: Size, border: Border) -> Fit | None:
@@ -181,12 +208,21 @@ def _framed(calibrated: Size, captured: Size, border: Border) -> Fit | None:
     if np.abs(over).max() > 2 * EDGE * max(1.0, scale):
         return None
     offset = over / 2 - scale * np.array([border.left.dark, border.top.dark])
-    bars = ", ".join(f"{s.dark} {what}" for s, what in zip(border, ("at the left", "above", "at the right", "below"), strict=True) if s.dark)
-    return Fit(Crop(scale=scale, offset=(float(offset[0]), float(offset[1]))), f"{_ratio(scale)} inside black bars, which are always dark: {bars}")
+    bars = ", ".join(
+        f"{s.dark} {what}"
+        for s, what in zip(border, ("at the left", "above", "at the right", "below"), strict=True)
+        if s.dark
+    )
+    return Fit(
+        Crop(scale=scale, offset=(float(offset[0]), float(offset[1]))),
+        f"{_ratio(scale)} inside black bars, which are always dark: {bars}",
+    )
 
 
 def _centred(calibrated: Size, captured: Size, scale: float) -> Crop:
-    return Crop(scale=scale, offset=((calibrated[0] - scale * captured[0]) / 2, (calibrated[1] - scale * captured[1]) / 2))
+    return Crop(
+        scale=scale, offset=((calibrated[0] - scale * captured[0]) / 2, (calibrated[1] - scale * captured[1]) / 2)
+    )
 
 
 def _apart(a: Crop, b: Crop, captured: Size) -> float:
@@ -201,10 +237,25 @@ def _left_open(calibrated: Size, captured: Size, border: Border, fits: Sequence[
         return "both is possible: " + "; or ".join(f.how for f in fits), list(fits)
     (w, h), (cw, ch) = calibrated, captured
     if _scaled((h, w), captured):
-        return "the picture is turned by a quarter: write the videos upright as they were calibrated, or calibrate them as they are", []
-    dark = ", ".join(f"{s.dark} {what}" for s, what in zip(border, ("at the left", "above", "at the right", "below"), strict=True) if s.dark)
-    seen = f"dark rows and columns ({dark}) do not explain it" if dark else "there are no black bars that would explain it"
-    guesses = [Fit(_centred(calibrated, captured, w / cw), "scaled to the calibrated width, centred"), Fit(_centred(calibrated, captured, h / ch), "scaled to the calibrated height, centred")]
+        return (
+            (
+                "the picture is turned by a quarter: write the videos upright as they were calibrated, or calibrate"
+                " them as they are"
+            ),
+            [],
+        )
+    dark = ", ".join(
+        f"{s.dark} {what}"
+        for s, what in zip(border, ("at the left", "above", "at the right", "below"), strict=True)
+        if s.dark
+    )
+    seen = (
+        f"dark rows and columns ({dark}) do not explain it" if dark else "there are no black bars that would explain it"
+    )
+    guesses = [
+        Fit(_centred(calibrated, captured, w / cw), "scaled to the calibrated width, centred"),
+        Fit(_centred(calibrated, captured, h / ch), "scaled to the calibrated height, centred"),
+    ]
     if 1 not in (w / cw, h / ch):
         guesses.append(Fit(_centred(calibrated, captured, 1.0), "not scaled, centred"))
     return f"that is another shape, and {seen}", guesses
@@ -212,7 +263,10 @@ def _left_open(calibrated: Size, captured: Size, border: Border, fits: Sequence[
 
 def _settings(guesses: Mapping[str, Sequence[Fit]]) -> list[str]:
     """Lines that are a sentence and settings to copy, the first guess as value and others as comments."""
-    lines = ["say how captured pixels become calibrated ones, in ./pipeline.yaml or a file for --config; the likeliest, with others as comments:"]
+    lines = [
+        "say how captured pixels become calibrated ones, in ./pipeline.yaml or a file for --config; the likeliest, with"
+        " others as comments:"
+    ]
     return lines + crop_settings({n: [(f.crop, f.how) for f in fits] for n, fits in guesses.items()})
 
 
@@ -223,7 +277,10 @@ def _notes(capture: Capture, found: Mapping[str, Fit]) -> list[str]:
         v = capture.rig.names.index(name)
         captured, calibrated = capture.pictures[v].size, capture.rig.size[v]
         dx, dy = fit.crop.offset
-        told = f"pictures are {_size(captured)} px, the calibration is for {_size(calibrated)} px: {fit.how}; captured x becomes {fit.crop.scale:.6g} x + ({dx:.4g}, {dy:.4g}), unless frames.crop says otherwise"
+        told = (
+            f"pictures are {_size(captured)} px, the calibration is for {_size(calibrated)} px: {fit.how}; captured x"
+            f" becomes {fit.crop.scale:.6g} x + ({dx:.4g}, {dy:.4g}), unless frames.crop says otherwise"
+        )
         alike.setdefault(told, []).append(name)
     return [f"camera{'s' if len(names) > 1 else ''} {', '.join(names)}: {told}" for told, names in alike.items()]
 

@@ -1,7 +1,8 @@
-"""Captures as Pose2Sim leaves them: videos, a TOML or Qualisys calibration, OpenPose joints, TRC files, wherever they lie.
+"""Captures as Pose2Sim leaves them: videos, a TOML or Qualisys calibration, OpenPose joints, TRC files, wherever they
+lie.
 
-A camera is named after its video. Its calibration is the table of that name, `int_NAME_img`, one whose `name` says so, or
-Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints put pixel centres at integers.
+A camera is named after its video. Its calibration is the table of that name, `int_NAME_img`, one whose `name` says so,
+or Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints put pixel centres at integers.
 """
 
 from __future__ import annotations
@@ -15,7 +16,18 @@ from pydantic import Field
 
 from posegaussian.storage.formats.joint_files import read_openpose
 from posegaussian.storage.importers.cameras import build_rig, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, chosen, folder, natural, numbered, picture_gaps, shown, subfolders, video_streams, videos_in
+from posegaussian.storage.importers.common import (
+    ImportOptions,
+    chosen,
+    folder,
+    natural,
+    numbered,
+    picture_gaps,
+    shown,
+    subfolders,
+    video_streams,
+    videos_in,
+)
 from posegaussian.storage.importers.joint_streams import picture_joints, trc_joints
 from posegaussian.storage.importers.qualisys import is_qualisys, qualisys_tables
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
@@ -31,11 +43,16 @@ class Pose2SimOptions(ImportOptions):
     calibration: str | None = Field(None, description="Calibration file (*.toml, or Qualisys' *.qca.txt).")
     joints: str | None = Field(None, description="Folder with one folder of OpenPose JSON a camera.")
     trc: str | None = Field(None, description="TRC file of 3D joints.")
-    trc_axes: str = Field("yzx", pattern="^(xyz|xzy|yxz|yzx|zxy|zyx)$", description="World axes that the TRC's x, y, z columns hold; Pose2Sim writes yzx.")
+    trc_axes: str = Field(
+        "yzx",
+        pattern="^(xyz|xzy|yxz|yzx|zxy|zyx)$",
+        description="World axes that the TRC's x, y, z columns hold; Pose2Sim writes yzx.",
+    )
 
 
 def find(source: Path, options: Pose2SimOptions) -> Capture:
-    """Find everything in a folder and below. Raises SourceError or CalibrationError, each a sentence with the next step."""
+    """Find everything in a folder and below. Raises SourceError or CalibrationError, each a sentence with the next
+    step."""
     base = folder(source)
     path, tables = _calibration(base, options)
     notes = [f"calibration: {shown(base, [path])}"]
@@ -45,29 +62,44 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
         key = _table_of(name, tables)
         if key is None:
             raise CalibrationError(
-                f"video {videos[name]} has no calibration in {path.name}, which holds {', '.join(tables)}; rename it, take it out, or list the wanted ones in the option cameras"
+                f"video {videos[name]} has no calibration in {path.name}, which holds {', '.join(tables)}; rename it,"
+                " take it out, or list the wanted ones in the option cameras"
             )
         if key in matched.values():
-            raise CalibrationError(f"calibration {key} of {path.name} fits two videos, {name} and {next(n for n in matched if matched[n] == key)}; rename one")
+            raise CalibrationError(
+                f"calibration {key} of {path.name} fits two videos, {name} and"
+                f" {next(n for n in matched if matched[n] == key)}; rename one"
+            )
         matched[name] = key
     names = tuple(videos)
-    notes += [f"calibration {key} has no video and is left out" for key in tables if key not in matched.values() and options.cameras is None]
+    notes += [
+        f"calibration {key} has no video and is left out"
+        for key in tables
+        if key not in matched.values() and options.cameras is None
+    ]
     pictures, rate, more = video_streams(videos, options.frame_rate)
     notes += [*more, *picture_gaps(names, pictures)]
     rig = build_rig([table_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
     joints, more = _joints(base, options, names, pictures)
     notes += more
     joints3d, more = _joints3d(base, options)
-    return Capture("pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more, *rig_notes(rig)))
+    return Capture(
+        "pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more, *rig_notes(rig))
+    )
 
 
 def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, Mapping[str, Any]]]:
-    """The one file with camera tables: TOML, or Qualisys' own where it is chosen or there is no TOML; unreadable ones count only where nothing else is found."""
+    """The one file with camera tables: TOML, or Qualisys' own where it is chosen or there is no TOML; unreadable
+    ones count only where nothing else is found."""
     given = chosen(base, options.calibration, "calibration")
     found: dict[Path, dict[str, Mapping[str, Any]]] = {}
     broken: list[CalibrationError] = []
     everything = sorted(p for p in base.rglob("*") if p.is_file())
-    for paths in [[given]] if given else [[p for p in everything if p.suffix == ".toml"], [p for p in everything if is_qualisys(p)]]:
+    for paths in (
+        [[given]]
+        if given
+        else [[p for p in everything if p.suffix == ".toml"], [p for p in everything if is_qualisys(p)]]
+    ):
         for path in paths if not found else []:
             try:
                 if tables := (qualisys_tables if is_qualisys(path) else toml_tables)(path):
@@ -75,9 +107,18 @@ def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, 
             except CalibrationError as e:
                 broken.append(e)
     if not found:
-        raise broken[0] if broken else CalibrationError(f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation, no *.qca.txt")
+        raise (
+            broken[0]
+            if broken
+            else CalibrationError(
+                f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation, no"
+                " *.qca.txt"
+            )
+        )
     if len(found) > 1:
-        raise CalibrationError(f"several calibrations fit: {shown(base, found)}; choose one with the option calibration")
+        raise CalibrationError(
+            f"several calibrations fit: {shown(base, found)}; choose one with the option calibration"
+        )
     path, tables = next(iter(found.items()))
     usable = {k: t for k, t in tables.items() if not t.get("ignore")}
     if not usable:
@@ -126,7 +167,9 @@ def _joint_folders(parent: Path, names: Sequence[str]) -> dict[str, Path]:
     return out
 
 
-def _joints(base: Path, options: Pose2SimOptions, names: Sequence[str], pictures: Sequence[Stream]) -> tuple[tuple[Stream | None, ...], list[str]]:
+def _joints(
+    base: Path, options: Pose2SimOptions, names: Sequence[str], pictures: Sequence[Stream]
+) -> tuple[tuple[Stream | None, ...], list[str]]:
     given = chosen(base, options.joints, "joints")
     parents = [given] if given else [base, *sorted((p for p in base.rglob("*") if p.is_dir()), key=natural)]
     found = {p: f for p in parents if (f := _joint_folders(p, names))}

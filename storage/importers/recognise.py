@@ -1,4 +1,5 @@
-"""Which layout a folder has, by the files in it and what they hold, and the sentences for one that was named wrongly."""
+"""Which layout a folder has, by the files in it and what they hold, and the sentences for one that was named
+wrongly."""
 
 from __future__ import annotations
 
@@ -37,12 +38,18 @@ def _has_cameras_json(base: Path) -> bool:
 
 
 def _has_images(base: Path) -> bool:
-    return any(p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir())
+    return any(
+        p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir()
+    )
 
 
 def _has_camera_tables(base: Path) -> bool:
     """A TOML file that cannot be read counts: what is wrong with it is said when it is read for good."""
-    return any(is_qualisys(p) or (p.suffix == ".toml" and _or_broken(partial(toml_tables, p))) for p in base.rglob("*") if p.is_file())
+    return any(
+        is_qualisys(p) or (p.suffix == ".toml" and _or_broken(partial(toml_tables, p)))
+        for p in base.rglob("*")
+        if p.is_file()
+    )
 
 
 def _or_broken(look: Callable[[], object]) -> bool:
@@ -53,16 +60,28 @@ def _or_broken(look: Callable[[], object]) -> bool:
 
 
 LAYOUTS: Mapping[str, tuple[Trait, ...]] = {
-    "images": (Trait("cameras.json that lists cameras", lambda b: _or_broken(partial(_has_cameras_json, b))), Trait("pictures images/NAME/<number>.png, .jpg or .exr", _has_images)),
+    "images": (
+        Trait("cameras.json that lists cameras", lambda b: _or_broken(partial(_has_cameras_json, b))),
+        Trait("pictures images/NAME/<number>.png, .jpg or .exr", _has_images),
+    ),
     "easymocap": (
         Trait("intri.yml", lambda b: (b / "intri.yml").is_file()),
         Trait("extri.yml", lambda b: (b / "extri.yml").is_file()),
-        Trait("images/NAME/000000.jpg or videos/NAME.mp4", lambda b: _has_images(b) or _or_broken(partial(videos_in, b / "videos"))),
+        Trait(
+            "images/NAME/000000.jpg or videos/NAME.mp4",
+            lambda b: _has_images(b) or _or_broken(partial(videos_in, b / "videos")),
+        ),
     ),
-    "caliscope": (Trait("videos cam_N.mp4", lambda b: _or_broken(partial(recordings, b))), Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda b: bool(calibration_files(b)))),
+    "caliscope": (
+        Trait("videos cam_N.mp4", lambda b: _or_broken(partial(recordings, b))),
+        Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda b: bool(calibration_files(b))),
+    ),
     "pose2sim": (
         Trait("calibration *.toml with a camera's matrix, or *.qca.txt of Qualisys", _has_camera_tables),
-        Trait("videos in the folder or below", lambda b: _or_broken(lambda: any(videos_in(f) for f in (b, *(p for p in b.rglob("*") if p.is_dir()))))),
+        Trait(
+            "videos in the folder or below",
+            lambda b: _or_broken(lambda: any(videos_in(f) for f in (b, *(p for p in b.rglob("*") if p.is_dir())))),
+        ),
     ),
 }
 """What each layout needs, the particular ones first: what Caliscope leaves, Pose2Sim's importer could read, too."""
@@ -82,17 +101,29 @@ def recognised(base: Path) -> str:
     if len(found) > 1:
         raise SourceError(f"{base} fits the layouts {' and '.join(found)}; name the one that is meant in place of auto")
     if not found:
-        raise SourceError("\n".join([f"{base} has no layout that is read; it holds {held(base)}", *(f"for the layout {name} it lacks {'; '.join(_lacking(base, name))}" for name in LAYOUTS)]))
+        raise SourceError(
+            "\n".join(
+                [
+                    f"{base} has no layout that is read; it holds {held(base)}",
+                    *(f"for the layout {name} it lacks {'; '.join(_lacking(base, name))}" for name in LAYOUTS),
+                ]
+            )
+        )
     return found[0]
 
 
 def explained(layout: str, base: Path) -> str:
-    """What a layout expects that a folder lacks, what is there instead, and the layout that fits; empty where it lacks nothing."""
+    """What a layout expects that a folder lacks, what is there instead, and the layout that fits; empty where it
+    lacks nothing."""
     lacking = _lacking(base, layout) if base.is_dir() else []
     if not lacking:
         return ""
     other = [n for n in fitting(base) if n != layout]
-    fits = f"that is the layout {' or '.join(other)}: posegaussian import {other[0]} {shlex.quote(str(base))}" if other else "no other layout fits it either"
+    fits = (
+        f"that is the layout {' or '.join(other)}: posegaussian import {other[0]} {shlex.quote(str(base))}"
+        if other
+        else "no other layout fits it either"
+    )
     expected = [t.expected for t in LAYOUTS[layout]]
     missing = "nothing of this" if len(lacking) == len(expected) else f"no {'; no '.join(lacking)}"
     return f"the layout {layout} expects {'; '.join(expected)}: {base} has {missing}. It holds {held(base)}; {fits}"

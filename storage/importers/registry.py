@@ -32,10 +32,30 @@ class Importer:
 
 
 _ALL = (
-    Importer("pose2sim", "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.", pose2sim.Pose2SimOptions, pose2sim.find),
-    Importer("caliscope", "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.", caliscope.CaliscopeOptions, caliscope.find),
-    Importer("easymocap", "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.", easymocap.EasyMocapOptions, easymocap.find),
-    Importer("images", "Folders of pictures and one cameras.json, optionally masks, joints, depth maps and true depth.", images.ImagesOptions, images.find),
+    Importer(
+        "pose2sim",
+        "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.",
+        pose2sim.Pose2SimOptions,
+        pose2sim.find,
+    ),
+    Importer(
+        "caliscope",
+        "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.",
+        caliscope.CaliscopeOptions,
+        caliscope.find,
+    ),
+    Importer(
+        "easymocap",
+        "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.",
+        easymocap.EasyMocapOptions,
+        easymocap.find,
+    ),
+    Importer(
+        "images",
+        "Folders of pictures and one cameras.json, optionally masks, joints, depth maps and true depth.",
+        images.ImagesOptions,
+        images.find,
+    ),
 )
 
 IMPORTERS: Mapping[str, Importer] = {i.name: i for i in _ALL}
@@ -49,18 +69,24 @@ AUTO = "auto"
 def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) -> Capture:
     """Find a capture with options as plain values.
 
-    Raises SourceError for an unknown layout or option, and what `find` raises, with the layout that fits where this one does not.
+    Raises SourceError for an unknown layout or option, and what `find` raises, with the layout that fits where this one
+    does not.
     """
     base = Path(source).resolve()
     if layout != AUTO and layout not in IMPORTERS:
         fits = fitting(base)
-        raise SourceError(f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}, and {AUTO}, which takes the one that fits" + (f": here {fits[0]}" if fits else ""))
+        raise SourceError(
+            f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}, and {AUTO}, which takes the one that fits"
+            + (f": here {fits[0]}" if fits else "")
+        )
     importer = IMPORTERS[recognised(base) if layout == AUTO else layout]
     try:
         checked = importer.options.model_validate(dict(options))
     except ValidationError as e:
         faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
-        raise SourceError(f"options of {importer.name}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}") from e
+        raise SourceError(
+            f"options of {importer.name}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}"
+        ) from e
     try:
         capture = importer.find(base, checked)
     except UserError as e:
@@ -73,7 +99,8 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:
-    """The capture with the cameras held out that the option names, else those that the layout marks. Raises SourceError."""
+    """The capture with the cameras held out that the option names, else those that the layout marks. Raises
+    SourceError."""
     names = capture.rig.names
     for name in held_out or ():
         if name not in names:

@@ -68,7 +68,13 @@ class Rig:
     def subset(self, views: Sequence[int]) -> Rig:
         """The rig of the given views, in the given order."""
         v = list(views)
-        return Rig(tuple(self.names[i] for i in v), self.intrinsics[v], self.distortion[v], self.world_to_camera[v], self.size[v])
+        return Rig(
+            tuple(self.names[i] for i in v),
+            self.intrinsics[v],
+            self.distortion[v],
+            self.world_to_camera[v],
+            self.size[v],
+        )
 
     @property
     def rotations(self) -> np.ndarray:
@@ -86,18 +92,24 @@ class Rig:
         return digest([list(self.names), self.intrinsics, self.distortion, self.world_to_camera, self.size])
 
     def check(self) -> None:
-        """Raise CalibrationError for names that repeat and for cameras that are not finite, rigid, positive or plausible.
+        """Raise CalibrationError for names that repeat and for cameras that are not finite, rigid, positive or
+        plausible.
 
         A rotation is accepted when R R^T differs from the identity by at most 1e-3 (text files round to few digits).
         """
         for name in self.names:
             if self.names.count(name) > 1:
-                raise CalibrationError(f"camera name {name!r} occurs {self.names.count(name)} times; names must be unique")
+                raise CalibrationError(
+                    f"camera name {name!r} occurs {self.names.count(name)} times; names must be unique"
+                )
         for v, name in enumerate(self.names):
             for label in ("intrinsics", "distortion", "world_to_camera"):
                 values = getattr(self, label)[v]
                 if not np.isfinite(values).all():
-                    raise CalibrationError(f"camera {name}: {label} holds {values[~np.isfinite(values)][0]}; calibrate again or leave the camera out")
+                    raise CalibrationError(
+                        f"camera {name}: {label} holds {values[~np.isfinite(values)][0]}; calibrate again or leave the"
+                        " camera out"
+                    )
             fx, fy = self.intrinsics[v, 0, 0], self.intrinsics[v, 1, 1]
             if fx <= 0 or fy <= 0:
                 raise CalibrationError(f"camera {name}: focal lengths ({fx:g}, {fy:g}) px must be positive")
@@ -105,11 +117,17 @@ class Rig:
             r = self.rotations[v]
             error = np.abs(r @ r.T - np.eye(3)).max()
             if error <= 1e-3 and np.linalg.det(r) < 0:
-                raise CalibrationError(f"camera {name}: the rotation is a mirror image (determinant -1); one of its axes has the wrong sign")
+                raise CalibrationError(
+                    f"camera {name}: the rotation is a mirror image (determinant -1); one of its axes has the wrong"
+                    " sign"
+                )
             if error > 1e-3:
                 raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3)")
             if not np.array_equal(self.world_to_camera[v, 3], [0, 0, 0, 1]):
-                raise CalibrationError(f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid motion's is [0, 0, 0, 1]")
+                raise CalibrationError(
+                    f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid"
+                    " motion's is [0, 0, 0, 1]"
+                )
 
 
 def rigid(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -151,4 +169,6 @@ class CameraPath:
 
     def slice(self, frames: slice) -> CameraPath:
         """The same cameras over some of the frames."""
-        return CameraPath(self.kind, self.names, self.intrinsics[frames], self.world_to_camera[frames], self.size, self.served[frames])
+        return CameraPath(
+            self.kind, self.names, self.intrinsics[frames], self.world_to_camera[frames], self.size, self.served[frames]
+        )

@@ -1,7 +1,7 @@
 """A capture as an importer found it: cameras, and for every view which files hold what.
 
-Files are referenced, not copied; each is known by its sha256, its size and its modification time. The capture is kept as
-JSON in the sequence's attributes; `sources.py` makes lazy readers from it.
+Files are referenced, not copied; each is known by its sha256, its size and its modification time. The capture is kept
+as JSON in the sequence's attributes; `sources.py` makes lazy readers from it.
 """
 
 from __future__ import annotations
@@ -71,12 +71,21 @@ class SourceFile:
         try:
             stat = p.stat()
         except OSError as e:
-            raise SourceError(f"source file {p} cannot be read any more ({e.strerror}); put it back or import the capture again") from e
+            raise SourceError(
+                f"source file {p} cannot be read any more ({e.strerror}); put it back or import the capture again"
+            ) from e
         if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
             return
         if stat.st_size != self.size or SourceFile.of(p).sha256 != self.sha256:
-            how = f"it has {stat.st_size} bytes, not {self.size}" if stat.st_size != self.size else "it has the same size and another content"
-            raise SourceError(f"source file {p} changed since it was imported: {how}; put the old one back or import the capture again")
+            how = (
+                f"it has {stat.st_size} bytes, not {self.size}"
+                if stat.st_size != self.size
+                else "it has the same size and another content"
+            )
+            raise SourceError(
+                f"source file {p} changed since it was imported: {how}; put the old one back or import the capture"
+                " again"
+            )
 
 
 ONE_FILE = ("video", "coco", "caliscope", "trc")
@@ -96,10 +105,12 @@ class Stream:
     size: tuple[int, int] = (0, 0)
     """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
     options: dict[str, Any] = field(default_factory=dict)
-    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in `index_of`."""
+    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in
+    `index_of`."""
 
     def index_of(self, number: int) -> int | None:
-        """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`, which go with `numbers`.
+        """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`,
+        which go with `numbers`.
 
         Without indices it is the number itself; with them, None for a number that the stream does not have.
         """
@@ -110,14 +121,21 @@ class Stream:
         kept = [(i, n) for i, n in enumerate(self.numbers) if first <= n - late <= last]
         numbers = tuple(n - late for _, n in kept)
         if self.kind in ONE_FILE:
-            return replace(self, numbers=numbers, options={**self.options, "indices": [self.index_of(n) for _, n in kept]})
+            return replace(
+                self, numbers=numbers, options={**self.options, "indices": [self.index_of(n) for _, n in kept]}
+            )
         return replace(self, numbers=numbers, files=tuple(self.files[i] for i, _ in kept))
 
     def digest(self, numbers: Sequence[int] | np.ndarray) -> str:
-        """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of its frames these are."""
+        """Digest of the files behind some frame numbers: of the whole file where one file holds all, and which of
+        its frames these are."""
         held = sorted({int(n) for n in numbers} & self._file_of.keys())
         shas = [self.files[0].sha256] if len(self.files) == 1 else [self._file_of[n].sha256 for n in held]
-        options = {**self.options, "indices": [self._index_of[n] for n in held]} if "indices" in self.options else self.options
+        options = (
+            {**self.options, "indices": [self._index_of[n] for n in held]}
+            if "indices" in self.options
+            else self.options
+        )
         return digest([self.kind, shas, held, options])
 
     @cached_property
@@ -128,7 +146,9 @@ class Stream:
     @cached_property
     def _file_of(self) -> dict[int, SourceFile]:
         """{frame number: the file that holds it}."""
-        return dict(zip(self.numbers, self.files * len(self.numbers) if len(self.files) == 1 else self.files, strict=True))
+        return dict(
+            zip(self.numbers, self.files * len(self.numbers) if len(self.files) == 1 else self.files, strict=True)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +170,14 @@ class Capture:
     joints3d: Stream | None = None
     """3D joints; `options["joint_set"]` names their joint set."""
     depth: tuple[Stream | None, ...] = ()
-    """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand (`depth.method: truth`)."""
+    """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand
+    (`depth.method: truth`)."""
     depth_maps: tuple[Stream | None, ...] = ()
-    """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per unit of its files."""
+    """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per
+    unit of its files."""
     crops: Mapping[str, Crop] = field(default_factory=dict)
-    """By camera, how captured pixels become calibrated ones where that is no identity, as found or said at import; `frames.crop` overrules it."""
+    """By camera, how captured pixels become calibrated ones where that is no identity, as found or said at import;
+    `frames.crop` overrules it."""
     held_out: tuple[str, ...] = ()
     """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
     notes: tuple[str, ...] = ()
@@ -170,16 +193,21 @@ class Capture:
         return np.unique(np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in self.pictures]))
 
     def in_step(self, late: Sequence[int]) -> Capture:
-        """The capture with every view's files renumbered: picture, mask, joints and depth n of view v are those of number n + late[v].
+        """The capture with every view's files renumbered: picture, mask, joints and depth n of view v are those of
+        number n + late[v].
 
-        No frame is added: what would come before the first source frame or after the last one is left out. 3D joints stay.
+        No frame is added: what would come before the first source frame or after the last one is left out. 3D joints
+        stay.
         """
         if not any(late):
             return self
         first, last = int(self.numbers[0]), int(self.numbers[-1])
 
         def moved(kind: str) -> tuple[Stream | None, ...]:
-            return tuple(s if s is None or not n else s.renumbered(n, first, last) for s, n in zip(self.streams(kind), late, strict=False))
+            return tuple(
+                s if s is None or not n else s.renumbered(n, first, last)
+                for s, n in zip(self.streams(kind), late, strict=False)
+            )
 
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
@@ -212,7 +240,13 @@ class Capture:
         def stream(s: dict[str, Any] | None) -> Stream | None:
             if s is None:
                 return None
-            return Stream(s["kind"], tuple(SourceFile(**f) for f in s["files"]), tuple(s["numbers"]), tuple(s["size"]), s["options"])
+            return Stream(
+                s["kind"],
+                tuple(SourceFile(**f) for f in s["files"]),
+                tuple(s["numbers"]),
+                tuple(s["size"]),
+                s["options"],
+            )
 
         r = data["rig"]
         rig = Rig(
@@ -223,5 +257,16 @@ class Capture:
             np.array(r["size"], dtype=np.int64),
         )
         kinds = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
-        crops = {name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()}  # archives of older versions have neither
-        return cls(data["layout"], rig, data["frame_rate"], joints3d=stream(data["joints3d"]), crops=crops, held_out=tuple(data.get("held_out", ())), notes=tuple(data["notes"]), **kinds)  # type: ignore[arg-type]
+        crops = {
+            name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()
+        }  # archives of older versions have neither
+        return cls(
+            data["layout"],
+            rig,
+            data["frame_rate"],
+            joints3d=stream(data["joints3d"]),
+            crops=crops,
+            held_out=tuple(data.get("held_out", ())),
+            notes=tuple(data["notes"]),
+            **kinds,
+        )  # type: ignore[arg-type]

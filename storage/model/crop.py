@@ -13,7 +13,8 @@ Offset = Annotated[float, Field(ge=-1e5, le=1e5)]
 
 
 class Crop(BaseModel):
-    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x + offset."""
+    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x +
+    offset."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     scale: float = Field(1.0, ge=1e-3, le=1e3, description="Calibrated pixels per captured pixel.")
@@ -21,7 +22,8 @@ class Crop(BaseModel):
 
 
 def crop_settings(choices: Mapping[str, Sequence[tuple[Crop, str]]]) -> list[str]:
-    """`frames.crop` as lines of YAML to copy: per camera the first of its (crop, meaning) as the value, the others as comments.
+    """`frames.crop` as lines of YAML to copy: per camera the first of its (crop, meaning) as the value, the others as
+    comments.
 
     All lines are indented alike, so that they are told from a sentence and are YAML as they stand.
     """
@@ -29,5 +31,8 @@ def crop_settings(choices: Mapping[str, Sequence[tuple[Crop, str]]]) -> list[str
     for name, (first, *others) in choices.items():
         # A JSON text is a YAML key whatever the name holds: 01 stays a text.
         key = name if re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name) else json.dumps(name)
-        lines += [f"      {mark}{key}: {{scale: {c.scale:.6g}, offset: [{c.offset[0]:.6g}, {c.offset[1]:.6g}]}}  # {how}" for mark, (c, how) in [("", first), *(("# ", o) for o in others)]]
+        lines += [
+            f"      {mark}{key}: {{scale: {c.scale:.6g}, offset: [{c.offset[0]:.6g}, {c.offset[1]:.6g}]}}  # {how}"
+            for mark, (c, how) in [("", first), *(("# ", o) for o in others)]
+        ]
     return lines

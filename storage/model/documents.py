@@ -1,9 +1,9 @@
 """Files of other people's, read within bounds: JSON, TOML, XML, tables and text; YAML is in `yaml_documents`.
 
 Whoever opens a file that somebody else made goes through here. A file is a regular one, or it is not opened: a pipe
-would be waited for, and /dev/zero never ends. Its size is looked at before it is read, its nesting, its number of values
-and its whole numbers before anything is made of it. Every fault is a SourceError that says file, and line and column
-where there are any.
+would be waited for, and /dev/zero never ends. Its size is looked at before it is read, its nesting, its number of
+values and its whole numbers before anything is made of it. Every fault is a SourceError that says file, and line and
+column where there are any.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ def _kind(mode: int) -> str:
 
 @contextmanager
 def reader_of(path: str | Path, what: str = "file") -> Iterator[None]:
-    """Turns what a library throws over a damaged file into a SourceError that names it; for the library's calls alone."""
+    """Turns what a library throws over a damaged file into a SourceError that names it; for the library's calls
+    alone."""
     try:
         yield
     except (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as e:
@@ -139,7 +140,8 @@ def too_deep(where: str | Path) -> str:
 
 
 def check_plain(value: Any, where: str | Path) -> None:
-    """Raise SourceError for plain values nested more than `DEEPEST` deep and whole numbers of over `MOST_DIGITS` digits."""
+    """Raise SourceError for plain values nested more than `DEEPEST` deep and whole numbers of over `MOST_DIGITS`
+    digits."""
     level = [value]
     for _ in range(DEEPEST + 1):
         if huge := next((x for x in level if isinstance(x, int) and abs(x) >= 10**MOST_DIGITS), None):

@@ -39,7 +39,8 @@ class ShardCorrupt(ArchiveError):
 
 
 class LeaseHeld(ArchiveError):
-    """Work that another run is doing right now; `holder` (posegaussian.storage.archive.lease.Holder) says who, where, since when."""
+    """Work that another run is doing right now; `holder` (posegaussian.storage.archive.lease.Holder) says who,
+    where, since when."""
 
     def __init__(self, sentence: str, holder: Any = None) -> None:
         super().__init__(sentence, holder)
@@ -58,7 +59,8 @@ class SchedulerLost(UserError):
 
 
 class NotWritten(UserError, OSError):
-    """A file or folder that the system did not take: disk full, read-only, no permission, no such place. An OSError with its number."""
+    """A file or folder that the system did not take: disk full, read-only, no permission, no such place. An OSError
+    with its number."""
 
     def __init__(self, number: int, sentence: str) -> None:
         super().__init__(number, sentence)
@@ -68,7 +70,8 @@ class NotWritten(UserError, OSError):
 
 
 class OtherCode(UserError):
-    """A process whose code or libraries are not those of the run, so that its results would not be what their receipts claim."""
+    """A process whose code or libraries are not those of the run, so that its results would not be what their
+    receipts claim."""
 
     def __init__(self, sentence: str, worker: str = "", versions: dict[str, str] | None = None) -> None:
         super().__init__(sentence, worker, versions)

@@ -1,4 +1,5 @@
-"""Joint sets: which joints a detector names, in which order, how they are linked, and how one set is read as another."""
+"""Joint sets: which joints a detector names, in which order, how they are linked, and how one set is read as
+another."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ class JointSet:
     flips: tuple[int, ...]
     """[J] index of each joint's mirror image; a joint on the body's midline is its own."""
     anatomy: Mapping[str, str] = field(default_factory=dict)
-    """Place of those joints whose name means something else in another set: two joints are the same where their places are."""
+    """Place of those joints whose name means something else in another set: two joints are the same where their
+    places are."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,35 +70,40 @@ COCO17 = _joint_set(
 
 BODY_25 = _joint_set(
     "body_25",
-    "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist MidHip RHip RKnee RAnkle LHip LKnee LAnkle REye LEye REar LEar "
-    "LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel",
+    "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist MidHip RHip RKnee RAnkle LHip LKnee LAnkle REye LEye"
+    " REar LEar LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel",
     f"{_FACE} Nose-Neck Neck-*Shoulder Neck-MidHip MidHip-*Hip {_ARMS_AND_LEGS} {_FEET}",
 )
 """OpenPose BODY_25; its Neck lies between the shoulders."""
 
 BODY_25B = _joint_set(
     "body_25b",
-    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle UpperNeck HeadTop "
-    "LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel",
+    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle"
+    " UpperNeck HeadTop LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel",
     f"{_FACE} Nose-UpperNeck UpperNeck-HeadTop UpperNeck-*Shoulder {_TORSO} {_ARMS_AND_LEGS} {_FEET}",
 )
-"""OpenPose BODY_25B (experimental models): COCO-17 first, then neck, head and feet; its UpperNeck is the base of the skull."""
+"""OpenPose BODY_25B (experimental models): COCO-17 first, then neck, head and feet; its UpperNeck is the base of the
+skull."""
 
 TRC21 = _joint_set(
     "trc21",
-    "RHip RKnee RAnkle RBigToe RSmallToe RHeel LHip LKnee LAnkle LBigToe LSmallToe LHeel Neck Head Nose RShoulder RElbow RWrist LShoulder LElbow LWrist",
+    "RHip RKnee RAnkle RBigToe RSmallToe RHeel LHip LKnee LAnkle LBigToe LSmallToe LHeel Neck Head Nose RShoulder"
+    " RElbow RWrist LShoulder LElbow LWrist",
     f"Nose-Neck Neck-Head Neck-*Shoulder {_TORSO} {_ARMS_AND_LEGS} {_FEET}",
     anatomy={"Neck": "UpperNeck", "Head": "HeadTop"},
 )
-"""The 21 markers that pose2sim writes to TRC files from BODY_25B; its Neck is BODY_25B's UpperNeck, not BODY_25's Neck."""
+"""The 21 markers that pose2sim writes to TRC files from BODY_25B; its Neck is BODY_25B's UpperNeck, not BODY_25's
+Neck."""
 
 _BLAZEPOSE_NAMES = (
-    "Nose LEyeInner LEye LEyeOuter REyeInner REye REyeOuter LEar REar LMouth RMouth LShoulder RShoulder LElbow RElbow LWrist RWrist "
-    "LPinky RPinky LIndex RIndex LThumb RThumb LHip RHip LKnee RKnee LAnkle RAnkle LHeel RHeel LFootIndex RFootIndex"
+    "Nose LEyeInner LEye LEyeOuter REyeInner REye REyeOuter LEar REar LMouth RMouth LShoulder RShoulder LElbow RElbow"
+    " LWrist RWrist LPinky RPinky LIndex RIndex LThumb RThumb LHip RHip LKnee RKnee LAnkle RAnkle LHeel RHeel"
+    " LFootIndex RFootIndex"
 )
 _BLAZEPOSE_LIMBS = (
-    "Nose-*EyeInner *EyeInner-*Eye *Eye-*EyeOuter *EyeOuter-*Ear *Ear-*Shoulder Nose-*Mouth LMouth-RMouth "
-    f"{_TORSO} {_ARMS_AND_LEGS} *Wrist-*Pinky *Wrist-*Index *Wrist-*Thumb *Pinky-*Index *Ankle-*Heel *Heel-*FootIndex *Ankle-*FootIndex"
+    f"Nose-*EyeInner *EyeInner-*Eye *Eye-*EyeOuter *EyeOuter-*Ear *Ear-*Shoulder Nose-*Mouth LMouth-RMouth {_TORSO}"
+    f" {_ARMS_AND_LEGS} *Wrist-*Pinky *Wrist-*Index *Wrist-*Thumb *Pinky-*Index *Ankle-*Heel *Heel-*FootIndex"
+    " *Ankle-*FootIndex"
 )
 
 BLAZEPOSE33 = _joint_set("blazepose33", _BLAZEPOSE_NAMES, _BLAZEPOSE_LIMBS)
@@ -111,47 +118,49 @@ BLAZEPOSE39 = _joint_set(
 )
 """All points of MediaPipe's landmark model: BLAZEPOSE33, then six that only place regions of interest.
 
-MidHip is the middle of a circle around the whole body and BodyCircle a point on it, above the head along the body's axis
-(https://arxiv.org/abs/2006.10204, section 2.2). The last four are undocumented; on real pictures each HandRoot lies within
-a pixel of the wrist and each Palm between the knuckles of pinky and index. BodyCircle and the four are no joints: no limb
-ends there and no other set has them."""
+MidHip is the middle of a circle around the whole body and BodyCircle a point on it, above the head along the body's
+axis (https://arxiv.org/abs/2006.10204, section 2.2). The last four are undocumented; on real pictures each HandRoot
+lies within a pixel of the wrist and each Palm between the knuckles of pinky and index. BodyCircle and the four are
+no joints: no limb ends there and no other set has them."""
 
 H36M17 = _joint_set(
     "h36m17",
-    "Hip RHip RKnee RAnkle LHip LKnee LAnkle Spine Thorax NeckNose Head LShoulder LElbow LWrist RShoulder RElbow RWrist",
-    "Hip-*Hip *Hip-*Knee *Knee-*Ankle Hip-Spine Spine-Thorax Thorax-NeckNose NeckNose-Head Thorax-*Shoulder *Shoulder-*Elbow *Elbow-*Wrist",
+    "Hip RHip RKnee RAnkle LHip LKnee LAnkle Spine Thorax NeckNose Head LShoulder LElbow LWrist RShoulder RElbow"
+    " RWrist",
+    "Hip-*Hip *Hip-*Knee *Knee-*Ankle Hip-Spine Spine-Thorax Thorax-NeckNose NeckNose-Head Thorax-*Shoulder"
+    " *Shoulder-*Elbow *Elbow-*Wrist",
     anatomy={"Hip": "MidHip", "Head": "HeadTop"},
 )
 """The 17 joints of Human3.6M that move (http://vision.imar.ro/human3.6m), in the order of its 3D pose estimators.
 
-Its Hip is midway between the hip joints, its Head the crown. Thorax is a joint of the motion capture's spine and not the
-middle of the shoulders, NeckNose lies between throat and nose: neither is a Neck of another set."""
+Its Hip is midway between the hip joints, its Head the crown. Thorax is a joint of the motion capture's spine and not
+the middle of the shoulders, NeckNose lies between throat and nose: neither is a Neck of another set."""
 
 HALPE26 = _joint_set(
     "halpe26",
-    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle Head Neck Hip "
-    "LBigToe RBigToe LSmallToe RSmallToe LHeel RHeel",
+    "Nose LEye REye LEar REar LShoulder RShoulder LElbow RElbow LWrist RWrist LHip RHip LKnee RKnee LAnkle RAnkle Head"
+    " Neck Hip LBigToe RBigToe LSmallToe RSmallToe LHeel RHeel",
     f"{_FACE} Nose-Neck Neck-Head Neck-*Shoulder Neck-Hip Hip-*Hip {_ARMS_AND_LEGS} {_FEET}",
     anatomy={"Head": "HeadTop", "Hip": "MidHip", "Neck": "HalpeNeck"},
 )
 """The body of Halpe (https://github.com/Fang-Haoshu/Halpe-FullBody), which AlphaPose and RTMPose detect: COCO-17 first.
 
-Its Head is the crown. Its detectors learn the Neck from sets that put it at the base of the skull, at the throat or between
-the shoulders, so it is no other set's."""
+Its Head is the crown. Its detectors learn the Neck from sets that put it at the base of the skull, at the throat or
+between the shoulders, so it is no other set's."""
 
 SMPL24 = _joint_set(
     "smpl24",
-    "Pelvis LHip RHip Spine1 LKnee RKnee Spine2 LAnkle RAnkle Spine3 LFoot RFoot Neck LCollar RCollar Head LShoulder RShoulder "
-    "LElbow RElbow LWrist RWrist LHand RHand",
-    "Pelvis-*Hip *Hip-*Knee *Knee-*Ankle *Ankle-*Foot Pelvis-Spine1 Spine1-Spine2 Spine2-Spine3 Spine3-Neck Neck-Head Spine3-*Collar "
-    "*Collar-*Shoulder *Shoulder-*Elbow *Elbow-*Wrist *Wrist-*Hand",
+    "Pelvis LHip RHip Spine1 LKnee RKnee Spine2 LAnkle RAnkle Spine3 LFoot RFoot Neck LCollar RCollar Head LShoulder"
+    " RShoulder LElbow RElbow LWrist RWrist LHand RHand",
+    "Pelvis-*Hip *Hip-*Knee *Knee-*Ankle *Ankle-*Foot Pelvis-Spine1 Spine1-Spine2 Spine2-Spine3 Spine3-Neck Neck-Head"
+    " Spine3-*Collar *Collar-*Shoulder *Shoulder-*Elbow *Elbow-*Wrist *Wrist-*Hand",
     anatomy={"LHip": "SmplLHip", "RHip": "SmplRHip", "Neck": "SmplNeck", "Head": "SmplHead"},
 )
 """The skeleton of the body model SMPL (https://smpl.is.tue.mpg.de).
 
-Its hips are centimetres closer together than those that detectors learn, its Pelvis lies above the line between them, its Neck
-within the spine and its Head where the skull turns: these are no other set's. Knees, ankles, shoulders, elbows and wrists are
-the same joints."""
+Its hips are centimetres closer together than those that detectors learn, its Pelvis lies above the line between
+them, its Neck within the spine and its Head where the skull turns: these are no other set's. Knees, ankles,
+shoulders, elbows and wrists are the same joints."""
 
 JOINT_SETS: Mapping[str, JointSet] = MappingProxyType(
     {s.id: s for s in (COCO17, BODY_25, BODY_25B, TRC21, BLAZEPOSE33, BLAZEPOSE39, H36M17, HALPE26, SMPL24)}
@@ -176,7 +185,8 @@ def joint_map(source: str, target: str) -> np.ndarray:
 
 
 def to_set(joints: np.ndarray, source: str, target: str) -> np.ndarray:
-    """Joints [..., J_source, C] of one set -> [..., J_target, C] of another, by anatomical name; the last column is the score.
+    """Joints [..., J_source, C] of one set -> [..., J_target, C] of another, by anatomical name; the last column is the
+    score.
 
     Exact where both sets have the joint; a joint the source lacks is all zeros, its score too. Nothing is derived (no
     MidHip from two hips). Raises SourceError for an unknown id and ValueError when J does not fit the source set.

@@ -17,7 +17,28 @@ Keep = Literal["always", "until_done", "never"]
 Shape = Mapping[str, int]
 """Length of every named dimension of one sequence: frame, view, y, x, joint, source_y, ... (`y/4` follows from `y`)."""
 
-FIXED_DIMS = {"rgb": 3, "uvs": 3, "xyzs": 4, "axis": 3, "faces": 2, "one": 1, "coco17": 17, "motion": 3, "outline": 3, "light": 2, "fit": 3, "patch": 192, "point": 64, "outcome": 7, "heads": 8, "region": 4, "map_y": 64, "map_x": 64, "hint_y": 256, "hint_x": 256}
+FIXED_DIMS = {
+    "rgb": 3,
+    "uvs": 3,
+    "xyzs": 4,
+    "axis": 3,
+    "faces": 2,
+    "one": 1,
+    "coco17": 17,
+    "motion": 3,
+    "outline": 3,
+    "light": 2,
+    "fit": 3,
+    "patch": 192,
+    "point": 64,
+    "outcome": 7,
+    "heads": 8,
+    "region": 4,
+    "map_y": 64,
+    "map_x": 64,
+    "hint_y": 256,
+    "hint_x": 256,
+}
 """Dimensions whose length never depends on the capture: (u, v, score), (x, y, z, score), tangent-tangent-normal, ..."""
 
 BATCH_DIMS = ("frame", "view", "camera")

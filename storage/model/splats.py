@@ -16,7 +16,8 @@ SH0 = 0.28209479177387814
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """N Gaussians; all arrays float32. Values are as in the file: quaternions of any length, numbers that may not be finite."""
+    """N Gaussians; all arrays float32. Values are as in the file: quaternions of any length, numbers that may not be
+    finite."""
 
     mean: np.ndarray
     """[N, 3] centres."""
@@ -27,18 +28,29 @@ class Splats:
     opacity_logit: np.ndarray
     """[N] log(a / (1 - a)) of the alpha at the centre."""
     harmonics: np.ndarray
-    """[N, K, 3] coefficients of the real spherical harmonics for red, green and blue, K = (degree + 1)^2 = 1, 4, 9 or 16."""
+    """[N, K, 3] coefficients of the real spherical harmonics for red, green and blue, K = (degree + 1)^2 = 1, 4, 9
+    or 16."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for arrays that do not belong together."""
         n, k = len(self.mean), self.harmonics.shape[1] if self.harmonics.ndim == 3 else 0
-        wanted = {"mean": (n, 3), "log_scale": (n, 3), "quaternion": (n, 4), "opacity_logit": (n,), "harmonics": (n, k, 3)}
+        wanted = {
+            "mean": (n, 3),
+            "log_scale": (n, 3),
+            "quaternion": (n, 4),
+            "opacity_logit": (n,),
+            "harmonics": (n, k, 3),
+        }
         for f in fields(self):
             array = getattr(self, f.name)
             if array.shape != wanted[f.name] or array.dtype != np.float32:
-                raise ValueError(f"{f.name} is {array.dtype} {array.shape}; float32 {wanted[f.name]} is expected for {n} Gaussians")
+                raise ValueError(
+                    f"{f.name} is {array.dtype} {array.shape}; float32 {wanted[f.name]} is expected for {n} Gaussians"
+                )
         if k not in (1, 4, 9, 16):
-            raise ValueError(f"harmonics has {k} coefficients a colour; 1, 4, 9 or 16 are expected (degree 0, 1, 2 or 3)")
+            raise ValueError(
+                f"harmonics has {k} coefficients a colour; 1, 4, 9 or 16 are expected (degree 0, 1, 2 or 3)"
+            )
 
     def __len__(self) -> int:
         return len(self.mean)

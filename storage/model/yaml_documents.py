@@ -1,7 +1,7 @@
 """YAML within bounds: nodes and nesting are counted while a document is composed, with what aliases stand for.
 
-A few lines of YAML can stand for more values than there is memory (&a [*b, *b], &b [*c, *c], ...), or for themselves. An
-alias is counted as all that it stands for before anybody walks through it.
+A few lines of YAML can stand for more values than there is memory (&a [*b, *b], &b [*c, *c], ...), or for themselves.
+An alias is counted as all that it stands for before anybody walks through it.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".
 """File endings that count as pictures, lower case."""
 
 NO_TIME = "1970:01:01 00:00:00"
-"""Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its digests."""
+"""Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its
+digests."""
 MOST_CHANNELS = 4
 """Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
@@ -45,13 +46,16 @@ def read_picture(path: str | Path) -> np.ndarray:
     rgb = np.repeat(values[..., :1], 3, axis=2) if values.shape[2] < 3 else values[..., :3]
     if values.dtype == np.float32:
         if np.isnan(rgb).any():
-            raise SourceError(f"picture {path} holds NaN in {np.isnan(rgb).any(axis=2).sum()} pixels; write it again without NaN")
+            raise SourceError(
+                f"picture {path} holds NaN in {np.isnan(rgb).any(axis=2).sum()} pixels; write it again without NaN"
+            )
         return np.clip(rgb, -_HALF_MAX, _HALF_MAX).astype(np.float16)
     return _to_bytes(rgb)
 
 
 def read_mask(path: str | Path) -> np.ndarray:
-    """[h, w] uint8 of the first channel: 8 bit as it is, 16 bit scaled, float 0..1 scaled to 0..255. Raises SourceError."""
+    """[h, w] uint8 of the first channel: 8 bit as it is, 16 bit scaled, float 0..1 scaled to 0..255. Raises
+    SourceError."""
     first = _read(path)[..., 0]
     if first.dtype != np.float32:
         return _to_bytes(first)
@@ -70,19 +74,25 @@ def read_depth(path: str | Path) -> np.ndarray:
         raise SourceError(f"depth {path} holds {values.dtype} values; depth is read from float EXR files in metres")
     depth = np.where(np.isfinite(values), values, np.float32(0))
     if (depth < 0).any():
-        raise SourceError(f"depth {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no surface)")
+        raise SourceError(
+            f"depth {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no surface)"
+        )
     return depth
 
 
 def read_depth_map(path: str | Path, scale: float) -> np.ndarray:
-    """[h, w] float32 metres of the first channel of a float or integer file, `scale` metres a unit; 0 and what is not finite mean no surface.
+    """[h, w] float32 metres of the first channel of a float or integer file, `scale` metres a unit; 0 and what is not
+    finite mean no surface.
 
     Raises SourceError for negative depth.
     """
     values = _read(path)[..., 0].astype(np.float32)
     depth = np.where(np.isfinite(values), values, np.float32(0)) * np.float32(scale)
     if (depth < 0).any():
-        raise SourceError(f"depth map {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no surface)")
+        raise SourceError(
+            f"depth map {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no"
+            " surface)"
+        )
     return depth
 
 
@@ -94,14 +104,16 @@ def holds_integers(path: str | Path) -> bool:
 
 
 def write_png(path: str | Path, picture: np.ndarray) -> None:
-    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha. Raises NotWritten."""
+    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha. Raises
+    NotWritten."""
     if picture.dtype != np.uint8:
         raise ValueError(f"a PNG is written from uint8, got {picture.dtype} for {path}")
     _write(path, picture, "uint8", {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4})
 
 
 def write_exr(path: str | Path, picture: np.ndarray) -> None:
-    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes. Raises NotWritten."""
+    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes.
+    Raises NotWritten."""
     kinds = {np.dtype(np.float16): "half", np.dtype(np.float32): "float"}
     if picture.dtype not in kinds:
         raise ValueError(f"an EXR is written from float16 or float32, got {picture.dtype} for {path}")
@@ -148,7 +160,9 @@ def _read(path: str | Path) -> np.ndarray:
         source.close()
     if values is None or cause:
         raise SourceError(f"cannot read picture {path} to its end: {_line(cause)}; it is damaged or cut off")
-    return _oriented(np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1)
+    return _oriented(
+        np.asarray(values).reshape(spec.height, spec.width, channels), spec.getattribute("Orientation") or 1
+    )
 
 
 def _oriented(values: np.ndarray, orientation: int) -> np.ndarray:
@@ -164,7 +178,11 @@ def _oriented(values: np.ndarray, orientation: int) -> np.ndarray:
 
 def _to_bytes(values: np.ndarray) -> np.ndarray:
     """uint16 is 257 times uint8."""
-    return np.ascontiguousarray(values) if values.dtype == np.uint8 else ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    return (
+        np.ascontiguousarray(values)
+        if values.dtype == np.uint8
+        else ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    )
 
 
 def _write(path: str | Path, picture: np.ndarray, kind: str, attributes: dict[str, Any]) -> None:

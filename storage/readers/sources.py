@@ -1,6 +1,7 @@
 """Lazy readers over the files that a capture refers to: what a kernel gets from `inputs.source(kind)`.
 
-Each file is compared with what was imported when a reader first touches it; one that is gone or changed raises SourceError.
+Each file is compared with what was imported when a reader first touches it; one that is gone or changed raises
+SourceError.
 """
 
 from __future__ import annotations
@@ -10,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.storage.formats.joint_files import Detections, no_people, read_caliscope, read_coco, read_easymocap, read_openpose, read_trc
+from posegaussian.storage.formats.joint_files import (
+    Detections,
+    no_people,
+    read_caliscope,
+    read_coco,
+    read_easymocap,
+    read_openpose,
+    read_trc,
+)
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
@@ -36,7 +45,9 @@ class _Source:
     def _stream(self, view: int) -> Stream:
         stream = self._streams[view]
         if stream is None:
-            raise SourceError(f"camera {self._names[view]} has no {self._kind}; add them to the capture and import it again")
+            raise SourceError(
+                f"camera {self._names[view]} has no {self._kind}; add them to the capture and import it again"
+            )
         return stream
 
     def _files(self, view: int, numbers: Sequence[int]) -> Iterator[str]:
@@ -44,14 +55,18 @@ class _Source:
         files = dict(zip(stream.numbers, stream.files, strict=True))
         for n in numbers:
             if int(n) not in files:
-                raise SourceError(f"camera {self._names[view]} has no {self._kind} of frame {int(n)}; add the file and import the capture again")
+                raise SourceError(
+                    f"camera {self._names[view]} has no {self._kind} of frame {int(n)}; add the file and import the"
+                    " capture again"
+                )
             yield self._path(files[int(n)])
 
     def _sized(self, view: int, number: int, picture: np.ndarray) -> np.ndarray:
         size = self._stream(view).size
         if (picture.shape[1], picture.shape[0]) != tuple(size):
             raise SourceError(
-                f"{self._kind} of camera {self._names[view]}, frame {number}: {picture.shape[1]}x{picture.shape[0]} px, the first one has {size[0]}x{size[1]} px"
+                f"{self._kind} of camera {self._names[view]}, frame {number}: {picture.shape[1]}x{picture.shape[0]} px,"
+                f" the first one has {size[0]}x{size[1]} px"
             )
         return picture
 
@@ -88,7 +103,10 @@ class Pictures(_Source):
         for n in numbers:
             index = self._stream(view).index_of(int(n))
             if index is None:
-                raise SourceError(f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave the frame out with frames.range")
+                raise SourceError(
+                    f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave"
+                    " the frame out with frames.range"
+                )
             indices.append(index)
         return indices
 
@@ -97,7 +115,8 @@ class Masks(_Source):
     """Masks as given (`posegaussian.stages.contract.io.MaskReader`)."""
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
-        """[h, w] uint8, 0..255 foreground, for each frame number; masks of 0 and 1 are spread to 0 and 255. Raises SourceError."""
+        """[h, w] uint8, 0..255 foreground, for each frame number; masks of 0 and 1 are spread to 0 and 255. Raises
+        SourceError."""
         factor = np.uint8(255 if self._stream(view).options.get("zero_one") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
             yield self._sized(view, int(n), images.read_mask(path)) * factor
@@ -140,11 +159,13 @@ class Joints(_Source):
         self._tables: dict[int, dict[Any, Detections]] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
-        """[people, J, 3] float64 (u, v, score) in captured pixels, our centres; a frame without a file has zero people."""
+        """[people, J, 3] float64 (u, v, score) in captured pixels, our centres; a frame without a file has zero
+        people."""
         return self._detections(view, int(number)).joints
 
     def boxes(self, view: int, number: int) -> np.ndarray:
-        """[people, 5] float64 (left, top, right, bottom, score) in captured pixels, our centres; score 0 where none is given."""
+        """[people, 5] float64 (left, top, right, bottom, score) in captured pixels, our centres; score 0 where none
+        is given."""
         return self._detections(view, int(number)).boxes
 
     def _detections(self, view: int, number: int) -> Detections:
@@ -154,7 +175,11 @@ class Joints(_Source):
         if stream.kind in ("coco", "caliscope"):
             if view not in self._tables:
                 path = self._path(stream.files[0])
-                self._tables[view] = read_coco(path, stream.options.get("view")) if stream.kind == "coco" else read_caliscope(path, stream.options["camera"], self._count)
+                self._tables[view] = (
+                    read_coco(path, stream.options.get("view"))
+                    if stream.kind == "coco"
+                    else read_caliscope(path, stream.options["camera"], self._count)
+                )
             path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
         else:
             path = next(self._files(view, [number]))
@@ -162,7 +187,10 @@ class Joints(_Source):
         if len(found.joints) == 0:
             return no_people(self._count)
         if found.joints.shape[1] != self._count:
-            raise SourceError(f"{path} holds {found.joints.shape[1]} joints a person, {self.joint_set} has {self._count}; set joint_set at import")
+            raise SourceError(
+                f"{path} holds {found.joints.shape[1]} joints a person, {self.joint_set} has {self._count}; set"
+                " joint_set at import"
+            )
         return found
 
 
@@ -183,11 +211,19 @@ class Joints3D(_Source):
         return self._joints.get(int(number), np.zeros((len(names), 4)))
 
 
-_READERS: dict[str, Callable[[Capture, str], Any]] = {"pictures": Pictures, "masks": Masks, "joints": Joints, "joints3d": Joints3D, "depth": Depth, "depth_maps": DepthMaps}
+_READERS: dict[str, Callable[[Capture, str], Any]] = {
+    "pictures": Pictures,
+    "masks": Masks,
+    "joints": Joints,
+    "joints3d": Joints3D,
+    "depth": Depth,
+    "depth_maps": DepthMaps,
+}
 
 
 def open_source(capture: Capture, kind: str) -> Any:
-    """The reader of a source kind: pictures, masks, joints, joints3d, depth or depth_maps (the protocols of `stages/contract/io.py`).
+    """The reader of a source kind: pictures, masks, joints, joints3d, depth or depth_maps (the protocols of
+    `stages/contract/io.py`).
 
     Raises SourceError when the capture has no such source.
     """

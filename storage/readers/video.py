@@ -49,7 +49,8 @@ class VideoFile:
     """One video: its frames by 0-based index in order of presentation.
 
     Opening it reads the container once, without decoding more than a frame, and remembers the result while the file is
-    unchanged. Raises SourceError for files that are missing, hold no video, are cut off or have colours that are refused.
+    unchanged. Raises SourceError for files that are missing, hold no video, are cut off or have colours that are
+    refused.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -99,13 +100,17 @@ class VideoFile:
                 yield _to_rgb(frame, self._index.quarter_turns, self.path)
 
     def _key_between(self, at: int, wanted: int) -> bool:
-        return wanted - at > _SEEK_GAP and self._index.pts is not None and any(at < k <= wanted for k, _ in self._index.keys)
+        return (
+            wanted - at > _SEEK_GAP
+            and self._index.pts is not None
+            and any(at < k <= wanted for k, _ in self._index.keys)
+        )
 
     def _from(self, container: Any, stream: Any, wanted: int) -> Iterator[tuple[int, Any]]:
         """Decoded frames with their index, from the last keyframe at or before the wanted one.
 
-        Seeking goes to that keyframe's decode time: whether a container seeks by decode or by presentation time, it lands
-        there or earlier, and frames of an open group that precede it in time are never asked for.
+        Seeking goes to that keyframe's decode time: whether a container seeks by decode or by presentation time, it
+        lands there or earlier, and frames of an open group that precede it in time are never asked for.
         """
         pts = self._index.pts
         keys = [k for k in self._index.keys if k[0] <= wanted]
@@ -133,7 +138,9 @@ def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
                 raise SourceError(f"{path} holds no video stream")
             stream = container.streams.video[0]
             if stream.codec_context is None:
-                raise SourceError(f"video {path} is of a codec that is not known here; write it again, for example in H.264")
+                raise SourceError(
+                    f"video {path} is of a codec that is not known here; write it again, for example in H.264"
+                )
             if stream.codec_context.width:
                 check_picture(f"video {path}", stream.codec_context.width, stream.codec_context.height)
             stream.codec_context.thread_count = 1
@@ -155,7 +162,10 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         base = float(stream.time_base)
         rate = stream.average_rate or stream.guessed_rate
     if corrupt or len(packets) < promised:
-        raise SourceError(f"video {path} is cut off: it promises {promised} frames and holds {len(packets) - corrupt} whole ones; copy it again")
+        raise SourceError(
+            f"video {path} is cut off: it promises {promised} frames and holds {len(packets) - corrupt} whole ones;"
+            " copy it again"
+        )
     packets = [p for p in packets if not p[3]]
     if not packets:
         raise SourceError(f"video {path} holds no frames")
@@ -173,7 +183,15 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
     gaps = np.diff(times) * base if exact and len(times) > 1 else np.zeros(1)
     if not rate and gaps[0] > 0:
         rate = 1 / gaps.mean()
-    return _Index(len(packets), shown, float(rate or 0), turns, tuple(times) if exact else None, tuple(keys), (float(gaps.min()), float(gaps.max())))
+    return _Index(
+        len(packets),
+        shown,
+        float(rate or 0),
+        turns,
+        tuple(times) if exact else None,
+        tuple(keys),
+        (float(gaps.min()), float(gaps.max())),
+    )
 
 
 def _quarter_turns(frame: Any, path: str) -> int:
@@ -186,7 +204,10 @@ def _quarter_turns(frame: Any, path: str) -> int:
     for turns, matrix in enumerate(((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))):
         if np.allclose((a, b, c, d), matrix, atol=1e-3):
             return turns
-    raise SourceError(f"video {path} asks to be shown with the display matrix ({a:g}, {b:g}, {c:g}, {d:g}); only quarter turns are read, so re-encode it upright")
+    raise SourceError(
+        f"video {path} asks to be shown with the display matrix ({a:g}, {b:g}, {c:g}, {d:g}); only quarter turns are"
+        " read, so re-encode it upright"
+    )
 
 
 def _to_rgb(frame: Any, quarter_turns: int, path: Path) -> np.ndarray:
@@ -194,21 +215,29 @@ def _to_rgb(frame: Any, quarter_turns: int, path: Path) -> np.ndarray:
     from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
     if int(frame.color_trc) in (16, 18) or int(frame.color_primaries) in (9, 11, 12):
-        raise SourceError(f"video {path} is HDR or wide gamut (primaries {int(frame.color_primaries)}, transfer {int(frame.color_trc)}); convert it to BT.709 first")
+        raise SourceError(
+            f"video {path} is HDR or wide gamut (primaries {int(frame.color_primaries)}, transfer"
+            f" {int(frame.color_trc)}); convert it to BT.709 first"
+        )
     matrix, full = int(frame.colorspace), int(frame.color_range) == 2 or frame.format.name.startswith("yuvj")
     if frame.format.is_rgb:
         matrix, full = 1, True
     elif matrix == _UNSPECIFIED:
         matrix = 1 if frame.height >= 720 else 5
     elif matrix not in _MATRICES:
-        raise SourceError(f"video {path} uses colour matrix {matrix} (ITU-T H.273), which is not read; convert it to BT.709 first")
+        raise SourceError(
+            f"video {path} uses colour matrix {matrix} (ITU-T H.273), which is not read; convert it to BT.709 first"
+        )
     rgb = frame.reformat(
         format="rgb24",
         src_colorspace=Colorspace(_MATRICES[matrix]),
         dst_colorspace=Colorspace.ITU709,
         src_color_range=ColorRange.JPEG if full else ColorRange.MPEG,
         dst_color_range=ColorRange.JPEG,
-        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT | Interpolation.BITEXACT,
+        interpolation=Interpolation.BICUBIC
+        | Interpolation.ACCURATE_RND
+        | Interpolation.FULL_CHR_H_INT
+        | Interpolation.BITEXACT,
         threads=1,
     ).to_ndarray()
     return np.ascontiguousarray(np.rot90(rgb, quarter_turns))

@@ -21,8 +21,13 @@ def test_no_error_is_lost_or_counted_twice(pictures: tuple[np.ndarray, ...]) -> 
     assert squared_error_by_place(rendered, alpha, truth, mask).sum() == pytest.approx(whole, rel=1e-12)
 
 
-@pytest.mark.parametrize(("row", "column", "place"), [(2, 2, "outside"), (9, 15, "rim"), (10, 15, "rim"), (19, 19, "holes"), (14, 20, "inside")])
-def test_a_wrong_pixel_counts_where_it_lies(pictures: tuple[np.ndarray, ...], row: int, column: int, place: str) -> None:
+@pytest.mark.parametrize(
+    ("row", "column", "place"),
+    [(2, 2, "outside"), (9, 15, "rim"), (10, 15, "rim"), (19, 19, "holes"), (14, 20, "inside")],
+)
+def test_a_wrong_pixel_counts_where_it_lies(
+    pictures: tuple[np.ndarray, ...], row: int, column: int, place: str
+) -> None:
     _, alpha, truth, mask = pictures
     rendered = np.rint(truth * (mask[..., None] / 255.0)).astype(np.uint8)
     rendered[row, column] ^= 255

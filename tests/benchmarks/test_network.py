@@ -10,12 +10,19 @@ from benchmarks.network_picture import nearer
 
 def _rows(gains: list[float], epe: float = 0.8) -> list[dict[str, object]]:
     """Scenes of a floor of 28 dB and 2 px, 3 dB below true depth."""
-    kinds = [(n, kind, psnr, off) for n, g in enumerate(gains) for kind, psnr, off in (("floor", 28.0, 2.0), ("network", 28.0 + g, 2.0 * epe), ("truth", 31.0, 0.0))]
+    kinds = [
+        (n, kind, psnr, off)
+        for n, g in enumerate(gains)
+        for kind, psnr, off in (("floor", 28.0, 2.0), ("network", 28.0 + g, 2.0 * epe), ("truth", 31.0, 0.0))
+    ]
     return [{"seed": n, "depth": kind, "box psnr": psnr, "EPE": off} for n, kind, psnr, off in kinds]
 
 
 def _held(gains: list[float], epe: float = 0.8, by_iterations: dict[int, float] | None = None) -> list[bool]:
-    return [holds for _, holds in gates(_rows(gains, epe), by_iterations or {1: 1.7, 2: 1.65, 3: 1.6, 4: 1.6}, GATES["fast"], 4)]
+    return [
+        holds
+        for _, holds in gates(_rows(gains, epe), by_iterations or {1: 1.7, 2: 1.65, 3: 1.6, 4: 1.6}, GATES["fast"], 4)
+    ]
 
 
 def test_all_hold_of_what_gains_enough() -> None:

@@ -1,4 +1,5 @@
-"""What two views of a known surface say about depths of it: nothing against the true one, and what is wrong about others."""
+"""What two views of a known surface say about depths of it: nothing against the true one, and what is wrong about
+others."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ def shown(rig: Rig, true: dict[int, np.ndarray]) -> Shown:
     return Shown(rig, {v: s.color for v, s in views.items()}, {v: s.mask for v, s in views.items()})
 
 
-def rows(shown: Shown, true: dict[int, np.ndarray], off: dict[int, np.ndarray]) -> tuple[dict[str, dict[str, float]], dict[str, np.ndarray]]:
+def rows(
+    shown: Shown, true: dict[int, np.ndarray], off: dict[int, np.ndarray]
+) -> tuple[dict[str, dict[str, float]], dict[str, np.ndarray]]:
     found, maps = pair_rows(shown, (0, 1), {"true": true, "off": off}, silhouettes_of(shown.rig, shown.mask))
     return {r["depth"]: r for r in found}, maps
 
@@ -43,7 +46,10 @@ def nearer(rig: Rig, true: dict[int, np.ndarray], px: float) -> dict[int, np.nda
     """The depths brought nearer by so many px of disparity."""
     # Both cameras stand 2 m away, 24 degrees apart, of 1.8 x 128 px.
     sensitivity = 1.8 * 128 * 2 * 2 * np.sin(np.radians(12)) * np.cos(np.radians(8))
-    return {v: np.where(z > 0, 1 / (1 / np.where(z > 0, z, 1) + px / sensitivity), 0).astype(np.float32) for v, z in true.items()}
+    return {
+        v: np.where(z > 0, 1 / (1 / np.where(z > 0, z, 1) + px / sensitivity), 0).astype(np.float32)
+        for v, z in true.items()
+    }
 
 
 def test_nothing_speaks_against_the_true_depth(shown: Shown, true: dict[int, np.ndarray]) -> None:
@@ -66,7 +72,9 @@ def test_depths_that_differ_are_told_in_px(shown: Shown, true: dict[int, np.ndar
     assert np.nanmedian(carried(shown, (0, 1), one).apart) == pytest.approx(abs(px), abs=0.4)
 
 
-def test_what_is_off_in_both_views_shows_in_colours_and_patches_though_the_depths_agree(shown: Shown, true: dict[int, np.ndarray]) -> None:
+def test_what_is_off_in_both_views_shows_in_colours_and_patches_though_the_depths_agree(
+    shown: Shown, true: dict[int, np.ndarray]
+) -> None:
     found, maps = rows(shown, true, nearer(shown.rig, true, 4.0))
     assert found["off"]["colour median"] > 5 * found["true"]["colour median"]
     assert found["off"]["ZNCC"] < found["true"]["ZNCC"] - 0.1
@@ -77,7 +85,9 @@ def test_harm_is_not_hidden_by_leaving_out_what_it_touched(shown: Shown, true: d
     spoilt = {0: true[0].copy(), 1: true[1]}
     spoilt[0][40:80, 40:80] *= 1.1
     found, maps = rows(shown, true, spoilt)
-    assert (carried(shown, (0, 1), spoilt).apart[45:75, 45:75] > SEEN).all(), "by itself the other view says nothing of them"
+    assert (carried(shown, (0, 1), spoilt).apart[45:75, 45:75] > SEEN).all(), (
+        "by itself the other view says nothing of them"
+    )
     assert found["off"]["px"] == found["true"]["px"] == np.isfinite(maps["off"]).sum()
     assert np.isfinite(maps["off"][45:75, 45:75]).all()
     assert found["off"]["colour mean"] > 3 * found["true"]["colour mean"]
@@ -120,7 +130,11 @@ def test_a_view_drawn_from_its_partner_meets_its_silhouette(shown: Shown, true: 
     facing = facing if facing[2] < 0 else -facing
     size = true[0].shape
     scale = np.where(true[0] > 0, 0.6 * true[0] / rig.intrinsics[0, 0, 0], 0)[None].repeat(3, 0).astype(np.float32)
-    rest = (scale, np.broadcast_to(facing[:, None, None], (3, *size)).astype(np.float32), np.full((2, *size), 0.95, np.float32))
+    rest = (
+        scale,
+        np.broadcast_to(facing[:, None, None], (3, *size)).astype(np.float32),
+        np.full((2, *size), 0.95, np.float32),
+    )
     wide = np.ones(size, bool)
     near = drawn_row(shown, 1, drawn_from(shown, 1, (0,), {0: (true[0], *rest)}), wide)
     far = drawn_row(shown, 1, drawn_from(shown, 1, (0,), {0: (nearer(rig, true, 8.0)[0], *rest)}), wide)

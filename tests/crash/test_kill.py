@@ -23,7 +23,15 @@ KILLS = 20
 
 
 def start(pipeline: Pipeline, scheduler: str) -> subprocess.Popen:
-    return pipeline.start("--scheduler", scheduler, "--set", "run.workers=2", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    return pipeline.start(
+        "--scheduler",
+        scheduler,
+        "--set",
+        "run.workers=2",
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
 
 
 def wait_for_receipts(pipeline: Pipeline, process: subprocess.Popen, count: int) -> None:
@@ -43,7 +51,8 @@ def workers(processes: list[psutil.Process]) -> list[psutil.Process]:
 
 
 def wait_gone(processes: list[psutil.Process]) -> None:
-    """Workers end by themselves when their driver is gone; what is left after a while is ended here, so that no test leaks."""
+    """Workers end by themselves when their driver is gone; what is left after a while is ended here, so that no test
+    leaks."""
     _, alive = psutil.wait_procs(processes, timeout=60)
     for p in alive:
         p.kill()
@@ -51,7 +60,9 @@ def wait_gone(processes: list[psutil.Process]) -> None:
 
 
 @pytest.mark.parametrize(("victim", "scheduler"), [("driver", "serial"), ("driver", "local"), ("worker", "local")])
-def test_the_next_run_ends_with_the_bytes_of_an_undisturbed_one(victim: str, scheduler: str, finished: Pipeline, tmp_path: Path) -> None:
+def test_the_next_run_ends_with_the_bytes_of_an_undisturbed_one(
+    victim: str, scheduler: str, finished: Pipeline, tmp_path: Path
+) -> None:
     pipeline = Pipeline(tmp_path / "archive", finished.folder)
     pipeline.register()
     process = start(pipeline, scheduler)
@@ -80,7 +91,8 @@ def tokens(pipeline: Pipeline) -> dict[tuple, str]:
 
 
 def killed_at_random(pipeline: Pipeline, chance: random.Random, longest: float) -> tuple[str, float]:
-    """Start a run and kill -9 its driver or a worker at a random moment; a run that lost a worker is let go on. Returns (who, when)."""
+    """Start a run and kill -9 its driver or a worker at a random moment; a run that lost a worker is let go on.
+    Returns (who, when)."""
     process = start(pipeline, chance.choice(["local", "local", "serial"]))
     moment = chance.uniform(0.3, longest)
     time.sleep(moment)

@@ -17,7 +17,14 @@ def process(*words: str, code: Path | None = None) -> subprocess.Popen:
     """A Dask command as a process of its own, with the packages of another folder than the repository's."""
     folder = code or Path.cwd()
     environment = {**os.environ, "PYTHONPATH": str(folder), "DASK_DISTRIBUTED__WORKER__DAEMON": "True"}
-    return subprocess.Popen([sys.executable, "-m", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment, start_new_session=True)
+    return subprocess.Popen(
+        [sys.executable, "-m", *words],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+        start_new_session=True,
+    )
 
 
 @contextmanager
@@ -36,13 +43,33 @@ class Cluster:
     def __init__(self, stack: ExitStack, file: Path, *options: str) -> None:
         """`options`: given to the scheduler and to every worker."""
         self.stack, self.file, self.options = stack, file, options
-        words = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file), *options]
+        words = [
+            "distributed.cli.dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            str(file),
+            *options,
+        ]
         self.scheduler = stack.enter_context(ending(process(*words)))
         self.workers = 0
 
     def add(self, name: str, *options: str, code: Path | None = None) -> None:
         """Start a worker."""
-        words = ["distributed.cli.dask_worker", "--scheduler-file", str(self.file), "--nthreads", "1", "--no-dashboard", "--no-nanny", "--name", name]
+        words = [
+            "distributed.cli.dask_worker",
+            "--scheduler-file",
+            str(self.file),
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+            "--no-nanny",
+            "--name",
+            name,
+        ]
         self.stack.enter_context(ending(process(*words, *self.options, *options, code=code)))
         self.workers += 1
 

@@ -1,6 +1,7 @@
 """Frames of noise, made in no time and without torch, kept to `stages/training/contract.py`.
 
-The variable POSEGAUSSIAN_FAKE, JSON, slows steps (`step_s`), breaks a frame (`raises`), kills its process once (`dies`) or always (`dies_always`).
+The variable POSEGAUSSIAN_FAKE, JSON, slows steps (`step_s`), breaks a frame (`raises`), kills its process once (`dies`)
+or always (`dies_always`).
 """
 
 from __future__ import annotations

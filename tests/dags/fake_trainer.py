@@ -33,7 +33,9 @@ class Trainer:
         random = np.random.default_rng([self.config.seed, self.step])
         frame = frames[int(random.choice(sorted(frames)))]
         rows = random.integers(64, size=16)
-        error = (self.line(torch.from_numpy(frame["x"][rows]))[:, 0] - torch.from_numpy(frame["y"][rows])).square().mean()
+        error = (
+            (self.line(torch.from_numpy(frame["x"][rows]))[:, 0] - torch.from_numpy(frame["y"][rows])).square().mean()
+        )
         self.optimizer.zero_grad()
         error.backward()
         self.optimizer.step()
@@ -44,7 +46,13 @@ class Trainer:
         return {"loss": error.item(), "epe": error.item() ** 0.5, "skipped": float(self.skipped)}
 
     def state(self) -> dict[str, Any]:
-        return {"step": self.step, "skipped": self.skipped, "line": dict(self.line.state_dict()), "ema": self.ema, "optimizer": self.optimizer.state_dict()}
+        return {
+            "step": self.step,
+            "skipped": self.skipped,
+            "line": dict(self.line.state_dict()),
+            "ema": self.ema,
+            "optimizer": self.optimizer.state_dict(),
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         self.step, self.skipped, self.ema = state["step"], state["skipped"], state["ema"]

@@ -25,7 +25,9 @@ from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
 from posegaussian.storage.model.errors import ConfigError
 from tests.dags.test_training import PARTS
 
-CONFIG = TrainingConfig(depth_steps=4, joint_steps=2, validate_every=100, checkpoint_every=3, window=2, steps_per_frame=4, iterations=3)
+CONFIG = TrainingConfig(
+    depth_steps=4, joint_steps=2, validate_every=100, checkpoint_every=3, window=2, steps_per_frame=4, iterations=3
+)
 EVERY = {g.name: g for g in groups(CONFIG)}
 
 
@@ -99,12 +101,19 @@ def test_a_variant_is_named_after_what_differs_from_the_configuration(tmp_path: 
 
 
 def test_each_cell_is_trained_once_and_its_numbers_stand_in_the_table(posed: Path) -> None:
-    assert cells(posed) == sorted(f"{v}/seed-{s}" for v in (PLAIN, "pose_in=none", "pose_in=depth", "pose_in=decoder") for s in (0, 1, 2))
+    assert cells(posed) == sorted(
+        f"{v}/seed-{s}" for v in (PLAIN, "pose_in=none", "pose_in=depth", "pose_in=decoder") for s in (0, 1, 2)
+    )
     rows = tables(posed)["pose"]
     for label, row in rows.items():
         assert (row["seeds"], row["claim"]) == (3, True)
         values = [c["numbers"]["epe"] for c in row["cells"]]
-        logged = [json.loads((posed / "cells" / c["variant"] / f"seed-{c['seed']}" / "log.jsonl").read_text().splitlines()[-1])["epe"] for c in row["cells"]]
+        logged = [
+            json.loads(
+                (posed / "cells" / c["variant"] / f"seed-{c['seed']}" / "log.jsonl").read_text().splitlines()[-1]
+            )["epe"]
+            for c in row["cells"]
+        ]
         assert values == logged
         assert row["measures"]["epe"]["mean"] == pytest.approx(sum(values) / 3)
         assert row["measures"]["epe"]["error"] == pytest.approx(statistics.stdev(values) / math.sqrt(3))
@@ -113,7 +122,11 @@ def test_each_cell_is_trained_once_and_its_numbers_stand_in_the_table(posed: Pat
 
 
 def test_what_is_finished_is_not_trained_again_even_without_its_checkpoints(posed: Path, tmp_path: Path) -> None:
-    before = {f: f.stat().st_mtime_ns for f in posed.rglob("*") if f.is_file() and f.name not in ("ablation.json", "ablation.md", "ablation.yaml")}
+    before = {
+        f: f.stat().st_mtime_ns
+        for f in posed.rglob("*")
+        if f.is_file() and f.name not in ("ablation.json", "ablation.md", "ablation.yaml")
+    }
     page_before = (posed / "ablation.md").read_text()
     run(posed, only=("pose",), seeds=(0, 1, 2))
     assert {f: f.stat().st_mtime_ns for f in before} == before
@@ -128,12 +141,16 @@ def test_another_call_adds_to_the_same_tables(tmp_path: Path) -> None:
     assert found["pose"]["both"]["seeds"] == 2
     assert not found["pose"]["both"]["claim"]
     assert found["pose"]["neither"]["seeds"] == 1
-    assert found["pose"]["neither"]["against_reference"]["epe"]["count"] == 1, "compared with the same seed of the reference alone"
+    assert found["pose"]["neither"]["against_reference"]["epe"]["count"] == 1, (
+        "compared with the same seed of the reference alone"
+    )
     assert found["iterations"]["T = 2"]["seeds"] == 1
     assert found["fusion"]["gated"]["seeds"] == 0
 
 
-def test_minutes_end_it_in_order_and_it_goes_on_to_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_minutes_end_it_in_order_and_it_goes_on_to_the_same_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with monkeypatch.context() as m:
         m.setenv("POSEGAUSSIAN_FAKE", '{"step_s": 1.0}')
         said = run(tmp_path / "a", only=("heads",), minutes=0.035)
@@ -163,7 +180,9 @@ def test_iterations_are_measured_on_one_training_which_they_leave_alone(tmp_path
     assert packed(unpacked(checkpoint.data)) == checkpoint.data
     found = json.loads((trained / "iterations.json").read_text())
     assert list(found) == ["1", "2", "3"]
-    assert found["3"] == json.loads((trained / "result.json").read_text())["numbers"], "the trained T says what the training's validation said"
+    assert found["3"] == json.loads((trained / "result.json").read_text())["numbers"], (
+        "the trained T says what the training's validation said"
+    )
 
 
 def test_a_cell_that_fails_is_said_and_the_others_go_on(tmp_path: Path) -> None:
@@ -179,7 +198,9 @@ def test_a_cell_that_fails_is_said_and_the_others_go_on(tmp_path: Path) -> None:
     assert row["cells"][0]["failure"] in (tmp_path / "ablation.md").read_text()
 
 
-def test_a_frame_that_cannot_be_made_ends_all_and_the_tables_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_cannot_be_made_ends_all_and_the_tables_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"raises": 1}')
     with pytest.raises(FrameError):
         run(tmp_path, only=("heads",))
@@ -194,7 +215,11 @@ def test_a_folder_of_another_configuration_is_refused_by_name(posed: Path) -> No
 
 
 def test_steps_keep_the_share_of_the_phases() -> None:
-    assert [(c.depth_steps, c.joint_steps) for c in (with_steps(CONFIG, n) for n in (None, 3, 600))] == [(4, 2), (2, 1), (400, 200)]
+    assert [(c.depth_steps, c.joint_steps) for c in (with_steps(CONFIG, n) for n in (None, 3, 600))] == [
+        (4, 2),
+        (2, 1),
+        (400, 200),
+    ]
     with pytest.raises(ConfigError, match="begin with random weights"):
         with_steps(CONFIG.model_copy(update={"start": "x.safetensors"}), 3)
 
@@ -215,7 +240,9 @@ def test_a_page_without_any_training_says_not_run_everywhere_and_what_is_compara
 
 def test_the_page_marks_what_is_no_claim(posed: Path) -> None:
     found = report(CONFIG, posed, [0, 1], {})
-    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 3, "the default stands in three tables more"
+    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 3, (
+        "the default stands in three tables more"
+    )
 
 
 def test_a_spread_of_one_value_has_no_error_and_of_equal_ones_none_at_all() -> None:
@@ -234,7 +261,13 @@ def test_unknown_groups_and_seeds_are_refused_and_a_plan_loads_no_torch(tmp_path
         "CliRunner().invoke(app, ['ablate', '--help']); "
         "print(out.output); assert out.exit_code == 0, out; assert 'torch' not in sys.modules"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])})
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+    )
     assert done.returncode == 0, done.stderr
     assert "fusion=outer, seed 4: not run" in done.stdout
     assert "tps=adaptive, seed 4: not run, with weights fast" in done.stdout

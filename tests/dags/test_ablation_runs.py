@@ -1,4 +1,5 @@
-"""Rows of an ablation that are runs of the pipeline: filmed once, run once, gone on with after a kill, compared with equal weights alone."""
+"""Rows of an ablation that are runs of the pipeline: filmed once, run once, gone on with after a kill, compared with
+equal weights alone."""
 
 from __future__ import annotations
 
@@ -24,7 +25,10 @@ from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import ConfigError, UserError
 
 CONFIG = TrainingConfig(depth_steps=4, joint_steps=2, iterations=3)
-TINY = {"tps": Footage(3, 30.0, 48, 4, {"joint_noise": {"pixels": 1.0, "dropouts": 0.1, "outliers": 0.0}}), "cameras": Footage(1, 2.0, 48)}
+TINY = {
+    "tps": Footage(3, 30.0, 48, 4, {"joint_noise": {"pixels": 1.0, "dropouts": 0.1, "outliers": 0.0}}),
+    "cameras": Footage(1, 2.0, 48),
+}
 METHODS = ("off", "pairwise", "recurrent", "adaptive")
 
 
@@ -81,7 +85,9 @@ def test_a_run_that_was_cut_off_goes_on_and_films_nothing_twice(ran: tuple[Path,
         "filming 1 frame of seed 8000, throw, with 8 cameras and 2 held out",
         "filming 1 frame of seed 8000, throw, with 6 cameras and 2 held out",
     ]
-    assert not [f for f in (folder / "sequences").iterdir() if f.suffix != ".lock"], "what all rows are through with is removed"
+    assert not [f for f in (folder / "sequences").iterdir() if f.suffix != ".lock"], (
+        "what all rows are through with is removed"
+    )
 
 
 def test_every_row_says_what_its_table_shows(ran: tuple[Path, list[str]]) -> None:
@@ -116,7 +122,9 @@ def test_what_is_finished_is_not_run_again(ran: tuple[Path, list[str]]) -> None:
     assert not [line for line in said if line.startswith("cell ")]
 
 
-def test_other_weights_or_another_sequence_are_run_anew(ran: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_weights_or_another_sequence_are_run_anew(
+    ran: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = runs_in_order([group("tps")], (0,), ran[0])[0]
     weights = weights_of(None, CONFIG, 0, ran[0])
     assert first.finished(weights)
@@ -131,7 +139,12 @@ def test_rows_count_with_the_weights_of_their_reference_alone(tmp_path: Path) ->
     every = cells("tps", tmp_path, (0, 1, 2))
     for (label, seed), c in every.items():
         c.note(old, {"psnr box": 30.0 + seed + (label != "off") * 0.1 * seed, "epe": 1.0, "lag": None})
-    rows = {r["label"]: r for g in report(CONFIG, tmp_path, [0, 1, 2], {})["groups"] if g["name"] == "tps" for r in g["rows"]}
+    rows = {
+        r["label"]: r
+        for g in report(CONFIG, tmp_path, [0, 1, 2], {})["groups"]
+        if g["name"] == "tps"
+        for r in g["rows"]
+    }
     assert rows["pairwise"]["claim"]
     assert rows["pairwise"]["measures"]["psnr box"]["mean"] == pytest.approx(31.1)
     against = rows["pairwise"]["against_reference"]
@@ -177,15 +190,27 @@ def test_there_is_one_sequence_a_seed_and_no_more(tmp_path: Path) -> None:
 
 
 def test_runs_go_seed_by_seed_and_the_reference_comes_first(tmp_path: Path) -> None:
-    assert [str(c) for c in runs_in_order(groups(CONFIG), (3, 1), tmp_path)][:5] == ["tps=off, seed 3", "tps=pairwise, seed 3", "tps=recurrent, seed 3", "tps=adaptive, seed 3", "tps=off, seed 1"]
-    assert [str(c) for c in runs_in_order([group("cameras")], (0,), tmp_path)] == ["cameras=8, seed 0", "cameras=6, seed 0"]
+    assert [str(c) for c in runs_in_order(groups(CONFIG), (3, 1), tmp_path)][:5] == [
+        "tps=off, seed 3",
+        "tps=pairwise, seed 3",
+        "tps=recurrent, seed 3",
+        "tps=adaptive, seed 3",
+        "tps=off, seed 1",
+    ]
+    assert [str(c) for c in runs_in_order([group("cameras")], (0,), tmp_path)] == [
+        "cameras=8, seed 0",
+        "cameras=6, seed 0",
+    ]
 
 
 def test_a_second_ablation_of_the_same_sequence_is_refused(tmp_path: Path) -> None:
     from posegaussian.dags.training.run_folder import locked
 
     first = runs_in_order([group("tps")], (0,), tmp_path)[0]
-    with locked(first.sequence.with_suffix(".lock"), "taken"), pytest.raises(UserError, match="another ablation is at work"):
+    with (
+        locked(first.sequence.with_suffix(".lock"), "taken"),
+        pytest.raises(UserError, match="another ablation is at work"),
+    ):
         run(first, weights_of(None, CONFIG, 0, tmp_path), 1, print, lambda: True)
 
 
@@ -193,7 +218,9 @@ def test_a_run_that_fails_is_said_and_the_next_one_begins(tmp_path: Path) -> Non
     first = runs_in_order([group("cameras")], (0,), tmp_path)
     for c in first:  # filmed, it seems, but there is nothing
         c.sequence.mkdir(parents=True)
-        (c.sequence / "sequence.json").write_text(json.dumps({"scene": c.scene.model_dump(mode="json"), "held_out": "views.held_out=[]"}))
+        (c.sequence / "sequence.json").write_text(
+            json.dumps({"scene": c.scene.model_dump(mode="json"), "held_out": "views.held_out=[]"})
+        )
     said: list[str] = []
     assert ablate(order(tmp_path, "cameras"), said.append) is False
     for c in first:
@@ -217,6 +244,10 @@ def test_the_change_of_ssim_is_taken_over_each_cameras_frames() -> None:
                 yield {"camera": camera, "region": "box", "measure": "psnr", "value": 20.0 + value}
 
     path = SimpleNamespace(kind="held_out", name="held_out-0")
-    results = SimpleNamespace(context=SimpleNamespace(paths={path.name: path}), table=lambda template, name: list(rows()))
+    results = SimpleNamespace(
+        context=SimpleNamespace(paths={path.name: path}), table=lambda template, name: list(rows())
+    )
     found = _pictures(results)  # type: ignore[arg-type]
-    assert found == pytest.approx({"psnr box": 20.35, "change of ssim": 0.35, "its deviation": 0.05})  # deviations 0.1 and 0
+    assert found == pytest.approx(
+        {"psnr box": 20.35, "change of ssim": 0.35, "its deviation": 0.05}
+    )  # deviations 0.1 and 0

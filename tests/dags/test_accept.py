@@ -25,7 +25,9 @@ def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
 def edited(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> Pipeline:
     """The code of depth is another one."""
     real = fingerprint.code_digest
-    monkeypatch.setattr(fingerprint, "code_digest", lambda run: "e" * 32 if run.startswith("stages.depth") else real(run))
+    monkeypatch.setattr(
+        fingerprint, "code_digest", lambda run: "e" * 32 if run.startswith("stages.depth") else real(run)
+    )
     return archive
 
 
@@ -59,7 +61,10 @@ def test_settings_may_be_accepted_and_each_acceptance_is_kept(archive: Pipeline)
     accept(second.plan(), "depth", "nor that wide")
     assert second.plan().all_fresh
     assert [n["reason"] for n in depth(archive).facts["accepted"]] == ["no pair is that wide", "nor that wide"]
-    assert [n["changed"] for n in depth(archive).facts["accepted"]] == [["depth.max_angle 66.0 -> 64.0"], ["depth.max_angle 64.0 -> 63.0"]]
+    assert [n["changed"] for n in depth(archive).facts["accepted"]] == [
+        ["depth.max_angle 66.0 -> 64.0"],
+        ["depth.max_angle 64.0 -> 63.0"],
+    ]
 
 
 def test_why_shows_the_acceptance(archive: Pipeline) -> None:
@@ -92,7 +97,9 @@ def test_changed_inputs_are_refused(archive: Pipeline) -> None:
     for receipt in [r for r in scan_receipts(sequence) if r.stage == "frames"]:
         outputs = tuple(replace(output, digest="0" * 32) for output in receipt.outputs)
         write_receipt(sequence, replace(receipt, outputs=outputs))
-    with pytest.raises(UserError, match=r"depth p0000: inputs changed, not only version, code, params .*run it instead"):
+    with pytest.raises(
+        UserError, match=r"depth p0000: inputs changed, not only version, code, params .*run it instead"
+    ):
         accept(archive.plan(), "depth", "looks alike")
 
 

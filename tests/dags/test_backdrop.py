@@ -1,4 +1,5 @@
-"""Pictures over a background: what may be asked for, where a plate comes from, and that nothing but the files changes."""
+"""Pictures over a background: what may be asked for, where a plate comes from, and that nothing but the files
+changes."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ SIZE = 48
 def room(views: int) -> np.ndarray:
     """[V, h, w, 3] a smooth background of its own for every camera."""
     rows, columns = np.mgrid[:SIZE, :SIZE]
-    return np.stack([np.stack([40 + 3 * rows, 200 - 3 * columns, np.full_like(rows, 60 + 20 * v)], axis=-1) for v in range(views)]).astype(np.uint8)
+    return np.stack(
+        [np.stack([40 + 3 * rows, 200 - 3 * columns, np.full_like(rows, 60 + 20 * v)], axis=-1) for v in range(views)]
+    ).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +35,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     p = capture_person(views=4, size=SIZE, frames=6, held_out=1, motion="kick")
     share = p.mask[..., None] / 255.0
     color = np.rint(p.color * share + room(5)[None] * (1 - share)).astype(np.uint8)
-    write_capture(folder / "capture", p.rig, color, mask=p.mask, joints2d=p.joints2d, depth=p.depth, frame_rate=p.frame_rate)
+    write_capture(
+        folder / "capture", p.rig, color, mask=p.mask, joints2d=p.joints2d, depth=p.depth, frame_rate=p.frame_rate
+    )
     pipeline = Pipeline(folder / "archive", folder / "capture", ["depth.method=truth"], 3)
     pipeline.register()
     pipeline.run()

@@ -26,7 +26,18 @@ def edited(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 def test_the_build_names_every_kernel_the_executor_the_store_the_weights_and_the_libraries() -> None:
     versions = builds.here().versions
-    assert {"dags/runtime/worker.py", "dags/runtime/executors/dask_worker.py", "storage/archive/shards.py", "stages/contract/declaration.py", "stages/depth/run.py", "stages/network/shipped/fast.safetensors", "numpy", "zarr", "torch", "python"} <= versions.keys()
+    assert {
+        "dags/runtime/worker.py",
+        "dags/runtime/executors/dask_worker.py",
+        "storage/archive/shards.py",
+        "stages/contract/declaration.py",
+        "stages/depth/run.py",
+        "stages/network/shipped/fast.safetensors",
+        "numpy",
+        "zarr",
+        "torch",
+        "python",
+    } <= versions.keys()
     assert "dags/cli/app.py" not in versions, "it touches no byte of a result"
     assert builds.here() is builds.here(), "taken once a process"
 
@@ -35,7 +46,11 @@ def test_differences_are_named_libraries_first_and_long_lists_are_cut() -> None:
     own = builds.here().versions
     there = {**own, "numpy": "1.0", "stages/depth/run.py": "x"}
     del there["storage/archive/shards.py"]
-    assert builds.differences(there) == f"numpy (1.0 there, {own['numpy']} here), stages/depth/run.py (x there, {own['stages/depth/run.py']} here), storage/archive/shards.py is missing there"
+    assert (
+        builds.differences(there)
+        == f"numpy (1.0 there, {own['numpy']} here), stages/depth/run.py (x there, {own['stages/depth/run.py']} here),"
+        " storage/archive/shards.py is missing there"
+    )
     assert builds.differences({}).endswith(f" and {len(own) - builds.NAMED} more")
 
 
@@ -54,7 +69,9 @@ def test_a_library_that_was_exchanged_under_a_running_process_is_refused(monkeyp
         builds.check_imports()
 
 
-def test_a_kernel_that_was_edited_after_the_run_began_computes_nothing_that_counts(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_that_was_edited_after_the_run_began_computes_nothing_that_counts(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     archive = finished.copy(tmp_path / "archive")
     before = archive.plan().book.receipts
     selection = Selection(only=frozenset({"metrics"}), force=frozenset({"metrics"}))
@@ -67,15 +84,21 @@ def test_a_kernel_that_was_edited_after_the_run_began_computes_nothing_that_coun
 
     Run([archive.plan(selection=selection)], selection, SerialBackend(), [tell]).go()
     failed = [e for e in events if isinstance(e, TaskFailed)]
-    assert [(type(e), e.kind if isinstance(e, TaskFailed) else "") for e in events if isinstance(e, TaskDone | TaskFailed)] == [(TaskDone, ""), *[(TaskFailed, Kind.UNFIT.value)] * 2]
+    assert [
+        (type(e), e.kind if isinstance(e, TaskFailed) else "") for e in events if isinstance(e, TaskDone | TaskFailed)
+    ] == [(TaskDone, ""), *[(TaskFailed, Kind.UNFIT.value)] * 2]
     assert "stages/metrics/run.py was edited since process" in failed[0].error
     assert failed[0].error.endswith("start it again")
     monkeypatch.undo()
     after = archive.plan().book.receipts
-    assert all(after[e.task].facts["token"] == before[e.task].facts["token"] for e in failed), "what was there before stays"
+    assert all(after[e.task].facts["token"] == before[e.task].facts["token"] for e in failed), (
+        "what was there before stays"
+    )
 
 
-def test_a_process_whose_files_were_edited_begins_no_run(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_whose_files_were_edited_begins_no_run(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     archive = finished.copy(tmp_path / "archive")
     plan = archive.plan(selection=Selection(force=frozenset({"metrics"})))
     edited(monkeypatch, "storage/archive/shards.py")
@@ -86,7 +109,9 @@ def test_a_process_whose_files_were_edited_begins_no_run(finished: Pipeline, tmp
     assert not events
 
 
-def test_the_run_goes_on_with_what_it_imported_when_that_is_edited(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_run_goes_on_with_what_it_imported_when_that_is_edited(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     archive = finished.copy(tmp_path / "archive")
     builds.here()
     builds.check_imports()

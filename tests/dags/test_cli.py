@@ -20,7 +20,18 @@ from tests.pipeline import NAME, Pipeline, film
 def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
     """The command as a process, in a folder of its own."""
     root = str(Path(__file__).resolve().parents[2])
-    return subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()", *arguments], capture_output=True, text=True, check=False, cwd=cwd)
+    return subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()",
+            *arguments,
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+    )
 
 
 def assert_says(done: subprocess.CompletedProcess, *parts: str) -> None:
@@ -43,13 +54,19 @@ def test_no_such_folder(tmp_path: Path) -> None:
 
 
 def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
-    assert_says(posegaussian("import", "colmap", str(capture), cwd=tmp_path), "unknown layout 'colmap'", "pose2sim, caliscope, easymocap, images")
+    assert_says(
+        posegaussian("import", "colmap", str(capture), cwd=tmp_path),
+        "unknown layout 'colmap'",
+        "pose2sim, caliscope, easymocap, images",
+    )
 
 
 def test_unreadable_video(tmp_path: Path) -> None:
     (tmp_path / "c").mkdir()
     (tmp_path / "c/cam01.mp4").write_bytes(b"this is no video")
-    (tmp_path / "c/calib.toml").write_text("[cam01]\nname='cam01'\nsize=[64.0,48.0]\nmatrix=[[50.0,0,32],[0,50.0,24],[0,0,1.0]]\ndistortions=[0.0,0,0,0]\nrotation=[0.0,0,0]\ntranslation=[0.0,0,2]\n")
+    (tmp_path / "c/calib.toml").write_text(
+        "[cam01]\nname='cam01'\nsize=[64.0,48.0]\nmatrix=[[50.0,0,32],[0,50.0,24],[0,0,1.0]]\ndistortions=[0.0,0,0,0]\nrotation=[0.0,0,0]\ntranslation=[0.0,0,2]\n"
+    )
     assert_says(posegaussian("import", "pose2sim", "c", cwd=tmp_path), "cam01.mp4")
 
 
@@ -97,7 +114,14 @@ def test_no_archive_and_no_sequence(tmp_path: Path) -> None:
 
 def test_unknown_keys_are_reported_all_at_once_with_their_place(tmp_path: Path) -> None:
     (tmp_path / "pipeline.yaml").write_text("depth:\n  methd: hull\nsmothing: {}\nrendering:\n  sources: many\n")
-    assert_says(posegaussian("plan", cwd=tmp_path), "pipeline.yaml:2:3 depth.methd", 'did you mean "method"', "pipeline.yaml:3:1 smothing", 'did you mean "smoothing"', "pipeline.yaml:5:3 rendering.sources")
+    assert_says(
+        posegaussian("plan", cwd=tmp_path),
+        "pipeline.yaml:2:3 depth.methd",
+        'did you mean "method"',
+        "pipeline.yaml:3:1 smothing",
+        'did you mean "smoothing"',
+        "pipeline.yaml:5:3 rendering.sources",
+    )
 
 
 def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> None:
@@ -111,12 +135,23 @@ def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> Non
 
 def test_settings_that_the_capture_cannot_serve(finished: Pipeline, tmp_path: Path) -> None:
     archive = finished.options
-    assert_says(posegaussian("plan", *archive, "--set", "views.held_out=[camX]", cwd=tmp_path), "no camera 'camX'", "cam00")
-    assert_says(posegaussian("plan", *archive, "--set", "frames.range=100:200", cwd=tmp_path), "selects no frame", "0..5")
-    assert_says(posegaussian("export", NAME, "--path", "arc cam00 cam77", "--video", "x.mp4", *archive, cwd=tmp_path), "cam77")
-    assert_says(posegaussian("export", NAME, "--path", "spiral", "--video", "x.mp4", *archive, cwd=tmp_path), "spiral", "orbit")
+    assert_says(
+        posegaussian("plan", *archive, "--set", "views.held_out=[camX]", cwd=tmp_path), "no camera 'camX'", "cam00"
+    )
+    assert_says(
+        posegaussian("plan", *archive, "--set", "frames.range=100:200", cwd=tmp_path), "selects no frame", "0..5"
+    )
+    assert_says(
+        posegaussian("export", NAME, "--path", "arc cam00 cam77", "--video", "x.mp4", *archive, cwd=tmp_path), "cam77"
+    )
+    assert_says(
+        posegaussian("export", NAME, "--path", "spiral", "--video", "x.mp4", *archive, cwd=tmp_path), "spiral", "orbit"
+    )
     assert_says(posegaussian("export", NAME, *archive, cwd=tmp_path), "--video")
-    assert_says(posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", cwd=tmp_path), "no scheduler answers")
+    assert_says(
+        posegaussian("run", "--scheduler", "tcp://127.0.0.1:9", *archive, "--force", "metrics", cwd=tmp_path),
+        "no scheduler answers",
+    )
 
 
 def test_a_source_that_changed_after_import_fails_in_a_sentence(tmp_path: Path) -> None:
@@ -149,7 +184,9 @@ def test_places_that_cannot_be_written_are_named(finished: Pipeline, tmp_path: P
     archive = finished.options
     assert_says(posegaussian("import", "images", str(finished.folder), "--archive", "file/sub", cwd=tmp_path), "file")
     assert_says(posegaussian("export", NAME, "--path", "held_out", "--frames", "file", *archive, cwd=tmp_path), "file")
-    assert_says(posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "sheet.png")
+    assert_says(
+        posegaussian("export", NAME, "--path", "held_out", "--sheet", "sheet.foo", *archive, cwd=tmp_path), "sheet.png"
+    )
 
 
 def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> None:
@@ -167,16 +204,43 @@ def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, t
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["frames.csv", "mid00"]
     (tmp_path / "out" / "cam09").mkdir()
     (tmp_path / "out" / "mid00" / "000000.png").rename(tmp_path / "out" / "cam09" / "000000.png")
-    assert_says(posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path), "cam09/000000.png", "empty it or name another folder")
+    assert_says(
+        posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path),
+        "cam09/000000.png",
+        "empty it or name another folder",
+    )
 
 
 def test_ctrl_c_ends_the_run_with_one_sentence_and_keeps_what_is_done(person_folder: Path, tmp_path: Path) -> None:
     pipeline = Pipeline(tmp_path / "archive", person_folder)
     pipeline.register()
     root = str(Path(__file__).resolve().parents[2])
-    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()", "run", "--archive", str(pipeline.root)]
-    settings = ["--set", "views.held_out=[mid00]", "--set", "partition.frames=2", "--scheduler", "local", "--set", "run.workers=1"]
-    process = subprocess.Popen([*command, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True)
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {root!r}); from posegaussian.dags.cli.app import main; main()",
+        "run",
+        "--archive",
+        str(pipeline.root),
+    ]
+    settings = [
+        "--set",
+        "views.held_out=[mid00]",
+        "--set",
+        "partition.frames=2",
+        "--scheduler",
+        "local",
+        "--set",
+        "run.workers=1",
+    ]
+    process = subprocess.Popen(
+        [*command, *settings],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        start_new_session=True,
+    )
     deadline = time.monotonic() + 120
     while len(list((pipeline.root / NAME / "_receipts").rglob("*.json"))) < 5:
         assert process.poll() is None, process.communicate()
@@ -199,6 +263,8 @@ def test_settings_that_an_import_prints_can_be_pasted(tmp_path: Path) -> None:
         cv2.imwrite(str(picture), np.maximum(cv2.imread(str(picture)), 90)[:, :40])
     refused = posegaussian("import", "images", "capture", cwd=tmp_path)
     assert_says(refused, "camera cam00: pictures are 40x48 px, the calibration is for 48x48 px; that is another shape")
-    (tmp_path / "pipeline.yaml").write_text("\n".join(line for line in refused.stderr.splitlines() if line.startswith(" ")))
+    (tmp_path / "pipeline.yaml").write_text(
+        "\n".join(line for line in refused.stderr.splitlines() if line.startswith(" "))
+    )
     done = posegaussian("import", "images", "capture", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

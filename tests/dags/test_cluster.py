@@ -1,4 +1,5 @@
-"""Pools of workers: thread limits, GPU pins (with stand-ins), workers that die or hang, schedulers of others, refusals."""
+"""Pools of workers: thread limits, GPU pins (with stand-ins), workers that die or hang, schedulers of others,
+refusals."""
 
 from __future__ import annotations
 
@@ -91,7 +92,8 @@ def test_every_gpu_task_runs_on_a_gpu_worker_and_nothing_else_does(archive: Pipe
 
 
 class Sabotage(WorkerPlugin):
-    """In every worker, also in those started later: partition 1 of gaussians takes ever more memory, partition 2 hangs in one C call."""
+    """In every worker, also in those started later: partition 1 of gaussians takes ever more memory, partition 2
+    hangs in one C call."""
 
     def setup(self, worker: object) -> None:
         import posegaussian.dags.runtime.timeout
@@ -118,16 +120,25 @@ def test_a_worker_that_dies_or_hangs_takes_only_its_own_task_along(archive: Pipe
     selection = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
     backend = DaskBackend(RunSettings(workers=1, window=3, gpus=0, memory=1200))
     backend._client.register_plugin(Sabotage(), name="sabotage")
-    Run([archive.plan(selection=selection)], selection, backend, [events.append], rules=Rules(Terms("r", timeout=15.0))).go()
+    Run(
+        [archive.plan(selection=selection)], selection, backend, [events.append], rules=Rules(Terms("r", timeout=15.0))
+    ).go()
     failed = {e.task.partition: e for e in events if isinstance(e, TaskFailed)}
     assert {p: e.kind for p, e in failed.items()} == {1: "memory or crash", 2: "timed out"}
-    assert "its worker cpu-0 died: killed for memory, or crashed; it was tried once more alone; give it more memory" in failed[1].error
+    assert (
+        "its worker cpu-0 died: killed for memory, or crashed; it was tried once more alone; give it more memory"
+        in failed[1].error
+    )
     assert "it took longer than 15 s (run.timeout); raise run.timeout" in failed[2].error
-    assert [(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskRetried)] == [("gaussians", 1)], "what only waited on the worker is no suspect"
+    assert [(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskRetried)] == [("gaussians", 1)], (
+        "what only waited on the worker is no suspect"
+    )
     assert [e.task.partition for e in events if isinstance(e, TaskDone)] == [0]
 
 
-def test_a_scheduler_and_workers_of_others_are_used_by_address(archive: Pipeline, finished: Pipeline, tmp_path: Path) -> None:
+def test_a_scheduler_and_workers_of_others_are_used_by_address(
+    archive: Pipeline, finished: Pipeline, tmp_path: Path
+) -> None:
     """Separate processes, one worker with the GPU resource and one without; neither declares a CPU resource."""
     with ExitStack() as stack:
         others = Cluster(stack, tmp_path / "scheduler.json")
@@ -151,11 +162,20 @@ def needing(monkeypatch: pytest.MonkeyPatch, **more: int) -> None:
     """Have the rendering stage ask for more."""
     from posegaussian.stages.registry import STAGES
 
-    asked = [replace(s, needs=lambda shape, params, s=s: replace(s.needs(shape, params), **more)) if s.name == "rendering" else s for s in STAGES]
+    asked = [
+        (
+            replace(s, needs=lambda shape, params, s=s: replace(s.needs(shape, params), **more))
+            if s.name == "rendering"
+            else s
+        )
+        for s in STAGES
+    ]
     monkeypatch.setattr(resources, "STAGES", tuple(asked))
 
 
-def test_what_no_worker_can_serve_is_refused_with_what_to_change(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_worker_can_serve_is_refused_with_what_to_change(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = archive.plan(selection=RENDERING)
     served = {CPU: Pool(2, 0, 8 * 2**30), GPU: Pool(1, 1, 8 * 2**30)}
     assert refusals([plan], served) == []
@@ -177,7 +197,17 @@ def test_plan_refuses_what_this_machine_cannot_serve(archive: Pipeline, monkeypa
     from posegaussian.dags.cli.app import app
 
     needing(monkeypatch, gpu=2)
-    words = ["plan", "--archive", str(archive.root), "--from", "rendering", "--scheduler", "local", "--set", "run.gpus=1"]
+    words = [
+        "plan",
+        "--archive",
+        str(archive.root),
+        "--from",
+        "rendering",
+        "--scheduler",
+        "local",
+        "--set",
+        "run.gpus=1",
+    ]
     words = [w for w in words if w not in ("--scheduler", "local")]
     for a in [*archive.assignments, "run.scheduler=local"]:
         words += ["--set", a]

@@ -52,7 +52,15 @@ DEEP = "def scale(x):\n    from posegaussian.stages.lazy import two\n    return 
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    files = {"stages/k/run.py": KERNEL, "stages/k/helper.py": HELPER, "stages/k/deep.py": DEEP, "stages/lazy.py": "two = 2\n", "storage/bits.py": "bits = 8\n", "stages/other.py": "x = 1\n", "dags/no.py": "x = 1\n"}
+    files = {
+        "stages/k/run.py": KERNEL,
+        "stages/k/helper.py": HELPER,
+        "stages/k/deep.py": DEEP,
+        "stages/lazy.py": "two = 2\n",
+        "storage/bits.py": "bits = 8\n",
+        "stages/other.py": "x = 1\n",
+        "dags/no.py": "x = 1\n",
+    }
     for name, text in files.items():
         write(tmp_path / name, text)
     return tmp_path
@@ -60,13 +68,21 @@ def tree(tmp_path: Path) -> Path:
 
 def test_the_closure_is_everything_imported_within_the_packages_each_once(tree: Path) -> None:
     write(tree / "stages/lazy.py", "import posegaussian.stages.k.run, numpy, posegaussian.dags.no\ntwo = 2\n")
-    assert sorted(name for name, _ in closure("posegaussian.stages.k.run", tree)) == ["posegaussian.stages.k.deep", "posegaussian.stages.k.helper", "posegaussian.stages.k.run", "posegaussian.stages.lazy", "posegaussian.storage.bits"]
+    assert sorted(name for name, _ in closure("posegaussian.stages.k.run", tree)) == [
+        "posegaussian.stages.k.deep",
+        "posegaussian.stages.k.helper",
+        "posegaussian.stages.k.run",
+        "posegaussian.stages.lazy",
+        "posegaussian.storage.bits",
+    ]
 
 
 COSMETIC = {
     "a comment": lambda s: s.replace("# a comment", "# another comment, longer"),
     "a comment at the end": lambda s: s + "# the end\n",
-    "every docstring": lambda s: s.replace("Docstring", "Other words").replace("Module docstring.", "Other.\n\nLonger."),
+    "every docstring": (
+        lambda s: s.replace("Docstring", "Other words").replace("Module docstring.", "Other.\n\nLonger.")
+    ),
     "a docstring that goes": lambda s: s.replace('    """Docstring."""\n    # a', "    # a"),
     "whitespace": lambda s: s.replace("scale(x) * LIMIT", "scale( x )  *  LIMIT").replace("\n\n", "\n\n\n\n"),
     "brackets and quotes that mean nothing": lambda s: s.replace("scale(x) * LIMIT", "(scale(x) * LIMIT)"),
@@ -166,7 +182,11 @@ for module in sys.argv[1:]:
 print(json.dumps(found))
 """
     modules = [s.run.partition(":")[0] for s in STAGES]
-    loaded = json.loads(subprocess.run([sys.executable, "-c", code, *modules], capture_output=True, text=True, check=True, cwd=ROOT).stdout)
+    loaded = json.loads(
+        subprocess.run(
+            [sys.executable, "-c", code, *modules], capture_output=True, text=True, check=True, cwd=ROOT
+        ).stdout
+    )
     contract = {name for apart in APART for name in _imports_of_contract(apart)}
     for module in modules:
         assert set(loaded[module]) - contract <= {name for name, _ in closure(module)}, module
@@ -184,4 +204,6 @@ def _imports_of_contract(module: str) -> set[str]:
 def test_the_check_of_a_stage_is_covered_by_its_digest() -> None:
     for stage in STAGES:
         if stage.check is not None:
-            assert stage.check.partition(":")[0] in {name for name, _ in closure(stage.run.partition(":")[0])}, stage.name
+            assert stage.check.partition(":")[0] in {name for name, _ in closure(stage.run.partition(":")[0])}, (
+                stage.name
+            )

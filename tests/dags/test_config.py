@@ -1,4 +1,5 @@
-"""The packaged configuration documents every default; layers lie over it; faults are told at once with place and remedy."""
+"""The packaged configuration documents every default; layers lie over it; faults are told at once with place and
+remedy."""
 
 from __future__ import annotations
 
@@ -52,13 +53,19 @@ DOCUMENTED = written({k: v for k, v in PACKAGED_VALUES.items() if k != "sequence
 
 def test_the_packaged_file_has_a_section_for_every_stage() -> None:
     assert {s.name for s in STAGES} <= SECTIONS
-    assert [k for k in PACKAGED_VALUES if k in {s.name for s in STAGES}] == [s.name for s in STAGES], "in the order of flow"
+    assert [k for k in PACKAGED_VALUES if k in {s.name for s in STAGES}] == [s.name for s in STAGES], (
+        "in the order of flow"
+    )
 
 
 @pytest.mark.parametrize("key", sorted(DEFAULTS))
 def test_every_field_is_documented_in_the_packaged_file_with_its_default(key: str) -> None:
-    assert key in DOCUMENTED, f"{key} is missing in {PACKAGED.name}; add it with its default {DEFAULTS[key]!r} and a comment"
-    assert DOCUMENTED[key] == DEFAULTS[key], f"{PACKAGED.name} says {key}: {DOCUMENTED[key]!r}, the model's default is {DEFAULTS[key]!r}"
+    assert key in DOCUMENTED, (
+        f"{key} is missing in {PACKAGED.name}; add it with its default {DEFAULTS[key]!r} and a comment"
+    )
+    assert DOCUMENTED[key] == DEFAULTS[key], (
+        f"{PACKAGED.name} says {key}: {DOCUMENTED[key]!r}, the model's default is {DEFAULTS[key]!r}"
+    )
 
 
 def test_the_packaged_file_says_nothing_else() -> None:
@@ -101,7 +108,15 @@ def test_merging_replaces_lists_and_scalars_and_keeps_its_operands() -> None:
 
 
 def test_set_wins_over_the_file_and_values_are_yaml(tmp_path: Path) -> None:
-    c = load(tmp_path, "depth: {method: sgbm, pairs: 1}\n", "depth.method=hull", "views.held_out=[a, b]", "frames.size=64", "frames.range=0:96:2", "frames.size=null")
+    c = load(
+        tmp_path,
+        "depth: {method: sgbm, pairs: 1}\n",
+        "depth.method=hull",
+        "views.held_out=[a, b]",
+        "frames.size=64",
+        "frames.range=0:96:2",
+        "frames.size=null",
+    )
     assert (c.default.depth.method, c.default.depth.pairs) == ("hull", 1)
     assert c.default.views.held_out == ["a", "b"]
     assert c.default.frames.range == "0:96:2"
@@ -133,28 +148,56 @@ def test_every_key_misspelt_by_one_letter_is_suggested(tmp_path: Path, key: str)
 
 def test_a_key_like_no_other_lists_the_known_ones(tmp_path: Path) -> None:
     (sentence,) = faults(tmp_path, "metrics: {qqqq: 1}\n")
-    assert sentence == f"own.yaml:1:11 metrics.qqqq: unknown key; known are {', '.join(k.partition('.')[2] for k in DEFAULTS if k.startswith('metrics.'))}"
+    assert (
+        sentence == "own.yaml:1:11 metrics.qqqq: unknown key; known are"
+        f" {', '.join(k.partition('.')[2] for k in DEFAULTS if k.startswith('metrics.'))}"
+    )
 
 
 def test_a_misspelt_key_of_a_camera_s_crop_is_suggested_from_the_crop(tmp_path: Path) -> None:
-    assert faults(tmp_path, "frames: {crop: {cam01: {scal: 2}}}") == ['own.yaml:1:25 frames.crop.cam01.scal: unknown key; did you mean "scale"?']
+    assert faults(tmp_path, "frames: {crop: {cam01: {scal: 2}}}") == [
+        'own.yaml:1:25 frames.crop.cam01.scal: unknown key; did you mean "scale"?'
+    ]
 
 
 def test_a_fault_of_set_is_named_as_such(tmp_path: Path) -> None:
-    assert faults(tmp_path, "depth: {pairs: 3}", "depth.pairs=0") == ["--set depth.pairs: input should be greater than or equal to 1, got 0"]
+    assert faults(tmp_path, "depth: {pairs: 3}", "depth.pairs=0") == [
+        "--set depth.pairs: input should be greater than or equal to 1, got 0"
+    ]
     assert faults(tmp_path, "", "depth.metod=hull") == ['--set depth.metod: unknown key; did you mean "method"?']
 
 
-@pytest.mark.parametrize("assignment", ["depth.method", "=hull", "depth.method=[1", "depth.method=!x y", "archive=\tx: 1: 2"])
+@pytest.mark.parametrize(
+    "assignment", ["depth.method", "=hull", "depth.method=[1", "depth.method=!x y", "archive=\tx: 1: 2"]
+)
 def test_a_malformed_set_is_shown_as_written(tmp_path: Path, assignment: str) -> None:
     assert faults(tmp_path, "", assignment)[0].startswith(f"--set {assignment}: ")
 
 
 def test_set_cannot_go_below_a_value(tmp_path: Path) -> None:
-    assert faults(tmp_path, "", "depth=5", "depth.method=hull") == ["--set depth.method=hull: depth was already given a value and cannot hold method"]
+    assert faults(tmp_path, "", "depth=5", "depth.method=hull") == [
+        "--set depth.method=hull: depth was already given a value and cannot hold method"
+    ]
 
 
-@pytest.mark.parametrize("text", ["depth: hull", "depth: [1]", "frames: {crop: [1]}", "views: {sources: cam01}", "views: {sources: [1, 2]}", "rendering: {paths: orbit}", "effects: 5", "effects: abc", "sequences: 5", "sequences: {a: 5}", "sequences: {a: null}", "frames: {size: 1e-3}", "smoothing: {omega: .nan}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "depth: hull",
+        "depth: [1]",
+        "frames: {crop: [1]}",
+        "views: {sources: cam01}",
+        "views: {sources: [1, 2]}",
+        "rendering: {paths: orbit}",
+        "effects: 5",
+        "effects: abc",
+        "sequences: 5",
+        "sequences: {a: 5}",
+        "sequences: {a: null}",
+        "frames: {size: 1e-3}",
+        "smoothing: {omega: .nan}",
+    ],
+)
 def test_a_value_of_the_wrong_type_is_a_sentence_with_its_place(tmp_path: Path, text: str) -> None:
     found = faults(tmp_path, text)
     assert found
@@ -226,7 +269,10 @@ def test_set_lies_below_the_overrides_of_a_sequence(tmp_path: Path) -> None:
 
 
 def test_faults_inside_overrides_have_their_own_place_and_only_theirs(tmp_path: Path) -> None:
-    text = "sequences:\n  kick*:\n    smoothing: {omega: 3, omga: 1}\n    dept: {pairs: 1}\n    archive: elsewhere\n    run: {workers: 1}\n  ok: {depth: {pairs: 1}}\n"
+    text = (
+        "sequences:\n  kick*:\n    smoothing: {omega: 3, omga: 1}\n    dept: {pairs: 1}\n    archive: elsewhere\n   "
+        " run: {workers: 1}\n  ok: {depth: {pairs: 1}}\n"
+    )
     assert sorted(faults(tmp_path, text)) == sorted(
         [
             "own.yaml:3:17 sequences.kick*.smoothing.omega: input should be less than or equal to 1, got 3",
@@ -240,12 +286,16 @@ def test_faults_inside_overrides_have_their_own_place_and_only_theirs(tmp_path: 
 
 
 def test_duplicate_keys_and_broken_yaml_stop_before_anything_else(tmp_path: Path) -> None:
-    assert faults(tmp_path, "depth: {pairs: 1}\ndepth: {pairs: 2}\n") == ["own.yaml:2:1 depth: given twice, first at own.yaml:1:1"]
+    assert faults(tmp_path, "depth: {pairs: 1}\ndepth: {pairs: 2}\n") == [
+        "own.yaml:2:1 depth: given twice, first at own.yaml:1:1"
+    ]
     assert faults(tmp_path, "depth: [1\n")[0].startswith("own.yaml:2:1: not valid YAML")
 
 
 def test_the_effective_settings_written_as_yaml_lead_to_the_same_settings(tmp_path: Path) -> None:
-    c = load(tmp_path, OVERRIDES, "frames.range=0:96:2", "depth.depth_range=[1, 5]", "frames.crop={cam01: {scale: 0.5}}")
+    c = load(
+        tmp_path, OVERRIDES, "frames.range=0:96:2", "depth.depth_range=[1, 5]", "frames.crop={cam01: {scale: 0.5}}"
+    )
     again = load(tmp_path, c.as_yaml())
     for name in ("walk", "kick", "kick_fast", "jump"):
         assert again.for_sequence(name) == c.for_sequence(name)

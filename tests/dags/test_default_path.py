@@ -18,7 +18,10 @@ from tests.storage.samples import make_capture
 def context_of(folder: Path, *azimuths: float, settings: dict | None = None) -> Context:
     rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in azimuths], size=(40, 30), focal=24.0)
     capture = replace(make_capture(len(azimuths), range(4), joints=False), rig=rig)
-    return make_context(Archive.open(str(folder), create=True).create_sequence("kick", capture, 4), Settings.model_validate(settings or {}))
+    return make_context(
+        Archive.open(str(folder), create=True).create_sequence("kick", capture, 4),
+        Settings.model_validate(settings or {}),
+    )
 
 
 @pytest.mark.parametrize(
@@ -34,5 +37,7 @@ def context_of(folder: Path, *azimuths: float, settings: dict | None = None) -> 
         ((0, 48, 180, 245), {"rendering": {"paths": ["orbit"]}}, "orbit"),
     ],
 )
-def test_the_default_path_is_one_that_cameras_stand_beside(azimuths: tuple[float, ...], settings: dict, kind: str, tmp_path: Path) -> None:
+def test_the_default_path_is_one_that_cameras_stand_beside(
+    azimuths: tuple[float, ...], settings: dict, kind: str, tmp_path: Path
+) -> None:
     assert [p.kind for p in context_of(tmp_path, *azimuths, settings=settings).paths.values()] == [kind]

@@ -28,7 +28,9 @@ AUTO = [f"effects.{e}=auto" for e in FORCED]
 @pytest.fixture(scope="module")
 def decided(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     """The clean person after a run with every effect on auto. Read it, do not change it."""
-    p = Pipeline(tmp_path_factory.mktemp("decided") / "archive", person_folder, [*AUTO, "depth.method=hull", "frames.range=0:4"])
+    p = Pipeline(
+        tmp_path_factory.mktemp("decided") / "archive", person_folder, [*AUTO, "depth.method=hull", "frames.range=0:4"]
+    )
     p.register()
     p.run()
     return p
@@ -43,7 +45,9 @@ def fresh(person_folder: Path, tmp_path: Path) -> Pipeline:
 
 
 def reasons(p: Pipeline, stage: str) -> set[str]:
-    return {r for v in p.plan().verdicts.values() if v.task.stage == stage and v.state is not State.FRESH for r in v.reasons}
+    return {
+        r for v in p.plan().verdicts.values() if v.task.stage == stage and v.state is not State.FRESH for r in v.reasons
+    }
 
 
 def alter_notes(p: Pipeline, array: str, change: float) -> None:
@@ -70,7 +74,15 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     events = fresh.run()
     (told,) = [e for e in events if isinstance(e, EffectsDecided)]
     assert told.sequence == NAME
-    assert [s.split(" (auto): ")[0] for s in told.sentences] == ["exposure_matching off", "outline_correction off", "temporal_smoothing off", "limb_bounds on", "view_dependent_color off", "silhouette_clipping on", "hole_filling on"]
+    assert [s.split(" (auto): ")[0] for s in told.sentences] == [
+        "exposure_matching off",
+        "outline_correction off",
+        "temporal_smoothing off",
+        "limb_bounds on",
+        "view_dependent_color off",
+        "silhouette_clipping on",
+        "hole_filling on",
+    ]
     order = [(e.task.stage, e.task.view) for e in events if isinstance(e, TaskDone)]
     stages = [s for s, _ in order]
     assert "smoothing" not in stages
@@ -93,7 +105,9 @@ def test_a_slightly_different_measure_makes_nothing_stale(decided: Pipeline, tmp
     assert p.plan().all_fresh
 
 
-def test_a_measure_that_crosses_its_bound_changes_the_decision_and_what_hangs_on_it(decided: Pipeline, tmp_path: Path) -> None:
+def test_a_measure_that_crosses_its_bound_changes_the_decision_and_what_hangs_on_it(
+    decided: Pipeline, tmp_path: Path
+) -> None:
     p = decided.copy(tmp_path / "archive")
     sequence = Archive.open(str(p.root)).sequence(NAME)
     for r in list(scan_receipts(sequence)):
@@ -116,7 +130,13 @@ def test_ten_more_frames_change_no_decision_and_no_partition_that_was_whole(tmp_
     p.register()
     stale = [v.task for v in p.plan().verdicts.values() if v.state is not State.FRESH]
     of_frames = [t.partition for t in stale if t.stage in ("frames", "survey", "depth")]
-    assert sorted(set(of_frames)) == [2, 3, 4, 5, 6], "pose, and what follows from it, is another matter: a file of joints holds all frames"
+    assert sorted(set(of_frames)) == [
+        2,
+        3,
+        4,
+        5,
+        6,
+    ], "pose, and what follows from it, is another matter: a file of joints holds all frames"
     assert any("survey was taken before" in n for n in p.plan().notes)
 
 
@@ -124,7 +144,9 @@ def test_from_survey_takes_the_measures_anew(decided: Pipeline, tmp_path: Path) 
     p = decided.copy(tmp_path / "archive")
     alter_notes(p, "survey/motion", 100.0)
     plan = p.plan(selection=Selection(start="survey"))
-    assert plan.context.effects["temporal_smoothing"].state == "undecided", "a survey that will be taken anew decides nothing"
+    assert plan.context.effects["temporal_smoothing"].state == "undecided", (
+        "a survey that will be taken anew decides nothing"
+    )
     p.run(selection=Selection(start="survey"))
     assert p.plan().context.effects["temporal_smoothing"].state == "off"
 
@@ -140,8 +162,12 @@ def test_the_size_of_the_frames_is_nothing_to_the_survey(decided: Pipeline) -> N
     assert not plan.context.waits, "what it noted decides at any size"
 
 
-@pytest.mark.parametrize(("worked", "why"), [("0:2", set()), ("1:6", set()), ("4:6", {"frames 4..5 are worked on, survey looked at 0..3"})])
-def test_the_survey_is_taken_anew_for_frames_of_which_it_saw_less_than_half(decided: Pipeline, tmp_path: Path, worked: str, why: set[str]) -> None:
+@pytest.mark.parametrize(
+    ("worked", "why"), [("0:2", set()), ("1:6", set()), ("4:6", {"frames 4..5 are worked on, survey looked at 0..3"})]
+)
+def test_the_survey_is_taken_anew_for_frames_of_which_it_saw_less_than_half(
+    decided: Pipeline, tmp_path: Path, worked: str, why: set[str]
+) -> None:
     p = decided.copy(tmp_path / "archive").with_settings(f"frames.range={worked}")
     assert reasons(p, "survey") == why
     if why:
@@ -151,7 +177,9 @@ def test_the_survey_is_taken_anew_for_frames_of_which_it_saw_less_than_half(deci
 
 
 @pytest.mark.parametrize("setting", ["on", "off"])
-def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(decided: Pipeline, tmp_path: Path, setting: str) -> None:
+def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(
+    decided: Pipeline, tmp_path: Path, setting: str
+) -> None:
     p = decided.copy(tmp_path / "archive").with_settings(f"effects.left_right_check={setting}", "depth.method=sgbm")
     verdict = p.plan().context.effects["left_right_check"]
     assert verdict.state == setting
@@ -161,13 +189,30 @@ def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(decid
 
 
 def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
-    forced = fresh.with_settings("effects.temporal_smoothing=on", "effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.view_dependent_color=off", "effects.silhouette_clipping=off", "effects.hole_filling=on")
+    forced = fresh.with_settings(
+        "effects.temporal_smoothing=on",
+        "effects.exposure_matching=off",
+        "effects.outline_correction=off",
+        "effects.limb_bounds=on",
+        "effects.view_dependent_color=off",
+        "effects.silhouette_clipping=off",
+        "effects.hole_filling=on",
+    )
     assert "survey" in forced.plan().unneeded
-    half = fresh.with_settings("effects.exposure_matching=off", "effects.outline_correction=off", "effects.limb_bounds=on", "effects.view_dependent_color=off", "effects.silhouette_clipping=off", "effects.hole_filling=off")
+    half = fresh.with_settings(
+        "effects.exposure_matching=off",
+        "effects.outline_correction=off",
+        "effects.limb_bounds=on",
+        "effects.view_dependent_color=off",
+        "effects.silhouette_clipping=off",
+        "effects.hole_filling=off",
+    )
     assert {w for w in half.plan().context.facts if w.startswith("survey/")} == {"survey/motion"}
 
 
-def test_what_the_survey_took_besides_stays_when_less_is_asked_and_is_retaken_when_more_is(decided: Pipeline, tmp_path: Path) -> None:
+def test_what_the_survey_took_besides_stays_when_less_is_asked_and_is_retaken_when_more_is(
+    decided: Pipeline, tmp_path: Path
+) -> None:
     less = decided.with_settings("effects.exposure_matching=off")
     assert less.plan().all_fresh
     more = decided.copy(tmp_path / "archive").with_settings("frames.matte=plate")
@@ -191,7 +236,11 @@ def test_a_failed_survey_blocks_what_waits_for_it(fresh: Pipeline, monkeypatch: 
 def test_an_effect_a_capture_lacks_the_ground_for_is_off_even_where_it_is_forced_on(tmp_path: Path) -> None:
     """So that one setting can hold for a hundred sequences."""
     film(tmp_path / "capture", views=3, frames=2, joints=False, depth=False)
-    p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["effects.temporal_smoothing=on", "effects.view_dependent_color=on", "effects.pose_heatmaps=on"])
+    p = Pipeline(
+        tmp_path / "archive",
+        tmp_path / "capture",
+        ["effects.temporal_smoothing=on", "effects.view_dependent_color=on", "effects.pose_heatmaps=on"],
+    )
     p.register()
     verdicts = p.plan().context.effects
     for name in ("temporal_smoothing", "view_dependent_color", "pose_heatmaps"):
@@ -208,7 +257,10 @@ def test_a_crop_that_sizes_need_cannot_be_switched_off(tmp_path: Path) -> None:
     p = Pipeline(tmp_path / "archive", tmp_path / "capture", [crop])
     p.register()
     assert p.plan().context.effects["crop_scale"].state == "on"
-    with pytest.raises(ConfigError, match=r"effects.crop_scale is off, but pictures of cam00 are 48x48 px and its calibration is for 50x48"):
+    with pytest.raises(
+        ConfigError,
+        match=r"effects.crop_scale is off, but pictures of cam00 are 48x48 px and its calibration is for 50x48",
+    ):
         p.with_settings("effects.crop_scale=off").plan()
 
 

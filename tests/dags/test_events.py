@@ -15,7 +15,16 @@ from posegaussian.dags.cli.app import app
 from posegaussian.dags.diagnostics.run_log import RunLog, stamped
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime import events
-from posegaussian.dags.runtime.events import Event, RunEnded, RunStarted, TaskDone, TaskFailed, TaskFresh, event_kinds, record
+from posegaussian.dags.runtime.events import (
+    Event,
+    RunEnded,
+    RunStarted,
+    TaskDone,
+    TaskFailed,
+    TaskFresh,
+    event_kinds,
+    record,
+)
 from posegaussian.storage.archive.ledger import run_events
 from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
 from posegaussian.storage.archive.store import Archive
@@ -23,12 +32,32 @@ from tests.pipeline import FORCED, NAME, Pipeline
 
 DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
 TASK = Task("kick", "depth", 3, None, None)
-RECEIPT = Receipt("depth", 3, None, None, "f" * 32, {}, (Output("depth/depth", 0, "d", (ShardFile("a", 7, 1), ShardFile("b", 5, 1))),), ("odd",), {"seconds": 2.5, "host": "h"})
+RECEIPT = Receipt(
+    "depth",
+    3,
+    None,
+    None,
+    "f" * 32,
+    {},
+    (Output("depth/depth", 0, "d", (ShardFile("a", 7, 1), ShardFile("b", 5, 1))),),
+    ("odd",),
+    {"seconds": 2.5, "host": "h"},
+)
 
 
 def sample(kind: type) -> Event:
     """An event of a kind, by the types of its fields."""
-    values: dict[str, Any] = {"Task": TASK, "Receipt": RECEIPT, "str": "words", "int": 2, "float": 1.5, "float | None": 1.5, "bool": False, "tuple[str, ...]": ("words",), "tuple[Task, ...]": (TASK, TASK)}
+    values: dict[str, Any] = {
+        "Task": TASK,
+        "Receipt": RECEIPT,
+        "str": "words",
+        "int": 2,
+        "float": 1.5,
+        "float | None": 1.5,
+        "bool": False,
+        "tuple[str, ...]": ("words",),
+        "tuple[Task, ...]": (TASK, TASK),
+    }
     return kind(**{f.name: values[str(f.type)] for f in dataclasses.fields(kind)})
 
 
@@ -52,13 +81,24 @@ def test_the_docs_know_no_other_events() -> None:
 
 def test_a_finished_task_tells_bytes_warnings_and_facts() -> None:
     r = record(TaskDone(TASK, RECEIPT, ("never made",)))
-    assert (r["bytes"], r["warnings"], r["seconds"], r["stage"], r["reasons"]) == (12, ["odd"], 2.5, "depth", ["never made"])
+    assert (r["bytes"], r["warnings"], r["seconds"], r["stage"], r["reasons"]) == (
+        12,
+        ["odd"],
+        2.5,
+        "depth",
+        ["never made"],
+    )
     assert set(events.FACTS) <= set(r)
 
 
 def test_the_log_of_a_run_holds_every_event_but_the_fresh_ones(tmp_path: Path) -> None:
     log = RunLog(tmp_path / "_runs/one")
-    told: list[Event] = [RunStarted((TASK,), ()), TaskFresh(TASK), TaskFailed(TASK, "no disk", "trace"), RunEnded(0, 1, 1, 0, 0, 1.0, False)]
+    told: list[Event] = [
+        RunStarted((TASK,), ()),
+        TaskFresh(TASK),
+        TaskFailed(TASK, "no disk", "trace"),
+        RunEnded(0, 1, 1, 0, 0, 1.0, False),
+    ]
     for event in told:
         log(event)
     ((name, found),) = run_events(Archive(tmp_path))
@@ -84,7 +124,14 @@ def lines(*arguments: str) -> list[dict[str, Any]]:
 
 def test_run_and_plan_write_nothing_but_events_for_machines(finished: Pipeline, tmp_path: Path) -> None:
     archive = finished.copy(tmp_path / "archive")
-    common = ["--json", "--archive", str(archive.root), "--set", "views.held_out=[mid00]", *(w for e, state in FORCED.items() for w in ("--set", f"effects.{e}={state}"))]
+    common = [
+        "--json",
+        "--archive",
+        str(archive.root),
+        "--set",
+        "views.held_out=[mid00]",
+        *(w for e, state in FORCED.items() for w in ("--set", f"effects.{e}={state}")),
+    ]
     planned = [e for e in lines("plan", *common) if e["event"] == "task_planned"]
     assert len(planned) == len(archive.plan().verdicts)
     assert {e["state"] for e in planned} == {"fresh"}

@@ -23,7 +23,9 @@ from tests.pipeline import NAME, Pipeline, film
 def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     folder = tmp_path_factory.mktemp("splats")
     film(folder / "capture", views=3, frames=3)
-    pipeline = Pipeline(folder / "archive", folder / "capture", ["depth.method=truth", "frames.range=1:3", "rendering.paths=[]"])
+    pipeline = Pipeline(
+        folder / "archive", folder / "capture", ["depth.method=truth", "frames.range=1:3", "rendering.paths=[]"]
+    )
     pipeline.register()
     pipeline.run()
     return pipeline
@@ -43,7 +45,13 @@ def test_reading_back_gives_the_gaussians_that_rendering_lifts(made: Pipeline, t
         start = 0
         for view in context.views.sources:
             maps = Maps(*(results.read(a, range(frame, frame + 1), view)[0] for a in unrefined_arrays(frozenset())))
-            g = lift(maps, context.rig.intrinsics[view], context.rig.world_to_camera[view], torch.float64, torch.device("cpu"))
+            g = lift(
+                maps,
+                context.rig.intrinsics[view],
+                context.rig.world_to_camera[view],
+                torch.float64,
+                torch.device("cpu"),
+            )
             n = len(g.mean)
             assert n > 100
             rows = slice(start, start + n)
@@ -98,5 +106,9 @@ def test_what_was_dropped_is_made_again_for_it(made: Pipeline, tmp_path: Path) -
     assert f"of {view}" in done.stdout
     assert len(read_splats(tmp_path / "out" / "000002.ply").splats) > 100
     assert not (archive.root / NAME / "rendering").exists()
-    assert_says(posegaussian("export", NAME, "--splats", "out", "--view", "nobody", *archive.options, cwd=tmp_path), "--view nobody", view)
+    assert_says(
+        posegaussian("export", NAME, "--splats", "out", "--view", "nobody", *archive.options, cwd=tmp_path),
+        "--view nobody",
+        view,
+    )
     assert_says(posegaussian("export", NAME, *archive.options, cwd=tmp_path), "--splats FOLDER")

@@ -38,7 +38,10 @@ GAUSSIANS = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians
         (OSError(errno.EIO, "input/output error"), Kind.TRANSIENT),
         (OSError(errno.ESTALE, "stale file handle"), Kind.TRANSIENT),
         (ConnectionResetError("peer"), Kind.TRANSIENT),
-        (RuntimeError("CUDA error: unknown error\nCUDA kernel errors might be reported asynchronously"), Kind.TRANSIENT),
+        (
+            RuntimeError("CUDA error: unknown error\nCUDA kernel errors might be reported asynchronously"),
+            Kind.TRANSIENT,
+        ),
         (RuntimeError("CUDA out of memory. Tried to allocate 2 GiB"), Kind.MEMORY),
         (MemoryError(), Kind.MEMORY),
         (TaskTimedOut("it took longer than 3 s (run.timeout)"), Kind.TIMEOUT),
@@ -79,14 +82,18 @@ def of(events: list[Event], kind: type) -> list:
     return [e for e in events if isinstance(e, kind)]
 
 
-def test_a_transient_failure_is_tried_again_with_a_growing_pause(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_transient_failure_is_tried_again_with_a_growing_pause(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stumble(monkeypatch, [OSError(errno.EIO, "disk"), ConnectionResetError("peer")])
     events = run(archive, Rules(retries=2, backoff=0.05))
     assert [(e.kind, e.pause) for e in of(events, TaskRetried)] == [("transient", 0.05), ("transient", 0.1)]
     assert len(of(events, TaskDone)) == 3
 
 
-def test_a_failure_that_stays_transient_fails_after_its_retries_and_says_so(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_that_stays_transient_fails_after_its_retries_and_says_so(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stumble(monkeypatch, [OSError(errno.EIO, "disk")] * 9)
     events = run(archive, Rules(retries=1, backoff=0.01))
     (failed,) = of(events, TaskFailed)
@@ -102,7 +109,9 @@ def test_a_deterministic_failure_is_not_tried_again(archive: Pipeline, monkeypat
     assert [f.kind for f in of(events, TaskFailed)] == ["deterministic"]
 
 
-def test_what_ran_out_of_memory_is_tried_once_more_and_then_fails_with_advice(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_ran_out_of_memory_is_tried_once_more_and_then_fails_with_advice(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stumble(monkeypatch, [MemoryError()] * 9)
     events = run(archive, Rules(retries=5))
     assert [e.kind for e in of(events, TaskRetried)] == ["memory or crash"]
@@ -131,12 +140,22 @@ def test_a_task_beyond_its_time_fails_by_the_setting_s_name(archive: Pipeline, m
 
 def three_sequences(tmp_path: Path) -> tuple[Path, list[str]]:
     """An archive of three short captures; returns its folder and the settings."""
-    settings = ["run.scheduler=serial", "views.held_out=[]", "partition.frames=1", *(f"effects.{e}={state}" for e, state in FORCED.items())]
+    settings = [
+        "run.scheduler=serial",
+        "views.held_out=[]",
+        "partition.frames=1",
+        *(f"effects.{e}={state}" for e, state in FORCED.items()),
+    ]
     root = tmp_path / "archive"
     configuration = load_configuration(None, settings, folder=tmp_path)
     for name in ("a", "b", "c"):
         film(tmp_path / name, views=2, frames=2, held_out=0, joints=False)
-        register(Archive.open(str(root), create=True), name, find_capture("images", tmp_path / name, [], configuration.for_sequence(name)), configuration.for_sequence(name))
+        register(
+            Archive.open(str(root), create=True),
+            name,
+            find_capture("images", tmp_path / name, [], configuration.for_sequence(name)),
+            configuration.for_sequence(name),
+        )
     return root, settings
 
 
@@ -163,7 +182,9 @@ def test_one_broken_sequence_among_three_is_explained_and_mended_alone(tmp_path:
     assert said.rstrip().splitlines()[-1].startswith(tuple("123456789"))
     assert "--sequence b" in said.partition("retry with")[2]
     for name in ("a", "c"):
-        assert len(list((root / name / "_receipts").rglob("*.json"))) > len(list((root / "b" / "_receipts").rglob("*.json")))
+        assert len(list((root / name / "_receipts").rglob("*.json"))) > len(
+            list((root / "b" / "_receipts").rglob("*.json"))
+        )
     source.write_bytes(whole)
     before = {p: p.stat().st_mtime_ns for p in root.rglob("*.json") if "_receipts" in p.parts}
     status, said = report(root, settings)

@@ -74,18 +74,24 @@ def full(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pipelin
 
 
 @pytest.mark.parametrize("kind", ["arrays", "paths"])
-def test_gc_frees_a_disk_that_is_full_to_the_last_byte(full: Pipeline, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gc_frees_a_disk_that_is_full_to_the_last_byte(
+    full: Pipeline, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = full.with_settings(*(["rendering.paths=[]"] if kind == "paths" else [])).plan()
     items = [i for i in garbage_collection.items([plan], Archive(full.root)) if i.kind == kind]
     with pytest.raises(NotWritten, match="the disk is full"):
-        full.session.run([full.plan(selection=Selection(force=frozenset({"metrics"})))], Selection(force=frozenset({"metrics"})))
+        full.session.run(
+            [full.plan(selection=Selection(force=frozenset({"metrics"})))], Selection(force=frozenset({"metrics"}))
+        )
     before = folder_bytes(full.root)
     assert garbage_collection.apply(items, [plan]) > 0
     assert folder_bytes(full.root) < before
     assert not list(full.root.rglob("*.lease"))
     assert not list(full.root.rglob("*.partial"))
     sequence = Archive.open(str(full.root)).sequence(NAME)
-    assert not [m for r in scan_receipts(sequence) for m in missing_files(sequence, r)], "no receipt promises what is gone"
+    assert not [m for r in scan_receipts(sequence) for m in missing_files(sequence, r)], (
+        "no receipt promises what is gone"
+    )
     monkeypatch.undo()
     if kind == "arrays":
         assert full.plan().all_fresh
@@ -100,7 +106,9 @@ def test_gc_that_may_not_make_room_says_so(full: Pipeline) -> None:
     assert_same_content(content(full), before)
 
 
-def test_a_disk_that_fills_up_in_mid_run_ends_with_the_table(archive: Pipeline, finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_fills_up_in_mid_run_ends_with_the_table(
+    archive: Pipeline, finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     forced = Selection(start="depth")
     session = Session(archive.configuration, str(archive.root), Console(file=open(tmp_path / "said", "w"), width=200))  # noqa: SIM115  read below
     plan = archive.plan(selection=forced)
@@ -128,7 +136,10 @@ def test_a_log_that_cannot_be_written_is_said_once_and_written_when_there_is_roo
     log(RunStarted((), ()))
     log(RunEnded(done=1, fresh=0, failed=0, blocked=0, left_out=0, seconds=1.0, interrupted=False))
     (told,) = log.sentences
-    assert told.startswith("the log of this run lacks its last 2 events, so `status --failed` and the ledger do not know of them: cannot write ")
+    assert told.startswith(
+        "the log of this run lacks its last 2 events, so `status --failed` and the ledger do not know of them: cannot"
+        " write "
+    )
     assert "the disk is full" in told
     log.file.unlink()
     log(RunEnded(done=1, fresh=0, failed=0, blocked=0, left_out=0, seconds=1.0, interrupted=False))
@@ -136,7 +147,9 @@ def test_a_log_that_cannot_be_written_is_said_once_and_written_when_there_is_roo
     assert log.file.read_text().count("\n") == 3
 
 
-def test_an_import_that_does_not_fit_leaves_no_sequence(person_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_that_does_not_fit_leaves_no_sequence(
+    person_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pipeline = Pipeline(tmp_path / "archive", person_folder)
     settings = pipeline.configuration.for_sequence(NAME)
     capture = find_capture("images", person_folder, [], settings)
@@ -166,5 +179,14 @@ def test_half_a_film_is_no_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_an_output_that_cannot_be_written_is_a_sentence(finished: Pipeline) -> None:
     with open("/dev/full", "w") as out:
-        done = subprocess.run([sys.executable, "-m", "posegaussian.dags.cli.app", "status", *finished.options], stdout=out, stderr=subprocess.PIPE, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, "error: standard output: No space left on device; choose another place, or free this one\n")
+        done = subprocess.run(
+            [sys.executable, "-m", "posegaussian.dags.cli.app", "status", *finished.options],
+            stdout=out,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: standard output: No space left on device; choose another place, or free this one\n",
+    )

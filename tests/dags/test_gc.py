@@ -43,7 +43,12 @@ def age(path: Path) -> None:
 def test_nothing_is_touched_without_apply(archive: Pipeline) -> None:
     before = content(archive)
     items = found(archive.plan())
-    assert {i.what.partition(",")[0] for i in of(items, "arrays")} >= {"frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity"}
+    assert {i.what.partition(",")[0] for i in of(items, "arrays")} >= {
+        "frames/color",
+        "gaussians/scale",
+        "gaussians/rotation",
+        "gaussians/opacity",
+    }
     assert all(i.bytes > 0 and "when something reads it again" in i.again for i in of(items, "arrays"))
     assert_same_content(content(archive), before)
     assert archive.plan().all_fresh
@@ -83,12 +88,18 @@ def test_partitions_beyond_the_range_and_stages_that_are_not_needed(archive: Pip
     shorter.run()
     plan = shorter.plan()
     ranged = of(found(plan), "range")
-    assert {i.what for i in ranged} >= {"frames beyond the range", "depth beyond the range", "gaussians beyond the range"}
+    assert {i.what for i in ranged} >= {
+        "frames beyond the range",
+        "depth beyond the range",
+        "gaussians beyond the range",
+    }
     garbage_collection.apply(ranged, [plan])
     assert of(found(shorter.plan()), "range") == []
     assert shorter.plan().all_fresh
     without = Pipeline(archive.root, archive.folder, ["frames.range=0:4"], held_out="[]").plan()
-    assert {i.what for i in of(found(without), "stages", "paths")} >= {"metrics, not needed"} or of(found(without), "paths")
+    assert {i.what for i in of(found(without), "stages", "paths")} >= {"metrics, not needed"} or of(
+        found(without), "paths"
+    )
 
 
 def test_strays_are_found_once_they_are_old_enough_to_be_nobodys(archive: Pipeline) -> None:
@@ -112,6 +123,7 @@ def test_strays_are_found_once_they_are_old_enough_to_be_nobodys(archive: Pipeli
 
 def test_shards_of_a_drop_that_was_killed_midway_are_strays(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     """The receipt says dropped before the first file goes: a death in between leaves files, not a false promise."""
+
     class Death(BaseException):
         pass
 
@@ -163,12 +175,25 @@ def test_the_newest_runs_and_everything_of_unknown_origin_stay(archive: Pipeline
     assert {p: p.read_bytes() for p in sources} == sources
 
 
-@pytest.mark.parametrize(("task", "kind"), [(Task(NAME, "survey", None, 99), None), (Task(NAME, "depth", 99), "range"), (Task(NAME, "frames", 0, 99), "stages"), (Task(NAME, "rendering", 0, None, "arc-0"), "paths"), (Task(NAME, "future", 0), None)])
-def test_constants_of_the_sequence_and_unknown_stages_are_never_offered(task: Task, kind: str | None, finished: Pipeline) -> None:
+@pytest.mark.parametrize(
+    ("task", "kind"),
+    [
+        (Task(NAME, "survey", None, 99), None),
+        (Task(NAME, "depth", 99), "range"),
+        (Task(NAME, "frames", 0, 99), "stages"),
+        (Task(NAME, "rendering", 0, None, "arc-0"), "paths"),
+        (Task(NAME, "future", 0), None),
+    ],
+)
+def test_constants_of_the_sequence_and_unknown_stages_are_never_offered(
+    task: Task, kind: str | None, finished: Pipeline
+) -> None:
     assert garbage_collection._kind(finished.plan(), task) == kind
 
 
-def test_nothing_computed_is_offered_while_a_source_is_missing(archive: Pipeline, tmp_path: Path, person_folder: Path) -> None:
+def test_nothing_computed_is_offered_while_a_source_is_missing(
+    archive: Pipeline, tmp_path: Path, person_folder: Path
+) -> None:
     import shutil
 
     folder = tmp_path / "capture"

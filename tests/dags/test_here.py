@@ -31,7 +31,9 @@ def here(pipeline: Pipeline, **more: object) -> dict[Task, Receipt]:
 
 def test_receipts_of_what_ran_and_nothing_of_what_was_fresh(small: Pipeline) -> None:
     first = here(small)
-    assert sorted((t.stage, t.view, t.partition) for t in first) == [("frames", v, p) for v in range(3) for p in range(2)]
+    assert sorted((t.stage, t.view, t.partition) for t in first) == [
+        ("frames", v, p) for v in range(3) for p in range(2)
+    ]
     assert all(r.facts["cpu_seconds"] >= 0 for r in first.values())
     assert here(small) == {}
 
@@ -48,7 +50,9 @@ def test_what_is_raised_after_a_task_ends_the_run_and_the_task_counts(small: Pip
 
 def test_every_failed_task_is_named_and_the_others_are_done(small: Pipeline) -> None:
     (small.folder / "images" / "cam01" / "000000.png").write_bytes(b"no picture")
-    with pytest.raises(RunFailed, match=r"^frames view 1 p0000: source file .* changed since it was imported") as caught:
+    with pytest.raises(
+        RunFailed, match=r"^frames view 1 p0000: source file .* changed since it was imported"
+    ) as caught:
         here(small)
     assert "p0001" not in str(caught.value)
     assert not getattr(caught.value, "__notes__", []), "the sentence says all that a user can do"

@@ -15,7 +15,14 @@ from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.store import Archive
 from tests.pipeline import NAME, Pipeline
 
-COMMON = ["--set", "views.held_out=[mid00]", "--set", "effects.temporal_smoothing=on", "--set", "effects.exposure_matching=off"]
+COMMON = [
+    "--set",
+    "views.held_out=[mid00]",
+    "--set",
+    "effects.temporal_smoothing=on",
+    "--set",
+    "effects.exposure_matching=off",
+]
 
 
 @pytest.fixture
@@ -42,7 +49,9 @@ def test_a_failure_is_shown_until_a_run_mends_it(failed: Pipeline) -> None:
     (one,) = still_failed(archive, [NAME])
     assert (one.task.stage, one.task.partition) == ("depth", 1)
     assert "cosmic ray" in one.error
-    assert one.blocked == 4, "gaussians, rendering and metrics of the partition, and metrics of the next one, which looks a frame back"
+    assert one.blocked == 4, (
+        "gaussians, rendering and metrics of the partition, and metrics of the next one, which looks a frame back"
+    )
     assert still_failed(archive, ["another"]) == []
     shown = CliRunner().invoke(app, ["status", "--failed", "--archive", str(failed.root), *COMMON])
     assert shown.exit_code == 1
@@ -55,7 +64,10 @@ def test_a_failure_is_shown_until_a_run_mends_it(failed: Pipeline) -> None:
     assert failed.session.run_and_report([failed.plan()], Selection()) == 0
     assert still_failed(archive, [NAME]) == []
     assert [r["mended"] for r in ledger.read(archive) if r["state"] == "failed"] == [True]
-    assert "nothing failed" in CliRunner().invoke(app, ["status", "--failed", "--archive", str(failed.root), *COMMON]).output
+    assert (
+        "nothing failed"
+        in CliRunner().invoke(app, ["status", "--failed", "--archive", str(failed.root), *COMMON]).output
+    )
 
 
 def test_the_retry_command_does_what_failed_under_the_settings_of_that_run(failed: Pipeline) -> None:
@@ -74,4 +86,13 @@ def test_a_mended_failure_whose_log_is_gone_is_known_by_its_receipt(failed: Pipe
 
 
 def test_names_with_blanks_survive_a_shell(tmp_path: Path) -> None:
-    assert shlex.split(retry_command(Archive(tmp_path / "my archive"), ["a b", "a b", "c"])) == ["posegaussian", "run", "--archive", str(tmp_path / "my archive"), "--sequence", "a b", "--sequence", "c"]
+    assert shlex.split(retry_command(Archive(tmp_path / "my archive"), ["a b", "a b", "c"])) == [
+        "posegaussian",
+        "run",
+        "--archive",
+        str(tmp_path / "my archive"),
+        "--sequence",
+        "a b",
+        "--sequence",
+        "c",
+    ]

@@ -66,7 +66,10 @@ def test_every_path_of_a_command_may_start_at_home(home: Path) -> None:
 
 def test_every_path_in_a_file_may_start_at_home(home: Path) -> None:
     for name, text in {
-        "own.yaml": 'archive: ~/a\nrendering: {paths: [~/cams.json, "arc a b"]}\nnetwork: {weights: "~/w.safetensors"}\nsequences: {walk: {detection: {model: ~/m.yaml}}}\n',
+        "own.yaml": (
+            'archive: ~/a\nrendering: {paths: [~/cams.json, "arc a b"]}\nnetwork: {weights:'
+            ' "~/w.safetensors"}\nsequences: {walk: {detection: {model: ~/m.yaml}}}\n'
+        ),
         "scene.yaml": "seed: 1\nframes: 1\nsubject: {obj: ~/scan.obj}\nrig: {cameras: 4, size: [64, 96], fill: 0.5}\n",
         "train.yaml": "preset: fast\nstart: ~/w.safetensors\n",
     }.items():

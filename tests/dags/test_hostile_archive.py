@@ -1,4 +1,5 @@
-"""A stranger's archive: whatever its names, links and descriptions say, no command reads, writes or deletes beside it, and each says why."""
+"""A stranger's archive: whatever its names, links and descriptions say, no command reads, writes or deletes beside
+it, and each says why."""
 
 from __future__ import annotations
 
@@ -55,7 +56,10 @@ def say(archive: Pipeline, command: str, out: Path) -> tuple[int, str]:
 
 def state(folder: Path) -> dict[str, tuple[int, bytes]]:
     """Every file of a folder with time and content."""
-    return {str(p.relative_to(folder)): (p.lstat().st_mtime_ns, p.read_bytes() if p.is_file() else b"") for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): (p.lstat().st_mtime_ns, p.read_bytes() if p.is_file() else b"")
+        for p in sorted(folder.rglob("*"))
+    }
 
 
 @pytest.fixture
@@ -89,7 +93,8 @@ def assert_refused(archive: Pipeline, outside: Path, tmp_path: Path, commands: I
 
 
 def receipt(root: Path, **changes: object) -> Path:
-    """A receipt of another camera path beside those there are, with some entries changed; an old one, without a checksum."""
+    """A receipt of another camera path beside those there are, with some entries changed; an old one, without a
+    checksum."""
     file = next((root / NAME / "_receipts/rendering").rglob("p000000.json"))
     data = json.loads(file.read_bytes())
     del data["checksum"]
@@ -122,7 +127,9 @@ NAMES: dict[str, Spoil] = {
     "stage that climbs": lambda root, out: receipt(root, stage="../../../outside"),
     "absolute key": lambda root, out: receipt(root, key=str(out / "canary")),
     "key that climbs": lambda root, out: receipt(root, key="rendering/../../../outside/canary"),
-    "key that climbs below its array": lambda root, out: receipt(root, array="rendering/a/color", key="rendering/a/color/c/../../../../../outside/canary"),
+    "key that climbs below its array": lambda root, out: receipt(
+        root, array="rendering/a/color", key="rendering/a/color/c/../../../../../outside/canary"
+    ),
     "array that climbs": lambda root, out: receipt(root, array="../../outside", key="../../outside/c/0/0"),
     "key of the record": lambda root, out: receipt(root, key="zarr.json"),
     "key of a description": lambda root, out: receipt(root, array="depth/depth", key="depth/depth/zarr.json"),
@@ -143,7 +150,9 @@ LINKS: dict[str, Spoil] = {
 
 
 @pytest.mark.parametrize("what", NAMES)
-def test_names_that_lead_out_are_refused_by_every_command(what: str, archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+def test_names_that_lead_out_are_refused_by_every_command(
+    what: str, archive: Pipeline, outside: Path, tmp_path: Path
+) -> None:
     NAMES[what](archive.root, outside)
     assert_refused(archive, outside, tmp_path, READING, "was not made by posegaussian", "names what no task writes")
     status, said = say(archive, "verify", tmp_path / "out")
@@ -156,10 +165,17 @@ def test_links_are_followed_by_no_command(what: str, archive: Pipeline, outside:
     assert_refused(archive, outside, tmp_path, READING, "is a symbolic link to")
 
 
-def test_links_among_the_archives_own_folders_are_not_followed(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+def test_links_among_the_archives_own_folders_are_not_followed(
+    archive: Pipeline, outside: Path, tmp_path: Path
+) -> None:
     for n in range(25):
         (outside / f"old{n:02d}").mkdir()
-    for name, commands in {"_runs": ("gc", "work", "failed"), "_variants": ("gc", "tradeoff"), "_cache": ("status",), "_captures": ("simulate",)}.items():
+    for name, commands in {
+        "_runs": ("gc", "work", "failed"),
+        "_variants": ("gc", "tradeoff"),
+        "_cache": ("status",),
+        "_captures": ("simulate",),
+    }.items():
         shutil.rmtree(archive.root / name, ignore_errors=True)
         (archive.root / name).symlink_to(outside)
         assert_refused(archive, outside, tmp_path, commands, "is a symbolic link to")
@@ -174,7 +190,10 @@ def test_nothing_is_copied_or_filmed_through_a_link(archive: Pipeline, outside: 
         place.parent.mkdir(parents=True)
         place.symlink_to(outside)
     before = state(outside)
-    for words in (["import", "images", str(archive.folder), "--sequence", NAME, "--copy"], ["simulate", "single_pair", "--sequence", "filmed"]):
+    for words in (
+        ["import", "images", str(archive.folder), "--sequence", NAME, "--copy"],
+        ["simulate", "single_pair", "--sequence", "filmed"],
+    ):
         done = CliRunner().invoke(app, [*words, "--archive", str(archive.root)])
         assert isinstance(done.exception, UserError), done.output
         assert "is a symbolic link to" in str(done.exception)
@@ -194,7 +213,17 @@ def test_leases_lead_nowhere(archive: Pipeline, outside: Path, tmp_path: Path) -
     lease.symlink_to(outside / "canary")
     assert_refused(archive, outside, tmp_path, ("gc", "work", "reshard"), "is a symbolic link to")
     lease.unlink()
-    said = {"token": "../../../../outside/canary", "run": "r", "worker": "w", "host": "h", "boot": "b", "pid": 1, "started": 0.0, "since": 0.0, "until": 1.0}
+    said = {
+        "token": "../../../../outside/canary",
+        "run": "r",
+        "worker": "w",
+        "host": "h",
+        "boot": "b",
+        "pid": 1,
+        "started": 0.0,
+        "since": 0.0,
+        "until": 1.0,
+    }
     lease.write_text(json.dumps(said))
     then = time.time() - 1e6
     os.utime(lease, (then, then))
@@ -203,14 +232,20 @@ def test_leases_lead_nowhere(archive: Pipeline, outside: Path, tmp_path: Path) -
     assert state(outside) == before
 
 
-@pytest.mark.parametrize("place", ["zarr.json", "_receipts/depth/p000000.json", "depth/depth/zarr.json", "depth/depth/c.1.2.0.0"])
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(place: str, archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "place", ["zarr.json", "_receipts/depth/p000000.json", "depth/depth/zarr.json", "depth/depth/c.1.2.0.0"]
+)
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(
+    place: str, archive: Pipeline, outside: Path, tmp_path: Path
+) -> None:
     pipe(archive.root / NAME / place)
     commands = ("verify", "sheet") if place == "depth/depth/zarr.json" else ("status", "gc", "verify")
     assert_refused(archive, outside, tmp_path, commands, "is neither a file nor a folder")
 
 
-def test_a_camera_whose_name_climbs_is_refused_where_the_record_is_read(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+def test_a_camera_whose_name_climbs_is_refused_where_the_record_is_read(
+    archive: Pipeline, outside: Path, tmp_path: Path
+) -> None:
     file = archive.root / NAME / "zarr.json"
     record = json.loads(file.read_bytes())["attributes"][ATTRIBUTES]
     record["capture"]["rig"]["names"][0] = "../../outside/cam"
@@ -225,7 +260,9 @@ def test_a_camera_whose_name_climbs_is_refused_at_import(person_folder: Path, tm
     name = cameras["cameras"][0]["name"]
     cameras["cameras"][0]["name"] = f"../images/{name}"
     file.write_text(json.dumps(cameras))
-    done = CliRunner().invoke(app, ["import", "images", str(tmp_path / "capture"), "--copy", "--archive", str(tmp_path / "archive")])
+    done = CliRunner().invoke(
+        app, ["import", "images", str(tmp_path / "capture"), "--copy", "--archive", str(tmp_path / "archive")]
+    )
     assert isinstance(done.exception, UserError), done.output
     assert not list((tmp_path / "archive").glob("*"))
 
@@ -236,13 +273,22 @@ def test_an_array_of_a_stranger_is_named_and_made_anew(archive: Pipeline, outsid
     meta["codecs"][0]["configuration"]["codecs"][1] = {"name": "numcodecs.pickle", "configuration": {}}
     del meta["attributes"]["checksum"]
     file.write_text(json.dumps(meta))
-    assert_refused(archive, outside, tmp_path, ("sheet", "verify", "repair"), "does not describe an array as this program writes it", "numcodecs.pickle")
+    assert_refused(
+        archive,
+        outside,
+        tmp_path,
+        ("sheet", "verify", "repair"),
+        "does not describe an array as this program writes it",
+        "numcodecs.pickle",
+    )
     assert not file.exists()
     assert archive.ran() == {"depth": 3}
     assert say(archive, "verify", tmp_path)[0] == 0
 
 
-def test_one_strangers_sequence_does_not_keep_the_others_from_running(archive: Pipeline, outside: Path, tmp_path: Path) -> None:
+def test_one_strangers_sequence_does_not_keep_the_others_from_running(
+    archive: Pipeline, outside: Path, tmp_path: Path
+) -> None:
     shutil.copytree(archive.root / NAME, archive.root / "theirs")
     file = archive.root / "theirs/_receipts/depth/p000000.json"
     file.unlink()

@@ -38,7 +38,9 @@ def boxed(tmp_path: Path) -> Pipeline:
     return made
 
 
-def test_a_crop_that_was_found_is_the_sequence_s_own_and_enters_fingerprints_as_the_setting_does(boxed: Pipeline) -> None:
+def test_a_crop_that_was_found_is_the_sequence_s_own_and_enters_fingerprints_as_the_setting_does(
+    boxed: Pipeline,
+) -> None:
     context = boxed.context()
     assert context.capture.crops == {"cam01": Crop(scale=1, offset=(0, -BARS))}
     np.testing.assert_array_equal(context.captured_to_calibrated, [[1, 0, 0], [1, 0, -BARS], [1, 0, 0], [1, 0, 0]])
@@ -48,21 +50,32 @@ def test_a_crop_that_was_found_is_the_sequence_s_own_and_enters_fingerprints_as_
 
     def fingerprints() -> dict[str, str]:
         plan = boxed.plan()
-        return {t.label(context.views.names): digest(own_parts(plan.context, t)) for t in plan.verdicts if t.stage == "frames"}
+        return {
+            t.label(context.views.names): digest(own_parts(plan.context, t))
+            for t in plan.verdicts
+            if t.stage == "frames"
+        }
 
     before = fingerprints()
     other = dataclasses.replace(context.capture, crops={"cam01": Crop(scale=1, offset=(0, -5))})
     boxed.session.archive.create_sequence(context.sequence.name, other, boxed.partition)
     after = fingerprints()
     assert len(before) == 4
-    assert {label for label, f in after.items() if f != before[label]} == {label for label in before if "cam01" in label}
+    assert {label for label, f in after.items() if f != before[label]} == {
+        label for label in before if "cam01" in label
+    }
 
 
 def test_sizes_that_nothing_explains_are_refused_before_work(boxed: Pipeline) -> None:
     """In an archive of an older version, whose settings held the crop."""
     sequence = boxed.context().sequence
-    boxed.session.archive.create_sequence(sequence.name, dataclasses.replace(sequence.capture, crops={}), boxed.partition)
-    with pytest.raises(ConfigError, match=r"camera cam01: pictures are 48x60 px, the calibration is for 48x48 px; import the capture again"):
+    boxed.session.archive.create_sequence(
+        sequence.name, dataclasses.replace(sequence.capture, crops={}), boxed.partition
+    )
+    with pytest.raises(
+        ConfigError,
+        match=r"camera cam01: pictures are 48x60 px, the calibration is for 48x48 px; import the capture again",
+    ):
         boxed.plan()
 
 
@@ -82,14 +95,18 @@ def register_again(p: Pipeline, **more: bool) -> list[str]:
     return register(p.session.archive, NAME, find_capture("images", p.folder, [], settings), settings, **more)[1]
 
 
-def test_another_capture_under_a_used_name_is_refused_with_what_is_there_and_what_would_go(two: tuple[Pipeline, Pipeline]) -> None:
+def test_another_capture_under_a_used_name_is_refused_with_what_is_there_and_what_would_go(
+    two: tuple[Pipeline, Pipeline],
+) -> None:
     old, new = two
     with pytest.raises(ArchiveError) as refused:
         register_again(new)
-    assert str(refused.value) == (
-        f"sequence person is there already: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1), pictures in {old.folder}/images; "
-        "this is another capture, with no picture in common: give it a name of its own with --sequence, or put it in the other's place with --replace, "
-        "which deletes all that was computed from it (8 results)"
+    assert (
+        str(refused.value)
+        == "sequence person is there already: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1),"
+        f" pictures in {old.folder}/images; this is another capture, with no picture in common: give it a name of"
+        " its own with --sequence, or put it in the other's place with --replace, which deletes all that was"
+        " computed from it (8 results)"
     )
     assert old.plan(selection=Selection(only=frozenset({"frames"}))).book.receipts
     assert old.context().capture.rig.names == ("cam00", "cam01", "cam02", "mid00")
@@ -99,7 +116,9 @@ def test_replacing_leaves_nothing_of_the_other_capture(two: tuple[Pipeline, Pipe
     """The survey is kept when a capture grows: a background plate of another room must not be."""
     _, new = two
     (said,) = register_again(new, replace=True)
-    assert said.startswith("replaced: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1), pictures in ")
+    assert said.startswith(
+        "replaced: layout images, 4 cameras (cam00, cam01, cam02, mid00), 2 frames (0..1), pictures in "
+    )
     assert said.endswith("; deleted: all that was computed from it (8 results)")
     assert new.context().sequence.partition_frames == 3
     assert new.context().capture.rig.names == ("cam00", "cam01", "mid00")

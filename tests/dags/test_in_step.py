@@ -1,4 +1,5 @@
-"""A camera that is late by whole frames, brought into step by `frames.time_offset`, gives what it gives when it is not late."""
+"""A camera that is late by whole frames, brought into step by `frames.time_offset`, gives what it gives when it is
+not late."""
 
 from __future__ import annotations
 
@@ -60,7 +61,10 @@ def test_the_setting_makes_what_it_touches_stale_and_nothing_else(late: Pipeline
 
 
 def test_less_than_half_a_frame_changes_nothing(late: Pipeline) -> None:
-    assert late.with_settings(f"frames.time_offset={{{LATE}: 0.4}}").context().capture.to_json() == late.context().capture.to_json()
+    assert (
+        late.with_settings(f"frames.time_offset={{{LATE}: 0.4}}").context().capture.to_json()
+        == late.context().capture.to_json()
+    )
 
 
 def test_an_unknown_camera_is_refused(late: Pipeline) -> None:

@@ -1,4 +1,5 @@
-"""`posegaussian inspect` on small made captures: every measure has number, verdict and advice, and a fault that was made is found."""
+"""`posegaussian inspect` on small made captures: every measure has number, verdict and advice, and a fault that was
+made is found."""
 
 from __future__ import annotations
 
@@ -113,15 +114,25 @@ def test_page_pictures_and_table_of_a_whole_capture(capture: Path, tmp_path: Pat
 
 
 def test_exact_joints_masks_and_cameras_are_good(capture: Path, tmp_path: Path) -> None:
-    """Features and edges of a plain body of 96 px say little, and five cameras around stand 72 degrees apart; all else is exact."""
+    """Features and edges of a plain body of 96 px say little, and five cameras around stand 72 degrees apart; all
+    else is exact."""
     report = report_of(context_of(capture, tmp_path / "archive"))
     for f in report.findings:
-        if f.measure not in ("epipolar distance", "focus", "blur against others", "exposure", "people", "partners", "neighbours"):
+        if f.measure not in (
+            "epipolar distance",
+            "focus",
+            "blur against others",
+            "exposure",
+            "people",
+            "partners",
+            "neighbours",
+        ):
             assert f.verdict in (Verdict.GOOD, Verdict.NOTE), f
 
 
 def test_a_camera_whose_pose_is_wrong_is_found(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
-    """By two degrees about the axes across: some 4 px of 96. Without a pair on the clean side no pair of the others is accused as much."""
+    """By two degrees about the axes across: some 4 px of 96. Without a pair on the clean side no pair of the others
+    is accused as much."""
 
     def turn(folder: Path) -> None:
         cameras = json.loads((folder / "cameras.json").read_text())
@@ -152,7 +163,9 @@ def test_a_camera_of_another_recording_is_found(spoilt: Callable[[Callable[[Path
     assert found(report, "joint residual", "cam01").verdict is Verdict.BAD
 
 
-def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(spoilt: Callable[[Callable[[Path], None]], Report], tmp_path: Path) -> None:
+def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(
+    spoilt: Callable[[Callable[[Path], None]], Report], tmp_path: Path
+) -> None:
     def late(folder: Path) -> None:
         for kind in ("images", "masks"):
             for file in sorted((folder / kind / "cam02").iterdir(), reverse=True):
@@ -169,7 +182,9 @@ def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(spoilt:
     assert found(mended, "time offset", "cam02").verdict is Verdict.GOOD
 
 
-def test_without_joints_and_masks_it_says_what_cannot_be_measured(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
+def test_without_joints_and_masks_it_says_what_cannot_be_measured(
+    spoilt: Callable[[Callable[[Path], None]], Report],
+) -> None:
     import shutil
 
     def strip(folder: Path) -> None:
@@ -207,20 +222,25 @@ def test_a_crop_that_was_forgotten_is_told_with_a_suggestion(capture: Path, tmp_
 
     context = context_of(capture, tmp_path / "archive")
     rig = context.capture.rig
-    context.__dict__["capture"] = dataclasses.replace(context.capture, rig=dataclasses.replace(rig, size=rig.size + [[8, 8]] * len(rig)))
+    context.__dict__["capture"] = dataclasses.replace(
+        context.capture, rig=dataclasses.replace(rig, size=rig.size + [[8, 8]] * len(rig))
+    )
     sizes = footage_of(context)[1]
     assert all(f.verdict is Verdict.BAD and "scale: 1.08333" in f.advice for f in sizes)
 
 
 def test_what_is_predicted_is_what_the_plan_says(tmp_path: Path) -> None:
-    """Pairs, mattes and joints by the plan's own words; of eight cameras one is held out, so its neighbours stand 90 degrees apart."""
+    """Pairs, mattes and joints by the plan's own words; of eight cameras one is held out, so its neighbours stand 90
+    degrees apart."""
     film(tmp_path / "capture", views=7, size=64, frames=3, held_out=1, depth=False, masks=False)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture")
     pipeline.register()
     context, plan = pipeline.context(), planned_of(pipeline.context())
     refused = [n for n in pipeline.plan().notes if n.startswith("depth does not match")]
     assert sum(int(n.split()[4]) for n in refused) == len(plan.refused) > 0
-    assert [plan.matte] == [c.resolve(context.settings.frames, context.capture_facts) for c in stage_named("frames").choices]
+    assert [plan.matte] == [
+        c.resolve(context.settings.frames, context.capture_facts) for c in stage_named("frames").choices
+    ]
     assert plan.depth.method == resolve_method(context.settings.depth, context.facts)
     assert plan.sources == context.views.sources
     told = measure(*footage_of(context), plan).outlook
@@ -243,8 +263,16 @@ def test_the_advice_is_ordered_by_use_within_its_verdict(spoilt: Callable[[Calla
 
 
 @pytest.mark.captures
-@pytest.mark.parametrize(("layout", "name", "matched", "refused"), [("pose2sim", "balance", {("cam01", "cam02"), ("cam03", "cam04")}, 4), ("caliscope", "desk", {("cam_2", "cam_3")}, 5)])
-def test_pairs_of_real_captures(layout: str, name: str, matched: set[tuple[str, str]], refused: int, captures: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("layout", "name", "matched", "refused"),
+    [
+        ("pose2sim", "balance", {("cam01", "cam02"), ("cam03", "cam04")}, 4),
+        ("caliscope", "desk", {("cam_2", "cam_3")}, 5),
+    ],
+)
+def test_pairs_of_real_captures(
+    layout: str, name: str, matched: set[tuple[str, str]], refused: int, captures: Path, tmp_path: Path
+) -> None:
     crop = "frames.crop={cam01: {scale: 1.00741, offset: [0, -7.11]}, cam02: {scale: 1.00741, offset: [0, -7.11]}}"
     configuration = load_configuration(None, [crop] if name == "balance" else [], folder=tmp_path)
     settings = configuration.for_sequence(name)

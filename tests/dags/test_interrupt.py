@@ -21,7 +21,15 @@ from tests.pipeline import NAME, Pipeline
 
 def started(pipeline: Pipeline, scheduler: str, receipts: int) -> subprocess.Popen:
     """A run in a process group of its own, with some receipts written."""
-    process = pipeline.start("--scheduler", scheduler, "--set", "run.workers=2", stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+    process = pipeline.start(
+        "--scheduler",
+        scheduler,
+        "--set",
+        "run.workers=2",
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
     deadline = time.monotonic() + 120
     while len(list((pipeline.root / NAME / "_receipts").rglob("*.json"))) < receipts:
         assert process.poll() is None, process.communicate()[0]
@@ -76,7 +84,13 @@ def test_a_second_ctrl_c_ends_a_run_whose_kernel_does_not_listen(finished: Pipel
     words = ["run", "--archive", str(pipeline.root)]
     for a in pipeline.assignments:
         words += ["--set", a]
-    process = subprocess.Popen([sys.executable, "-c", HANGING, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    process = subprocess.Popen(
+        [sys.executable, "-c", HANGING, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.getcwd()},
+    )
     assert process.stdout is not None
     for line in process.stdout:
         if "in the kernel" in line:
@@ -113,8 +127,17 @@ except KeyboardInterrupt:
 
 
 def test_a_ctrl_c_that_meets_a_collection_of_garbage_is_heard() -> None:
-    done = subprocess.run([sys.executable, "-c", DROPPING], capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": os.getcwd()})
-    assert sorted(done.stdout.splitlines()) == ["heard", "stopping; what is finished is kept. Ctrl-C once more ends at once"]
+    done = subprocess.run(
+        [sys.executable, "-c", DROPPING],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "PYTHONPATH": os.getcwd()},
+    )
+    assert sorted(done.stdout.splitlines()) == [
+        "heard",
+        "stopping; what is finished is kept. Ctrl-C once more ends at once",
+    ]
     assert not done.stderr
 
 

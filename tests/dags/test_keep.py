@@ -1,4 +1,5 @@
-"""Dropping what nobody needs any more: results are equal whichever policy, and what is needed again is made again, alone."""
+"""Dropping what nobody needs any more: results are equal whichever policy, and what is needed again is made again,
+alone."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipt
 
 DROP = "run.keep=as_declared"
 UNTIL_DONE = ("frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity", "pose/heatmaps")
-"""What the declarations call until_done and another stage reads; gaussians/confidence and smoothing/heatmaps nobody reads yet."""
+"""What the declarations call until_done and another stage reads; gaussians/confidence and smoothing/heatmaps nobody
+reads yet."""
 
 
 def expected(plan: Plan) -> set[str]:
@@ -37,7 +39,8 @@ def expected(plan: Plan) -> set[str]:
 
 @pytest.fixture(scope="module")
 def dropping(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, int]:
-    """The finished archive after a run that drops what it may, and the most bytes the sequence took. Read it, do not change it."""
+    """The finished archive after a run that drops what it may, and the most bytes the sequence took. Read it, do not
+    change it."""
     pipeline = Pipeline(tmp_path_factory.mktemp("dropping") / "archive", finished.folder, [DROP])
     pipeline.register()
     peak = 0
@@ -111,11 +114,17 @@ def render() -> Callable[[object], str]:
 def test_another_path_makes_again_just_what_it_reads(dropped: Pipeline) -> None:
     plan = dropped.plan("orbit")
     reason = "its output was dropped and is needed by rendering"
-    assert {v.task.stage: set(v.reasons) for v in plan.verdicts.values() if v.state is State.STALE} == {"frames": {reason}, "gaussians": {reason}, "rendering": {"never made"}}
+    assert {v.task.stage: set(v.reasons) for v in plan.verdicts.values() if v.state is State.STALE} == {
+        "frames": {reason},
+        "gaussians": {reason},
+        "rendering": {"never made"},
+    }
     # Six source views of three partitions; of the held-out view nothing is rendered from.
     assert dropped.ran("orbit") == {"frames": 18, "gaussians": 3, "rendering": 3}
     assert dropped.plan("orbit").all_fresh
-    assert dropped_arrays(dropped.plan("orbit")) == expected(dropped.plan("orbit")), "and it is dropped again afterwards"
+    assert dropped_arrays(dropped.plan("orbit")) == expected(dropped.plan("orbit")), (
+        "and it is dropped again afterwards"
+    )
 
 
 def test_a_stale_stage_calls_back_and_equal_content_stops_there(dropped: Pipeline) -> None:
@@ -125,13 +134,20 @@ def test_a_stale_stage_calls_back_and_equal_content_stops_there(dropped: Pipelin
 
 def test_what_only_an_undecided_stage_reads_is_not_made_again_in_vain(dropped: Pipeline) -> None:
     plan = dropped.plan(selection=Selection(force=frozenset({"gaussians"})))
-    assert plan.counts("frames") == {State.UNDECIDED: 21}, "rendering may need the pictures, and metrics the held-out ones"
+    assert plan.counts("frames") == {State.UNDECIDED: 21}, (
+        "rendering may need the pictures, and metrics the held-out ones"
+    )
     assert dropped.ran(selection=Selection(force=frozenset({"gaussians"}))) == {"gaussians": 3}
 
 
 def test_a_changed_setting_runs_through(dropped: Pipeline, finished: Pipeline, tmp_path: Path) -> None:
     counts = dropped.with_settings("gaussians.footprint=0.6").ran()
-    assert counts == {"gaussians": 3, "frames": 18 + 3, "rendering": 3, "metrics": 3}, "metrics reads the held-out pictures"
+    assert counts == {
+        "gaussians": 3,
+        "frames": 18 + 3,
+        "rendering": 3,
+        "metrics": 3,
+    }, "metrics reads the held-out pictures"
     kept = finished.copy(tmp_path / "kept").with_settings("gaussians.footprint=0.6")
     kept.run()
     assert_same_content(content(dropped, but=UNTIL_DONE), content(kept, but=UNTIL_DONE))
@@ -143,8 +159,11 @@ def test_only_blocks_what_would_need_another_stage(dropped: Pipeline) -> None:
     assert {e.by.stage for e in events if type(e).__name__ == "TaskBlocked"} == {"frames"}
 
 
-def test_content_that_comes_out_different_reaches_those_that_were_fresh(dropped: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kernel that is not the same twice (another device, another library): nothing may stay fresh over the old bytes."""
+def test_content_that_comes_out_different_reaches_those_that_were_fresh(
+    dropped: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kernel that is not the same twice (another device, another library): nothing may stay fresh over the old
+    bytes."""
     import posegaussian.stages.frames.run as frames
     from posegaussian.stages.contract.io import Block
 
@@ -167,7 +186,9 @@ def test_a_contact_sheet_has_the_few_pictures_it_shows_made_again_and_held(dropp
     plan = dropped.session.plan(NAME, Selection(), (), lambda c: held)
     # Three frames lie in three partitions; four of six source views and the held-out one are shown.
     assert plan.counts("frames")[State.STALE] == 3 * 5
-    assert {r for v in plan.verdicts.values() for r in v.reasons} == {"its output was dropped and is needed by the export"}
+    assert {r for v in plan.verdicts.values() for r in v.reasons} == {
+        "its output was dropped and is needed by the export"
+    }
     ended = Run([plan], Selection(), SerialBackend(), [Keeper([plan])]).go()
     assert ended.done == 15
     assert len(write_exports(plan, None, None, tmp_path / "sheet.png")) == 1
@@ -179,19 +200,27 @@ def test_reading_what_was_dropped_says_so(dropped: Pipeline) -> None:
 
 
 def test_a_keep_of_its_own_wins_over_the_run_s(finished: Pipeline, tmp_path: Path) -> None:
-    one = finished.copy(tmp_path / "one").with_settings("keep.depth/confidence=until_done", "keep.gaussians/confidence=never", "keep.pose/joints3d=never")
+    one = finished.copy(tmp_path / "one").with_settings(
+        "keep.depth/confidence=until_done", "keep.gaussians/confidence=never", "keep.pose/joints3d=never"
+    )
     plan = one.plan()
     assert plan.all_fresh
     keeper = Keeper([plan])
     keeper.sweep()
-    assert dropped_arrays(one.plan()) == {"depth/confidence", "gaussians/confidence", "pose/joints3d"}, "never takes even what nobody reads"
+    assert dropped_arrays(one.plan()) == {
+        "depth/confidence",
+        "gaussians/confidence",
+        "pose/joints3d",
+    }, "never takes even what nobody reads"
     assert keeper.bytes > 0
     kept = finished.copy(tmp_path / "two").with_settings(DROP, "keep.frames/color=always")
     Keeper([kept.plan()]).sweep()
     assert dropped_arrays(kept.plan()) == expected(kept.plan()) - {"frames/color"}
 
 
-def test_nothing_is_dropped_before_its_readers_are_done(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_dropped_before_its_readers_are_done(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import posegaussian.stages.rendering.run as rendering
 
     pipeline = Pipeline(tmp_path / "archive", finished.folder, [DROP, "keep.pose/joints3d=never"])
@@ -203,7 +232,9 @@ def test_nothing_is_dropped_before_its_readers_are_done(finished: Pipeline, tmp_
     monkeypatch.setattr(rendering, "run", failing)
     pipeline.run(expect_failure=True)
     plan = pipeline.plan()
-    assert dropped_arrays(plan) - {"pose/heatmaps"} == {"pose/joints3d"}, "rendering failed, so what it reads stays; never waits for nobody"
+    assert dropped_arrays(plan) - {"pose/heatmaps"} == {"pose/joints3d"}, (
+        "rendering failed, so what it reads stays; never waits for nobody"
+    )
 
 
 def test_nothing_is_dropped_whose_sources_are_gone(finished: Pipeline, tmp_path: Path, person_folder: Path) -> None:

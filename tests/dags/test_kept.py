@@ -1,4 +1,5 @@
-"""Going back to a setting takes over what was made with it: equal bytes, nothing computed, within a budget, whatever dies in between."""
+"""Going back to a setting takes over what was made with it: equal bytes, nothing computed, within a budget, whatever
+dies in between."""
 
 from __future__ import annotations
 
@@ -33,7 +34,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     """A small finished archive. Read it, do not change it."""
     folder = tmp_path_factory.mktemp("kept")
     film(folder / "person", views=3, frames=4)
-    p = Pipeline(folder / "archive", folder / "person", ["depth.method=hull", "effects.silhouette_clipping=off", "effects.hole_filling=off"])
+    p = Pipeline(
+        folder / "archive",
+        folder / "person",
+        ["depth.method=hull", "effects.silhouette_clipping=off", "effects.hole_filling=off"],
+    )
     p.register()
     p.run()
     return p
@@ -49,14 +54,21 @@ def run(p: Pipeline, room: int = ROOM, selection: Selection | None = None) -> tu
     """(tasks that were computed, tasks that were taken over)."""
     selection = selection or Selection()
     events: list[Event] = []
-    Run([p.plan(selection=selection)], selection, SerialBackend(), [events.append], rules=Rules(Terms(uuid4().hex, kept=room))).go()
+    Run(
+        [p.plan(selection=selection)],
+        selection,
+        SerialBackend(),
+        [events.append],
+        rules=Rules(Terms(uuid4().hex, kept=room)),
+    ).go()
     ended = next(e for e in events if isinstance(e, RunEnded))
     assert [e for e in events if isinstance(e, TaskFailed)] == []
     return sum(isinstance(e, TaskDone) for e in events), ended.taken
 
 
 def of(known: dict[str, bytes | list], p: Pipeline) -> dict[str, bytes | list]:
-    """What the archive holds of arrays that are known: other sizes have camera paths of other names, which stay beside."""
+    """What the archive holds of arrays that are known: other sizes have camera paths of other names, which stay
+    beside."""
     return {k: v for k, v in content(p).items() if k in known}
 
 
@@ -119,7 +131,9 @@ def test_what_was_not_used_for_the_longest_time_goes_first(a: Pipeline) -> None:
 
 def test_what_is_forced_is_made_anew_and_its_old_result_is_not_trusted(a: Pipeline) -> None:
     run(a.with_settings(*OTHER))
-    assert run(a, selection=Selection(force=frozenset({"rendering"})))[0] == sum(t.stage == "rendering" for t in a.plan().verdicts)
+    assert run(a, selection=Selection(force=frozenset({"rendering"})))[0] == sum(
+        t.stage == "rendering" for t in a.plan().verdicts
+    )
 
 
 def test_other_content_upstream_is_not_taken_over(a: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,7 +146,11 @@ def test_other_content_upstream_is_not_taken_over(a: Pipeline, monkeypatch: pyte
     for r in frames:
         set_aside.forget(sequence, set_aside.key_of(r), r.fingerprint)
     plain = Warp.__call__
-    monkeypatch.setattr(Warp, "__call__", lambda self, picture: np.maximum(plain(self, picture), 3) if picture.ndim == 3 else plain(self, picture))
+    monkeypatch.setattr(
+        Warp,
+        "__call__",
+        lambda self, picture: np.maximum(plain(self, picture), 3) if picture.ndim == 3 else plain(self, picture),
+    )
     computed, _ = run(a)
     assert computed > sum(t.stage == "frames" for t in a.plan().verdicts), "and what reads them"
     assert a.plan().all_fresh
@@ -155,8 +173,18 @@ def test_a_damaged_result_is_computed_and_deleted(a: Pipeline) -> None:
     assert len(aside(a)) <= before, "the damaged ones went, the other setting's came"
 
 
-@pytest.mark.parametrize("where", ["posegaussian.storage.archive.set_aside.link_or_copy", "posegaussian.storage.archive.set_aside.write_receipt", "posegaussian.storage.archive.set_aside.os.link", "posegaussian.storage.archive.set_aside.os.rename"])
-def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: Pipeline, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+@pytest.mark.parametrize(
+    "where",
+    [
+        "posegaussian.storage.archive.set_aside.link_or_copy",
+        "posegaussian.storage.archive.set_aside.write_receipt",
+        "posegaussian.storage.archive.set_aside.os.link",
+        "posegaussian.storage.archive.set_aside.os.rename",
+    ],
+)
+def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(
+    a: Pipeline, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
     first, b = content(a), a.with_settings(*OTHER)
     putting = "os." in where
     if not putting:
@@ -173,7 +201,9 @@ def test_a_death_in_between_leaves_true_receipts_and_an_archive_that_goes_on(a: 
 
     with monkeypatch.context() as m:
         m.setattr(set_aside, "os" if putting else name, SimpleNamespace(**{**vars(os), name: die}) if putting else die)
-        Run([(b if putting else a).plan()], Selection(), SerialBackend(), [], rules=Rules(Terms(uuid4().hex, kept=ROOM))).go()
+        Run(
+            [(b if putting else a).plan()], Selection(), SerialBackend(), [], rules=Rules(Terms(uuid4().hex, kept=ROOM))
+        ).go()
     assert calls[0] > 2
     sequence = Archive.open(str(a.root)).sequence(NAME)
     whole = [r for r in scan_receipts(sequence) if not missing_files(sequence, r)]
@@ -193,7 +223,9 @@ def test_gc_shows_and_frees_them(a: Pipeline) -> None:
     assert aside(a) == []
 
 
-@pytest.mark.parametrize(("text", "count"), [("0", 0), ("2GB", 2 * 10**9), ("1.5 MB", 1_500_000), ("700", 700), ("3kB", 3000)])
+@pytest.mark.parametrize(
+    ("text", "count"), [("0", 0), ("2GB", 2 * 10**9), ("1.5 MB", 1_500_000), ("700", 700), ("3kB", 3000)]
+)
 def test_the_budget_is_a_size(a: Pipeline, text: str, count: int) -> None:
     assert a.with_settings(f"run.keep_variants={text}").configuration.default.run.kept_bytes == count
 

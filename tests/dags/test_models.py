@@ -20,7 +20,9 @@ def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The cache folder, and three made files that are expected in it."""
     monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    made = tuple(replace(m, size=len(m.name), sha256=hashlib.sha256(m.name.encode()).hexdigest()) for m in downloads.BLAZEPOSE)
+    made = tuple(
+        replace(m, size=len(m.name), sha256=hashlib.sha256(m.name.encode()).hexdigest()) for m in downloads.BLAZEPOSE
+    )
     monkeypatch.setattr(downloads, "BLAZEPOSE", made)
     return tmp_path / "cache" / "posegaussian" / "models" / "blazepose"
 
@@ -36,7 +38,9 @@ def wheel(folder: Path, spoil: str = "") -> Path:
 
 
 def expect(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:
-    monkeypatch.setattr(downloads, "MEDIAPIPE", replace(downloads.MEDIAPIPE, sha256=hashlib.sha256(file.read_bytes()).hexdigest()))
+    monkeypatch.setattr(
+        downloads, "MEDIAPIPE", replace(downloads.MEDIAPIPE, sha256=hashlib.sha256(file.read_bytes()).hexdigest())
+    )
 
 
 def pip_gives(monkeypatch: pytest.MonkeyPatch, file: Path | None, stderr: str = "") -> list[list[str]]:
@@ -52,7 +56,9 @@ def pip_gives(monkeypatch: pytest.MonkeyPatch, file: Path | None, stderr: str = 
     return asked
 
 
-def test_fetch_takes_the_three_files_out_of_the_wheel(cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_fetch_takes_the_three_files_out_of_the_wheel(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     file = wheel(tmp_path)
     expect(monkeypatch, file)
     asked = pip_gives(monkeypatch, file)
@@ -75,8 +81,15 @@ def test_a_wheel_of_another_content_is_refused(cache: Path, monkeypatch: pytest.
 
 
 def test_without_a_network_the_other_way_is_named(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pip_gives(monkeypatch, None, "WARNING: Retrying\nERROR: Could not find a version that satisfies the requirement\nERROR: No matching distribution found\n")
-    with pytest.raises(SourceError, match=r"exit status 1, Could not find a version.*posegaussian models add mediapipe-0\.10\.21"):
+    pip_gives(
+        monkeypatch,
+        None,
+        "WARNING: Retrying\nERROR: Could not find a version that satisfies the requirement\nERROR: No matching"
+        " distribution found\n",
+    )
+    with pytest.raises(
+        SourceError, match=r"exit status 1, Could not find a version.*posegaussian models add mediapipe-0\.10\.21"
+    ):
         downloads.fetch("blazepose")
 
 
@@ -115,7 +128,12 @@ def test_other_wheels_and_files_are_refused(cache: Path, tmp_path: Path) -> None
         z.writestr("mediapipe/__init__.py", "")
     (tmp_path / "broken.whl").write_bytes(b"no zip")
     (tmp_path / "model.onnx").write_bytes(b"")
-    for name, says in (("mediapipe-0.10.30-py3-none-any.whl", "does not hold"), ("broken.whl", "does not hold"), ("model.onnx", "description"), ("nowhere.whl", "no file")):
+    for name, says in (
+        ("mediapipe-0.10.30-py3-none-any.whl", "does not hold"),
+        ("broken.whl", "does not hold"),
+        ("model.onnx", "description"),
+        ("nowhere.whl", "no file"),
+    ):
         with pytest.raises(SourceError, match=says):
             downloads.add([tmp_path / name])
 
@@ -137,7 +155,9 @@ def test_an_unknown_name_is_refused_with_the_known() -> None:
 
 def test_a_description_is_checked(tmp_path: Path) -> None:
     (tmp_path / "net.onnx").write_bytes(b"network")
-    (tmp_path / "net.yaml").write_text("{file: net.onnx, kind: heatmap, input: [192, 256], outputs: [maps], joint_set: coco17}")
+    (tmp_path / "net.yaml").write_text(
+        "{file: net.onnx, kind: heatmap, input: [192, 256], outputs: [maps], joint_set: coco17}"
+    )
     assert "detection.model=" in downloads.add([tmp_path / "net.yaml"])[0]
 
 

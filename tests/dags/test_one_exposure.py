@@ -20,10 +20,13 @@ from tests.pipeline import Pipeline
 
 
 def test_a_darker_camera_is_found_and_by_the_same_amount(tmp_path: Path) -> None:
-    """One stop less light, before a survey and in it: one measure, one number. Cameras 15 degrees apart share surface points."""
+    """One stop less light, before a survey and in it: one measure, one number. Cameras 15 degrees apart share
+    surface points."""
     size, bones = 224, pose("stand", 0.0)
     rig = ring(24, size, 0).subset([0, 1, 2])
-    color = np.stack([render(bones, k, w, (size, size), 2)[0] for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)])[None]
+    color = np.stack(
+        [render(bones, k, w, (size, size), 2)[0] for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)]
+    )[None]
     cv2.LUT(color[0, 0], gain_table(np.full(3, 0.5)), dst=color[0, 0])
     write_capture(tmp_path / "capture", rig, color, frame_rate=30.0)
     p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["effects.exposure_matching=auto"], held_out="[]")

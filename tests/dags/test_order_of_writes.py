@@ -1,4 +1,5 @@
-"""A power cut at any moment leaves true receipts: what a receipt promises was synced to the disk before the receipt was."""
+"""A power cut at any moment leaves true receipts: what a receipt promises was synced to the disk before the receipt
+was."""
 
 from __future__ import annotations
 
@@ -13,7 +14,9 @@ from tests.pipeline import NAME, Pipeline
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="which file a descriptor means is only told by /proc")
-def test_every_shard_and_its_folder_is_synced_before_its_receipt(person_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_shard_and_its_folder_is_synced_before_its_receipt(
+    person_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pipeline = Pipeline(tmp_path / "archive", person_folder, ["frames.range=0:2", "depth.method=hull"])
     pipeline.register()
     synced: list[str] = []

@@ -1,4 +1,5 @@
-"""Workers of others: those with other code or libraries compute nothing, TLS is used as configured, a dead scheduler is told as such."""
+"""Workers of others: those with other code or libraries compute nothing, TLS is used as configured, a dead scheduler
+is told as such."""
 
 from __future__ import annotations
 
@@ -56,7 +57,9 @@ class OlderLibrary(WorkerPlugin):
             build.here.cache_clear()
 
 
-def test_a_worker_with_another_library_refuses_and_another_one_does_its_tasks(archive: Pipeline, finished: Pipeline) -> None:
+def test_a_worker_with_another_library_refuses_and_another_one_does_its_tasks(
+    archive: Pipeline, finished: Pipeline
+) -> None:
     backend = DaskBackend(RunSettings(workers=2, gpus=0))
     backend._client.register_plugin(OlderLibrary("cpu-1"), name="older")
     events = archive.run(selection=LAST, backend=backend)
@@ -105,7 +108,9 @@ def other_code(folder: Path) -> Path:
     return folder
 
 
-def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_with_other_code_are_refused_by_name_whenever_they_join(
+    archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     edited, old = other_code(tmp_path / "edited"), tmp_path / "old"
     (old / "posegaussian").mkdir(parents=True)
     (old / "posegaussian/__init__.py").write_text(OLD)
@@ -134,7 +139,9 @@ def test_workers_with_other_code_are_refused_by_name_whenever_they_join(archive:
     assert ended(events).done == 3
 
 
-def test_a_scheduler_that_dies_fails_what_it_had_and_blocks_the_rest(archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_scheduler_that_dies_fails_what_it_had_and_blocks_the_rest(
+    archive: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(cluster, "RECONNECTION", 0.2)
     events: list[Event] = []
     with ExitStack() as stack:
@@ -163,12 +170,18 @@ def test_what_a_lost_scheduler_never_got_is_failed_and_blocked_and_not_left_out(
     backend = UnreachedBackend({CPU: Pool(1)}, SchedulerLost("no workers could be started"))
     Run([archive.plan(selection=LAST)], LAST, backend, [events.append, collector]).go()
     (failed,) = [e for e in events if isinstance(e, TaskFailed)]
-    assert (failed.task.stage, failed.kind, failed.error) == ("rendering", "scheduler lost", "no workers could be started")
+    assert (failed.task.stage, failed.kind, failed.error) == (
+        "rendering",
+        "scheduler lost",
+        "no workers could be started",
+    )
     assert [s for s in collector.blocked_sentences({}) if "--only" in s] == []
     assert (ended(events).failed, ended(events).blocked, ended(events).left_out) == (1, 5, 0)
 
 
-def test_workers_that_die_while_they_start_are_started_again_and_then_told_as_a_failed_run(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_that_die_while_they_start_are_started_again_and_then_told_as_a_failed_run(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from posegaussian.dags.runtime.executors import local_cluster
 
     attempts, real = [], local_cluster._start
@@ -200,16 +213,50 @@ def certificates(tmp_path: Path) -> tuple[str, str]:
     if shutil.which("openssl") is None:
         pytest.skip("openssl makes the certificate")
     certificate, key = str(tmp_path / "cert.pem"), str(tmp_path / "key.pem")
-    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key, "-out", certificate, "-days", "1", "-subj", "/CN=posegaussian"], check=True, capture_output=True)
+    subprocess.run(
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "rsa:2048",
+            "-nodes",
+            "-keyout",
+            key,
+            "-out",
+            certificate,
+            "-days",
+            "1",
+            "-subj",
+            "/CN=posegaussian",
+        ],
+        check=True,
+        capture_output=True,
+    )
     return certificate, key
 
 
-def test_a_run_over_tls_needs_the_certificates_and_works_with_them(archive: Pipeline, tmp_path: Path, certificates: tuple[str, str]) -> None:
+def test_a_run_over_tls_needs_the_certificates_and_works_with_them(
+    archive: Pipeline, tmp_path: Path, certificates: tuple[str, str]
+) -> None:
     certificate, key = certificates
     with ExitStack() as stack:
-        others = Cluster(stack, tmp_path / "scheduler.json", "--tls-ca-file", certificate, "--tls-cert", certificate, "--tls-key", key)
+        others = Cluster(
+            stack,
+            tmp_path / "scheduler.json",
+            "--tls-ca-file",
+            certificate,
+            "--tls-cert",
+            certificate,
+            "--tls-key",
+            key,
+        )
         others.add("only")
-        configured = {"distributed.comm.tls.ca-file": certificate, "distributed.comm.tls.client.cert": certificate, "distributed.comm.tls.client.key": key}
+        configured = {
+            "distributed.comm.tls.ca-file": certificate,
+            "distributed.comm.tls.client.cert": certificate,
+            "distributed.comm.tls.client.key": key,
+        }
         with dask.config.set(configured):
             address = others.address()
             assert address.startswith("tls://")
@@ -218,8 +265,13 @@ def test_a_run_over_tls_needs_the_certificates_and_works_with_them(archive: Pipe
             events = over_tls.run(selection=METRICS, backend=backend)
         assert ended(events).done == 3
         assert {e.receipt.facts["worker"] for e in events if isinstance(e, TaskDone)} == {"only"}
-        with pytest.raises(ConfigError, match=r"needs certificates: name them in Dask's configuration, distributed\.comm\.tls"):
+        with pytest.raises(
+            ConfigError, match=r"needs certificates: name them in Dask's configuration, distributed\.comm\.tls"
+        ):
             over_tls.session.backend()
-        with dask.config.set({**configured, "distributed.comm.tls.ca-file": "/nowhere.pem"}), pytest.raises(ConfigError, match="cannot be read"):
+        with (
+            dask.config.set({**configured, "distributed.comm.tls.ca-file": "/nowhere.pem"}),
+            pytest.raises(ConfigError, match="cannot be read"),
+        ):
             over_tls.session.backend()
     assert load_configuration(None, [f"run.scheduler={address}"], folder=tmp_path).default.run.scheduler == address

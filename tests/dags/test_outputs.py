@@ -53,8 +53,19 @@ def test_a_folder_nobody_may_write_to(tmp_path: Path) -> None:
         output_file("--video", tmp_path / "a.mp4", (".mp4",))
 
 
-@pytest.mark.parametrize("options", [["--video", "a.gif"], ["--sheet", "a.jpg"], ["--video", "nope/a.mp4"], ["--frames", "nope/frames"], ["--splats", "nope/splats"]])
-def test_an_export_refuses_before_it_computes(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str]) -> None:
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--video", "a.gif"],
+        ["--sheet", "a.jpg"],
+        ["--video", "nope/a.mp4"],
+        ["--frames", "nope/frames"],
+        ["--splats", "nope/splats"],
+    ],
+)
+def test_an_export_refuses_before_it_computes(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["export", NAME, *finished.options, "--set", "pose.sigma=0.07", *options])
     assert isinstance(result.exception, ConfigError), result.output

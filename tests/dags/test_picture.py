@@ -27,7 +27,12 @@ def of(plan: Plan, name: str) -> Card:
 
 
 def test_stages_carry_the_plans_states_and_arrays_their_shards(plan: Plan) -> None:
-    assert [of(plan, s).state for s in ("frames", "gaussians", "rendering", "survey")] == [State.FRESH, State.STALE, State.UNDECIDED, None]
+    assert [of(plan, s).state for s in ("frames", "gaussians", "rendering", "survey")] == [
+        State.FRESH,
+        State.STALE,
+        State.UNDECIDED,
+        None,
+    ]
     assert of(plan, "gaussians").note() == "3 stale"
     assert "not needed" in of(plan, "survey").note()
     color = of(plan, "frames").arrays[0]
@@ -59,7 +64,11 @@ def test_the_svg_names_every_stage_and_array_once_and_is_well_formed(plan: Plan,
 
 def test_no_line_runs_behind_a_card(plan: Plan, tmp_path: Path) -> None:
     root = ET.parse(write_picture([plan], tmp_path / "dag.svg")).getroot()
-    boxes = [(float(r.get("x", 0)), float(r.get("y", 0)), float(r.get("height", 0))) for r in root.iter(f"{SVG}rect") if r.get("width") == str(CARD)]
+    boxes = [
+        (float(r.get("x", 0)), float(r.get("y", 0)), float(r.get("height", 0)))
+        for r in root.iter(f"{SVG}rect")
+        if r.get("width") == str(CARD)
+    ]
     assert len(boxes) == len(STAGES)
     for path in [p.get("d", "") for p in root.iter(f"{SVG}path") if "Z" not in p.get("d", "")]:
         x, y, end = (float(v) for v in re.fullmatch(r"M([\d.]+) ([\d.]+)[VH]([\d.]+)", path).groups())  # type: ignore[union-attr]
@@ -81,6 +90,9 @@ def test_mermaid_has_every_edge(plan: Plan, tmp_path: Path) -> None:
     assert ":::stale" in text
 
 
-@pytest.mark.parametrize(("size", "text"), [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (46123, "46.1 kB"), (3 * 10**13, "30 TB"), (3 * 10**16, "3e+04 TB")])
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (46123, "46.1 kB"), (3 * 10**13, "30 TB"), (3 * 10**16, "3e+04 TB")],
+)
 def test_bytes_in_the_largest_unit_that_fits(size: int, text: str) -> None:
     assert size_text(size) == text

@@ -94,9 +94,13 @@ def test_a_truncated_receipt_counts_as_none(archive: Pipeline) -> None:
     assert "never made" in stale(archive)["depth"]
 
 
-def test_editing_a_kernel_makes_its_stage_stale_and_names_the_code(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_editing_a_kernel_makes_its_stage_stale_and_names_the_code(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = fingerprint.code_digest
-    monkeypatch.setattr(fingerprint, "code_digest", lambda run: "f" * 32 if run.startswith("stages.depth") else real(run))
+    monkeypatch.setattr(
+        fingerprint, "code_digest", lambda run: "f" * 32 if run.startswith("stages.depth") else real(run)
+    )
     reasons = stale(archive)
     assert any(r.startswith("code of depth changed") for r in reasons["depth"])
     assert "pose" not in reasons
@@ -131,7 +135,9 @@ def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.M
     assert ("gaussians", 1) in blocked
     assert ("rendering", 0) not in blocked
     assert end.failed == 1
-    assert not (archive.root / NAME / "_receipts/depth/p000001.json").exists(), "a failed rerun must not leave the old receipt"
+    assert not (archive.root / NAME / "_receipts/depth/p000001.json").exists(), (
+        "a failed rerun must not leave the old receipt"
+    )
     monkeypatch.undo()
     archive.run()
     assert archive.plan().all_fresh
@@ -139,9 +145,9 @@ def test_a_failed_partition_fails_alone(archive: Pipeline, monkeypatch: pytest.M
 
 def test_plan_imports_no_numerical_library(archive: Pipeline) -> None:
     code = (
-        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; "
-        f"r = CliRunner().invoke(app, ['plan', *{archive.options!r}]); "
-        "print(r.exit_code, 'all fresh' in r.output, [m for m in ('torch', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
+        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; r ="
+        f" CliRunner().invoke(app, ['plan', *{archive.options!r}]); print(r.exit_code, 'all fresh' in r.output, [m for"
+        " m in ('torch', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "0 True []", done.stdout + done.stderr

@@ -13,7 +13,18 @@ from posegaussian.dags.diagnostics.progress import QUIET_SECONDS, PlainProgress,
 from posegaussian.dags.diagnostics.remaining_time import Remaining
 from posegaussian.dags.humanize.text import Voice
 from posegaussian.dags.planning.tasks import Task
-from posegaussian.dags.runtime.events import EffectsDecided, Event, RunEnded, RunStarted, TaskBlocked, TaskDone, TaskFailed, TaskFresh, TaskLeftOut, TaskStarted
+from posegaussian.dags.runtime.events import (
+    EffectsDecided,
+    Event,
+    RunEnded,
+    RunStarted,
+    TaskBlocked,
+    TaskDone,
+    TaskFailed,
+    TaskFresh,
+    TaskLeftOut,
+    TaskStarted,
+)
 from posegaussian.storage.archive.receipts import Receipt
 
 DEPTH = [Task("kick", "depth", p) for p in range(4)]
@@ -22,7 +33,11 @@ END = RunEnded(done=3, fresh=0, failed=1, blocked=0, left_out=0, seconds=1.0, in
 
 
 def done(task: Task, seconds: float = 1.0, *warnings: str) -> TaskDone:
-    return TaskDone(task, Receipt(task.stage, task.partition, task.view, task.path, "f", {}, (), warnings, {"seconds": seconds}), ("never made",))
+    return TaskDone(
+        task,
+        Receipt(task.stage, task.partition, task.view, task.path, "f", {}, (), warnings, {"seconds": seconds}),
+        ("never made",),
+    )
 
 
 class Clock:
@@ -48,7 +63,15 @@ def play(clock: Clock, *events: tuple[float, Event]) -> list[str]:
 
 
 def test_a_run_tells_its_sentences_and_when_each_stage_is_done(clock: Clock) -> None:
-    lines = play(clock, (0, RunStarted((*POSE, *DEPTH), ("GPU work falls to the CPU.",))), (1, TaskStarted(POSE[0])), (0, done(POSE[0])), (1, done(POSE[1])), (1, done(DEPTH[0])), (0, END))
+    lines = play(
+        clock,
+        (0, RunStarted((*POSE, *DEPTH), ("GPU work falls to the CPU.",))),
+        (1, TaskStarted(POSE[0])),
+        (0, done(POSE[0])),
+        (1, done(POSE[1])),
+        (1, done(DEPTH[0])),
+        (0, END),
+    )
     assert lines == ["GPU work falls to the CPU.", "pose: 2 of 2 done, 2.0 s"]
 
 
@@ -58,7 +81,13 @@ def test_a_failure_is_told_at_once_with_sequence_task_and_sentence(clock: Clock)
 
 
 def test_a_long_stage_shows_its_count_and_the_time_left(clock: Clock) -> None:
-    lines = play(clock, (0, RunStarted(tuple(DEPTH), ())), (0, TaskStarted(DEPTH[3])), (20, done(DEPTH[0], 20.0)), (20, done(DEPTH[1], 20.0)))
+    lines = play(
+        clock,
+        (0, RunStarted(tuple(DEPTH), ())),
+        (0, TaskStarted(DEPTH[3])),
+        (20, done(DEPTH[0], 20.0)),
+        (20, done(DEPTH[1], 20.0)),
+    )
     assert lines == ["25% done, about 60.0 s left; depth 1/4", "50% done, about 40.0 s left; depth 2/4"]
 
 
@@ -78,7 +107,16 @@ def test_one_bar_counts_every_settled_task_whatever_became_of_it() -> None:
     out = io.StringIO()
     remaining = Remaining(dict.fromkeys((*POSE, *DEPTH), 1.0), workers=1)
     listener = TerminalProgress(Console(file=out, force_terminal=True, width=100), remaining)
-    events: list[Event] = [RunStarted((*POSE, *DEPTH), ("a sentence",)), TaskFresh(POSE[0]), done(POSE[1]), done(DEPTH[0]), TaskFailed(DEPTH[1], "no [disk]", ""), TaskBlocked(DEPTH[2], DEPTH[1]), TaskLeftOut(DEPTH[3]), END]
+    events: list[Event] = [
+        RunStarted((*POSE, *DEPTH), ("a sentence",)),
+        TaskFresh(POSE[0]),
+        done(POSE[1]),
+        done(DEPTH[0]),
+        TaskFailed(DEPTH[1], "no [disk]", ""),
+        TaskBlocked(DEPTH[2], DEPTH[1]),
+        TaskLeftOut(DEPTH[3]),
+        END,
+    ]
     for event in events:
         remaining(event)
         listener(event)
@@ -99,7 +137,12 @@ def test_sentences_with_brackets_are_shown_as_they_are() -> None:
 
 def test_warnings_and_failures_are_collected_with_their_task() -> None:
     collector = WarningCollector()
-    for event in [RunStarted(tuple(DEPTH), ()), done(DEPTH[0], 1.0, "odd", "even"), TaskFailed(DEPTH[1], "no disk", "trace"), END]:
+    for event in [
+        RunStarted(tuple(DEPTH), ()),
+        done(DEPTH[0], 1.0, "odd", "even"),
+        TaskFailed(DEPTH[1], "no disk", "trace"),
+        END,
+    ]:
         collector(event)
     assert collector.warnings == ["kick depth p0000: odd", "kick depth p0000: even"]
     assert [f.task for f in collector.failures] == [DEPTH[1]]

@@ -1,4 +1,5 @@
-"""What a run is expected to take: bytes that are written, memory that is taken, seconds from history; refusal before the start."""
+"""What a run is expected to take: bytes that are written, memory that is taken, seconds from history; refusal before
+the start."""
 
 from __future__ import annotations
 
@@ -50,7 +51,14 @@ def test_projected_bytes_are_those_of_the_blocks_that_are_written(finished: Pipe
         arrays = {o.array for t in done for o in plan.book.receipts[t].outputs}
         views = len(plan.context.active_views)
         whole = [zarr.open_array(finished.root / NAME / a, mode="r") for a in arrays]
-        held = sum(a.nbytes // (a.shape[1] if "view" in stage.over else 1) * (views if "view" in stage.over else 1) for a in whole) if "time" in stage.over else None
+        held = (
+            sum(
+                a.nbytes // (a.shape[1] if "view" in stage.over else 1) * (views if "view" in stage.over else 1)
+                for a in whole
+            )
+            if "time" in stage.over
+            else None
+        )
         if held is not None:
             assert sum(load(plan.context, t).raw_bytes for t in done) == held, stage.name
         for t in done:
@@ -70,7 +78,9 @@ def test_history_turns_bytes_and_work_into_disk_and_seconds(archive: Pipeline) -
             # The same tasks again: the ratio gives back what they took, up to rounding.
             assert p.disk == pytest.approx(on_disk, rel=1e-3, abs=2)
         assert p.same
-        assert p.seconds == pytest.approx(sum(r.facts["seconds"] for r in receipts), rel=1.0), "a median stands for the mean"
+        assert p.seconds == pytest.approx(sum(r.facts["seconds"] for r in receipts), rel=1.0), (
+            "a median stands for the mean"
+        )
 
 
 def test_without_history_seconds_are_unknown_and_bytes_an_upper_bound(archive: Pipeline) -> None:
@@ -90,7 +100,9 @@ def test_seconds_of_other_settings_are_marked_and_work_scales_them(archive: Pipe
     assert depth.seconds is not None
     assert not depth.same
     half = archive.with_settings("frames.size=24")
-    before = next(p for p in project(archive.plan(selection=Selection(start="frames")), history(archive)) if p.stage == "depth")
+    before = next(
+        p for p in project(archive.plan(selection=Selection(start="frames")), history(archive)) if p.stage == "depth"
+    )
     after = next(p for p in project(half.plan(), history(archive)) if p.stage == "depth")
     assert before.seconds is not None
     assert after.seconds == pytest.approx(before.seconds / 4, rel=1e-6), "a quarter of the pixels"
@@ -100,7 +112,10 @@ def test_letting_go_lowers_the_projected_peak_of_long_sequences(archive: Pipelin
     short = archive.with_settings("run.keep=as_declared", "run.workers=1", "run.window=1", "run.scheduler=local")
     longer = Pipeline(archive.root.with_name("fine"), archive.folder, short.settings, partition=1)
     longer.register()
-    frames = {k: next(p for p in project(longer.with_settings(f"run.keep={k}").plan(), History()) if p.stage == "frames") for k in ("everything", "as_declared")}
+    frames = {
+        k: next(p for p in project(longer.with_settings(f"run.keep={k}").plan(), History()) if p.stage == "frames")
+        for k in ("everything", "as_declared")
+    }
     assert frames["everything"].peak == frames["everything"].disk == frames["as_declared"].disk
     # frames/color is 3 of the 8 bytes a pixel (mask 1, true depth 4); of six partitions three are there at a time.
     assert frames["as_declared"].peak == pytest.approx(frames["everything"].disk * (1 - 3 / 8 * 3 / 6))
@@ -108,7 +123,12 @@ def test_letting_go_lowers_the_projected_peak_of_long_sequences(archive: Pipelin
 
 def test_a_task_too_large_for_a_worker_is_refused_with_what_to_change(archive: Pipeline) -> None:
     again = archive.with_settings("gaussians.footprint=0.6")
-    need = max(needs_of(again.context(), s, p).ram for s in STAGES if s.name in ("gaussians", "rendering", "metrics") for p in again.context().paths)
+    need = max(
+        needs_of(again.context(), s, p).ram
+        for s in STAGES
+        if s.name in ("gaussians", "rendering", "metrics")
+        for p in again.context().paths
+    )
     assert need > RESERVED
     enough = again.with_settings(f"run.memory={need / 2**20 + 1}")
     assert refusals([enough.plan()], local_pools(enough.configuration.default.run)) == []
@@ -121,14 +141,19 @@ def test_a_task_too_large_for_a_worker_is_refused_with_what_to_change(archive: P
         little.session.run_and_report([little.plan()], Selection())
 
 
-def test_more_bytes_than_the_disk_has_are_refused_before_the_start(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_bytes_than_the_disk_has_are_refused_before_the_start(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = archive.plan(selection=Selection(start="frames"))
     assert forecast.refusals([plan], Archive(archive.root), history(archive)) == [], "what is replaced makes room"
     usage = shutil.disk_usage(archive.root)
     monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
     first = Pipeline(archive.root.with_name("first"), archive.folder)
     first.register()
-    with pytest.raises(ConfigError, match=r"the run is projected to need .* more on disk, .* has 0.0 MB free; set run.keep to as_declared"):
+    with pytest.raises(
+        ConfigError,
+        match=r"the run is projected to need .* more on disk, .* has 0.0 MB free; set run.keep to as_declared",
+    ):
         first.session.run_and_report([first.plan()], Selection())
     assert not list((first.root / NAME / "_receipts").rglob("*.json"))
 
@@ -142,7 +167,9 @@ def test_receipts_carry_projected_beside_measured_memory(finished: Pipeline) -> 
 
 
 @pytest.mark.parametrize("record", ["kernel", "samples"])
-def test_the_peak_is_the_block_s_own_not_the_process_s(record: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_peak_is_the_block_s_own_not_the_process_s(
+    record: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     if record == "samples":
         monkeypatch.setattr(meters, "CLEAR", tmp_path / "no" / "such" / "file")
     elif not meters.CLEAR.exists():

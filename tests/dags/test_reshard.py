@@ -21,7 +21,8 @@ from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, r
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
-    """Six frames of three source cameras and a held-out one, run whole. Fewer shards than the shared fixture: each is synced."""
+    """Six frames of three source cameras and a held-out one, run whole. Fewer shards than the shared fixture: each
+    is synced."""
     folder = tmp_path_factory.mktemp("narrow")
     film(folder / "capture", views=3, size=48, frames=6, held_out=1)
     pipeline = Pipeline(folder / "archive", folder / "capture")
@@ -67,7 +68,10 @@ def test_there_and_back_is_the_identity(archive: Pipeline, finished: Pipeline) -
     cut(archive, 4)
     cut(archive, 2)
     assert receipts(archive) == receipts(finished)
-    seconds = [sum(row(NAME, r)["seconds"] for r in scan_receipts(Archive.open(str(p.root)).sequence(NAME))) for p in (archive, finished)]
+    seconds = [
+        sum(row(NAME, r)["seconds"] for r in scan_receipts(Archive.open(str(p.root)).sequence(NAME)))
+        for p in (archive, finished)
+    ]
     assert seconds[0] == pytest.approx(seconds[1], abs=0.01), "history keeps its seconds, up to their rounding"
 
 
@@ -77,7 +81,11 @@ def test_seconds_of_modules_go_along(archive: Pipeline) -> None:
         modules = {"sweep": 2.0, **({"hull": 1.0} if r.partition == 1 else {})}
         write_receipt(sequence, replace(r, facts={**r.facts, "modules": modules}))
     cut(archive, 3)
-    found = {r.partition: r.facts["modules"] for r in scan_receipts(Archive.open(str(archive.root)).sequence(NAME)) if r.stage == "depth"}
+    found = {
+        r.partition: r.facts["modules"]
+        for r in scan_receipts(Archive.open(str(archive.root)).sequence(NAME))
+        if r.stage == "depth"
+    }
     assert found == {0: {"sweep": 3.0, "hull": 0.5}, 1: {"sweep": 3.0, "hull": 0.5}}
 
 
@@ -131,7 +139,9 @@ class Death(BaseException):
 
 
 @pytest.mark.parametrize("at", ["a receipt", "first rename", "second rename", "clean-up"])
-def test_a_death_leaves_old_or_new(at: str, archive: Pipeline, finished: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_death_leaves_old_or_new(
+    at: str, archive: Pipeline, finished: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = content(finished)
 
     def die(*args: object, **kwargs: object) -> None:
@@ -151,7 +161,9 @@ def test_a_death_leaves_old_or_new(at: str, archive: Pipeline, finished: Pipelin
         monkeypatch.setattr(reshard, "write_receipt", some)
     elif at == "clean-up":
         real_rmtree, calls = reshard.shutil.rmtree, []
-        monkeypatch.setattr(reshard.shutil, "rmtree", lambda p, **k: die() if not k and not calls.append(p) else real_rmtree(p, **k))
+        monkeypatch.setattr(
+            reshard.shutil, "rmtree", lambda p, **k: die() if not k and not calls.append(p) else real_rmtree(p, **k)
+        )
     else:
         real_rename, allowed = os.rename, 0 if at == "first rename" else 1
         done: list[object] = []

@@ -1,4 +1,5 @@
-"""A run ends with where its results are and what to type next; its retry and its status know the paths it was asked for."""
+"""A run ends with where its results are and what to type next; its retry and its status know the paths it was asked
+for."""
 
 from __future__ import annotations
 
@@ -29,7 +30,13 @@ def asked(finished: Pipeline, tmp_path: Path) -> Pipeline:
 
 def run(pipeline: Pipeline, *paths: str, voice: Voice = Voice.NORMAL) -> tuple[str, Session]:
     out = io.StringIO()
-    session = Session(pipeline.configuration, str(pipeline.root), Console(file=out, width=200), voice=voice, options=("--archive", str(pipeline.root)))
+    session = Session(
+        pipeline.configuration,
+        str(pipeline.root),
+        Console(file=out, width=200),
+        voice=voice,
+        options=("--archive", str(pipeline.root)),
+    )
     plan = session.plan(NAME, Selection(), paths)
     assert session.run_and_report([plan], Selection(), say_next=True) == 0
     return out.getvalue(), session
@@ -67,7 +74,9 @@ def test_status_counts_the_path_that_was_rendered(asked: Pipeline) -> None:
     assert after["done"] == after["all"] > 0
     asked.run()
     configured = asked.plan().counts("rendering")
-    assert standing(asked.session, NAME)["rendering"]["all"] == configured.total(), "once the configured path is there, it counts"
+    assert standing(asked.session, NAME)["rendering"]["all"] == configured.total(), (
+        "once the configured path is there, it counts"
+    )
 
 
 def test_a_retry_asks_for_the_same_path(asked: Pipeline) -> None:

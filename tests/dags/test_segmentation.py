@@ -31,7 +31,9 @@ def matte(pipeline: Pipeline) -> str:
     return choice.resolve(context.params(FRAMES), context.facts)[0]
 
 
-def test_with_given_joints_blazepose_segments_where_it_is_here(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_given_joints_blazepose_segments_where_it_is_here(
+    captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     plan = captures["joints"].plan()
     assert plan.context.joint_set == "coco17", "the joints are the given ones"
@@ -45,15 +47,27 @@ def test_with_given_joints_blazepose_segments_where_it_is_here(captures: dict[st
     assert not [n for n in plan.notes if "frames.matte" in n]
 
 
-@pytest.mark.parametrize(("capture", "setting"), [("masks", ()), ("joints", ("frames.matte=plate",)), ("joints", ("frames.matte=none",)), ("joints", ("detection.estimator=none",))])
-def test_the_estimator_does_not_run_where_nothing_reads_it(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch, capture: str, setting: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("capture", "setting"),
+    [
+        ("masks", ()),
+        ("joints", ("frames.matte=plate",)),
+        ("joints", ("frames.matte=none",)),
+        ("joints", ("detection.estimator=none",)),
+    ],
+)
+def test_the_estimator_does_not_run_where_nothing_reads_it(
+    captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch, capture: str, setting: tuple[str, ...]
+) -> None:
     monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     plan = captures[capture].with_settings(*setting).plan()
     assert "detection" in plan.unneeded
     assert not plan.counts("detection")
 
 
-def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_would_be_better(captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_would_be_better(
+    captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: False)
     plan = captures["joints"].plan()
     assert matte(captures["joints"]) == "person"
@@ -63,7 +77,9 @@ def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_wo
     assert not [n for n in captures["masks"].plan().notes if "frames.matte" in n]
 
 
-def test_every_task_that_opens_models_is_told_which_the_plan_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_task_that_opens_models_is_told_which_the_plan_means(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The survey's fingerprint names no sources, yet it looks at pictures through the estimator, too."""
     monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
     film(tmp_path / "capture", size=32, frames=2, masks=False, joints=False)

@@ -1,4 +1,5 @@
-"""Few files and folders a task; and archives of earlier versions, with a folder for every number of a shard, go on as they are."""
+"""Few files and folders a task; and archives of earlier versions, with a folder for every number of a shard, go on
+as they are."""
 
 from __future__ import annotations
 
@@ -19,7 +20,13 @@ from posegaussian.dags.runtime.in_flight import Rules
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.storage.archive.integrity import Count, faults
-from posegaussian.storage.archive.receipts import ReceiptKey, damaged_files, missing_files, remove_receipt, scan_receipts
+from posegaussian.storage.archive.receipts import (
+    ReceiptKey,
+    damaged_files,
+    missing_files,
+    remove_receipt,
+    scan_receipts,
+)
 from posegaussian.storage.archive.store import Archive, Sequence
 from tests.nested import nest, shards
 from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
@@ -64,7 +71,8 @@ def assert_sound(p: Pipeline, like: Pipeline) -> None:
 
 
 def test_a_finished_task_takes_few_files_and_folders(finished: Pipeline) -> None:
-    """Of 39 tasks, arrays' folders and descriptions included; 24 frames (156 tasks) take 8.5 a task, of which 6.8 are shards."""
+    """Of 39 tasks, arrays' folders and descriptions included; 24 frames (156 tasks) take 8.5 a task, of which 6.8
+    are shards."""
     walked = list(os.walk(finished.root))
     tasks = len(receipts(finished))
     assert sum(len(folders) + len(files) for _, folders, files in walked) / tasks <= 11
@@ -103,7 +111,8 @@ def test_resharding_names_all_shards_anew(old: Pipeline, made: Pipeline) -> None
 
 @pytest.mark.parametrize("there", ["nothing", "flat"])
 def test_a_variant_takes_over_what_lies_in_folders(there: str, old: Pipeline, made: Pipeline) -> None:
-    """Where the variant has arrays of its own, under the names they have: none of its shards is lost or read as zeros."""
+    """Where the variant has arrays of its own, under the names they have: none of its shards is lost or read as
+    zeros."""
     mine = old.context().sequence
     context = variant(mine, old.context().settings, {"nothing": "differs"}, ("held_out",))
     beside = context.sequence
@@ -118,7 +127,9 @@ def test_a_variant_takes_over_what_lies_in_folders(there: str, old: Pipeline, ma
     own = shards(beside.root)
     assert own["flat" if there == "nothing" else "nested"] == []
     taken, known = content(Pipeline(beside.root.parent, old.folder)), content(made)
-    assert {o.array for r in scan_receipts(beside) for o in r.outputs if o.array.partition("/")[0] != "metrics"} <= taken.keys()
+    assert {
+        o.array for r in scan_receipts(beside) for o in r.outputs if o.array.partition("/")[0] != "metrics"
+    } <= taken.keys()
     assert_same_content(taken, {k: v for k, v in known.items() if k in taken})
 
 
@@ -139,7 +150,9 @@ def test_going_back_to_a_setting_takes_over_what_lay_in_folders(old: Pipeline, m
     assert "flat" in lying(old), "arrays of another size were replaced"
 
 
-def test_resharding_links_what_is_not_partitioned_under_the_names_of_the_new_arrays(old: Pipeline, made: Pipeline, tmp_path: Path) -> None:
+def test_resharding_links_what_is_not_partitioned_under_the_names_of_the_new_arrays(
+    old: Pipeline, made: Pipeline, tmp_path: Path
+) -> None:
     """Any task's result stands for one of the survey here: it is linked as it is."""
     receipt = next(r for r in scan_receipts(sequence(old)) if r.stage == "depth")
     into = sequence(made.copy(tmp_path / "new"))
@@ -149,4 +162,6 @@ def test_resharding_links_what_is_not_partitioned_under_the_names_of_the_new_arr
     linked = reshard._linked(Results(old.context()), into, receipt)
     assert linked.contents == receipt.contents
     assert damaged_files(into, linked) == []
-    assert {f.key for o in linked.outputs for f in o.files} == {k for k in shards(into.root)["flat"] if k.startswith("depth/")}
+    assert {f.key for o in linked.outputs for f in o.files} == {
+        k for k in shards(into.root)["flat"] if k.startswith("depth/")
+    }

@@ -1,4 +1,5 @@
-"""What modules took, as sentences: shares of the whole task, small ones among the rest, tasks that say nothing left out."""
+"""What modules took, as sentences: shares of the whole task, small ones among the rest, tasks that say nothing left
+out."""
 
 from __future__ import annotations
 
@@ -9,7 +10,9 @@ from posegaussian.storage.archive.receipts import Receipt
 
 
 def done(stage: str, partition: int, **facts: object) -> TaskDone:
-    return TaskDone(Task("kick", stage, partition), Receipt(stage, partition, None, None, "f", {}, (), (), facts), ("never made",))
+    return TaskDone(
+        Task("kick", stage, partition), Receipt(stage, partition, None, None, "f", {}, (), (), facts), ("never made",)
+    )
 
 
 def test_shares_are_of_all_tasks_together_dearest_first() -> None:
@@ -31,4 +34,7 @@ def test_every_stage_has_its_own_sentence() -> None:
     spending = Spending()
     spending.add("network", 2.0, {"heads": 2.0})
     spending.add("depth", 4.0, {"sweep": 3.0})
-    assert spending.sentences() == ["network took 2.0 s in 1 task: heads 100%, rest 0%", "depth took 4.0 s in 1 task: sweep 75%, rest 25%"]
+    assert spending.sentences() == [
+        "network took 2.0 s in 1 task: heads 100%, rest 0%",
+        "depth took 4.0 s in 1 task: sweep 75%, rest 25%",
+    ]

@@ -61,7 +61,10 @@ def run_with_other_settings(pipeline: Pipeline) -> Pipeline:
     return pipeline
 
 
-@pytest.mark.parametrize("change", [change_a_setting, delete_a_shard, truncate_a_shard, remove_a_receipt, replace_a_receipt, run_with_other_settings])
+@pytest.mark.parametrize(
+    "change",
+    [change_a_setting, delete_a_shard, truncate_a_shard, remove_a_receipt, replace_a_receipt, run_with_other_settings],
+)
 def test_whatever_changes_the_status_is_noticed(archive: Pipeline, change: Callable[[Pipeline], Pipeline]) -> None:
     before = standing(archive.session, NAME)
     assert before == worked_out(archive)
@@ -77,8 +80,17 @@ def test_it_is_worked_out_once(archive: Pipeline, monkeypatch: pytest.MonkeyPatc
 
 def test_failures_and_what_they_block_are_counted_apart(archive: Pipeline) -> None:
     remove_a_receipt(archive)
-    told = standing(archive.session, NAME, [(NAME, "depth", 1, None, None), (NAME, "depth", 2, None, None), ("another", "depth", 0, None, None)])
-    assert {k: told["depth"][k] for k in ("all", "done", "failed", "stale")} == {"all": 3, "done": 2, "failed": 1, "stale": 0}, "what is fresh did not fail"
+    told = standing(
+        archive.session,
+        NAME,
+        [(NAME, "depth", 1, None, None), (NAME, "depth", 2, None, None), ("another", "depth", 0, None, None)],
+    )
+    assert {k: told["depth"][k] for k in ("all", "done", "failed", "stale")} == {
+        "all": 3,
+        "done": 2,
+        "failed": 1,
+        "stale": 0,
+    }, "what is fresh did not fail"
     assert (told["gaussians"]["blocked"], told["gaussians"]["undecided"]) == (1, 0)
     assert told["frames"]["done"] == told["frames"]["all"]
 

@@ -24,7 +24,9 @@ def test_every_header_and_number_is_whole_at_any_width(width: int, name: str) ->
     lines = captured.get().splitlines()
     words = re.findall(r"\S+", captured.get())
     assert max(map(len, lines)) <= width
-    assert [w for w in words if w in {s.name for s in STAGES}] == [s.name for s in STAGES], "each stage once, whole, in the order of flow"
+    assert [w for w in words if w in {s.name for s in STAGES}] == [s.name for s in STAGES], (
+        "each stage once, whole, in the order of flow"
+    )
     assert words.count("96/128") == 3 * len(STAGES)
     assert captured.get().count("3f 12b 17w") == 3 * len(STAGES)
     assert all(mark for mark in MARKS.values())

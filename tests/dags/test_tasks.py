@@ -1,4 +1,5 @@
-"""Laws of the tasks of a sequence: what is read is made, once and before; held-out pictures reach nobody but metrics."""
+"""Laws of the tasks of a sequence: what is read is made, once and before; held-out pictures reach nobody but
+metrics."""
 
 from __future__ import annotations
 
@@ -22,10 +23,22 @@ from tests.storage.samples import make_capture
 JOINT_SET = next(iter(JOINT_SETS))
 
 
-def make(folder: Path, cameras: int = 4, count: int = 10, partition: int = 4, joints: bool = True, masks: bool = True, held_out: tuple[str, ...] = ("cam02",), paths: tuple[str, ...] = (), **settings: Any) -> Context:
+def make(
+    folder: Path,
+    cameras: int = 4,
+    count: int = 10,
+    partition: int = 4,
+    joints: bool = True,
+    masks: bool = True,
+    held_out: tuple[str, ...] = ("cam02",),
+    paths: tuple[str, ...] = (),
+    **settings: Any,
+) -> Context:
     capture = make_capture(cameras, range(count), joints, masks)
     streams = tuple(replace(s, options={"joint_set": JOINT_SET}) if s is not None else None for s in capture.joints)
-    sequence = Archive.open(str(folder), create=True).create_sequence("kick", replace(capture, joints=streams), partition)
+    sequence = Archive.open(str(folder), create=True).create_sequence(
+        "kick", replace(capture, joints=streams), partition
+    )
     return make_context(sequence, Settings.model_validate({"views": {"held_out": list(held_out)}} | settings), paths)
 
 
@@ -85,7 +98,12 @@ def test_partitions_of_a_stage_cover_every_frame_once(context: Context) -> None:
         if "time" in stage_named(stage).over:
             combinations = {(t.view, t.path) for t in tasks(context) if t.stage == stage}
             for view, path in combinations:
-                frames = [f for t in tasks(context) if (t.stage, t.view, t.path) == (stage, view, path) for f in context.grid.bounds(t.partition or 0)]
+                frames = [
+                    f
+                    for t in tasks(context)
+                    if (t.stage, t.view, t.path) == (stage, view, path)
+                    for f in context.grid.bounds(t.partition or 0)
+                ]
                 assert frames == list(range(context.grid.frames))
 
 
@@ -110,8 +128,11 @@ def test_pictures_of_held_out_views_are_read_by_metrics_alone(context: Context) 
 
 def test_metrics_compare_with_the_held_out_pictures(tmp_path: Path) -> None:
     context = make(tmp_path, held_out=("cam02", "cam04"))
-    (first, *_) = [t for t in tasks(context) if t.stage == "metrics"]
-    assert {i.name: i.views for i in inputs(context, first) if i.spec.per_view} == {"frames/color": (1, 3), "frames/mask": (1, 3)}
+    first, *_ = [t for t in tasks(context) if t.stage == "metrics"]
+    assert {i.name: i.views for i in inputs(context, first) if i.spec.per_view} == {
+        "frames/color": (1, 3),
+        "frames/mask": (1, 3),
+    }
 
 
 def test_nothing_reads_frames_of_a_view_without_a_role(tmp_path: Path) -> None:
@@ -124,15 +145,30 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     def stages(name: str, **kw: Any) -> set[str]:
         return {t.stage for t in tasks(make(tmp_path / name, **kw))}
 
-    everything = {s.name for s in STAGES if not s.optional} - {"detection"}  # joints came with it, or nobody estimates them
+    everything = {s.name for s in STAGES if not s.optional} - {
+        "detection"
+    }  # joints came with it, or nobody estimates them
     assert stages("a") == everything
     assert stages("b", masks=False) == everything
     assert stages("c", joints=False) == everything - {"pose", "smoothing"}, "masks are surveyed"
     assert stages("d", held_out=()) == everything - {"metrics"}
-    unasked = dict.fromkeys(("exposure_matching", "outline_correction", "limb_bounds", "silhouette_clipping", "hole_filling", "view_dependent_color"), "off")
+    unasked = dict.fromkeys(
+        (
+            "exposure_matching",
+            "outline_correction",
+            "limb_bounds",
+            "silhouette_clipping",
+            "hole_filling",
+            "view_dependent_color",
+        ),
+        "off",
+    )
     assert stages("e", effects={**unasked, "temporal_smoothing": "on"}) == everything - {"survey"}
     assert stages("f", effects={**unasked, "temporal_smoothing": "off"}) == everything - {"survey", "smoothing"}
-    assert stages("g", effects={**unasked, "limb_bounds": "on", "pose_heatmaps": "off"}) == everything - {"survey", "smoothing"}
+    assert stages("g", effects={**unasked, "limb_bounds": "on", "pose_heatmaps": "off"}) == everything - {
+        "survey",
+        "smoothing",
+    }
 
 
 def test_the_halo_of_a_filter_makes_its_tasks_wait_for_the_partitions_before(tmp_path: Path) -> None:
@@ -146,7 +182,10 @@ def test_the_halo_of_a_filter_makes_its_tasks_wait_for_the_partitions_before(tmp
 
 def test_metrics_run_only_over_paths_with_truth(tmp_path: Path) -> None:
     context = make(tmp_path, paths=("held_out", "orbit"))
-    kinds = {stage: {context.paths[t.path].kind for t in tasks(context) if t.stage == stage and t.path} for stage in ("rendering", "metrics")}
+    kinds = {
+        stage: {context.paths[t.path].kind for t in tasks(context) if t.stage == stage and t.path}
+        for stage in ("rendering", "metrics")
+    }
     assert kinds == {"rendering": {"held_out", "orbit"}, "metrics": {"held_out"}}
 
 

@@ -33,16 +33,23 @@ KNOBS = ["depth.method", "frames.size"]
 
 def files(folder: Path) -> dict[str, tuple[bytes, int]]:
     """{path: content and time of change} of every file of the user's sequence."""
-    return {p.relative_to(folder).as_posix(): (p.read_bytes(), p.stat().st_mtime_ns) for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): (p.read_bytes(), p.stat().st_mtime_ns)
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
 def tried(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list[Level], Path, dict]:
-    """Hull and matching at half and full size, on two frames of a finished archive: (archive, levels, output, files before)."""
+    """Hull and matching at half and full size, on two frames of a finished archive: (archive, levels, output, files
+    before)."""
     folder = tmp_path_factory.mktemp("tradeoff")
     archive = finished.copy(folder / "archive").with_settings("frames.range=0:2")
     before = files(archive.root / NAME)
-    levels = run_tradeoff(archive.session, None, KNOBS, ["depth.method=hull,sgbm", "frames.size=0.5,1.0,48"], 2, folder / "out")
+    levels = run_tradeoff(
+        archive.session, None, KNOBS, ["depth.method=hull,sgbm", "frames.size=0.5,1.0,48"], 2, folder / "out"
+    )
     return archive, levels, folder / "out", before
 
 
@@ -51,7 +58,9 @@ def level(tried: tuple, method: str, size: int | None) -> Level:
 
 
 def test_the_levels_are_the_cross_product_and_equal_sizes_count_once(tried: tuple) -> None:
-    assert sorted(str(found.values) for found in tried[1]) == sorted(str({"depth.method": m, "frames.size": s}) for m in ("hull", "sgbm") for s in (24, None))
+    assert sorted(str(found.values) for found in tried[1]) == sorted(
+        str({"depth.method": m, "frames.size": s}) for m in ("hull", "sgbm") for s in (24, None)
+    )
 
 
 def test_no_byte_of_the_users_sequence_changes(tried: tuple) -> None:
@@ -61,7 +70,9 @@ def test_no_byte_of_the_users_sequence_changes(tried: tuple) -> None:
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_a_variant_under_equal_settings_takes_over_everything(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool) -> None:
+def test_a_variant_under_equal_settings_takes_over_everything(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
     """By hard links, or by copies where the file system has none; a rerun there leaves the user's shards alone."""
     archive = finished.copy(tmp_path / "archive")
     mine = archive.context().sequence
@@ -101,7 +112,12 @@ def test_at_the_largest_size_quality_is_what_the_metrics_stage_says(tried: tuple
     for name, value in level(tried, "sgbm", None).quality.items():
         if name != "epe":
             measure, region = name.split()
-            assert value == pytest.approx(np.mean([r["value"] for r in rows if (r["measure"], r["region"]) == (measure, region) and r["frame"] < 2]), abs=1e-12)
+            assert value == pytest.approx(
+                np.mean(
+                    [r["value"] for r in rows if (r["measure"], r["region"]) == (measure, region) and r["frame"] < 2]
+                ),
+                abs=1e-12,
+            )
 
 
 def test_small_pictures_are_compared_at_full_size(tried: tuple) -> None:
@@ -115,7 +131,16 @@ def test_the_table_is_kept_with_the_machine_and_the_picture_is_drawn(tried: tupl
     _, levels, out, _ = tried
     table = pq.read_table(out / "tradeoff.parquet")
     assert table.num_rows == 4
-    assert {"depth.method", "frames.size", "depth s/frame", "total s/frame", "psnr box dB", "ssim full", "epe px", "front"} <= set(table.column_names)
+    assert {
+        "depth.method",
+        "frames.size",
+        "depth s/frame",
+        "total s/frame",
+        "psnr box dB",
+        "ssim full",
+        "epe px",
+        "front",
+    } <= set(table.column_names)
     about = {k.decode(): v.decode() for k, v in table.schema.metadata.items()}
     assert "cores" in about["machine"]
     assert (about["repeats"], about["measured_at_px"]) == ("2", "48")
@@ -140,21 +165,34 @@ def test_a_second_trade_off_makes_nothing_but_the_repeats(tried: tuple) -> None:
 
 def test_without_held_out_cameras_it_is_refused_in_a_sentence(finished: Pipeline) -> None:
     session = Pipeline(finished.root, finished.folder, held_out="[]").session
-    with pytest.raises(UserError, match=r"no held-out truth to measure against; name cameras to keep aside, .*views\.held_out=\[mid00\]"):
+    with pytest.raises(
+        UserError,
+        match=r"no held-out truth to measure against; name cameras to keep aside, .*views\.held_out=\[mid00\]",
+    ):
         run_tradeoff(session, None, KNOBS, [], 1, None)
 
 
 @pytest.mark.parametrize(
     ("knobs", "levels", "words"),
     [
-        (["depth.max_angle"], [], r"no such setting has quality levels; these have: .*depth\.method \['hull', 'sgbm', 'sweep'\]"),
-        (["depth.method"], ["frames.size=1,2"], r"write it as KNOB=LEVEL,LEVEL for a knob named by --knob \(depth\.method\)"),
+        (
+            ["depth.max_angle"],
+            [],
+            r"no such setting has quality levels; these have: .*depth\.method \['hull', 'sgbm', 'sweep'\]",
+        ),
+        (
+            ["depth.method"],
+            ["frames.size=1,2"],
+            r"write it as KNOB=LEVEL,LEVEL for a knob named by --knob \(depth\.method\)",
+        ),
         (["depth.method"], ["depth.method=hull"], "is a single level on this capture"),
         (["depth.method"], ["depth.method=hull,magic"], r"depth\.method.*'magic'"),
         (["frames.size"], ["frames.size=1.5,0.5"], "a size in px, or a share"),
     ],
 )
-def test_wrong_knobs_and_levels_are_refused_in_a_sentence(finished: Pipeline, tmp_path: Path, knobs: list[str], levels: list[str], words: str) -> None:
+def test_wrong_knobs_and_levels_are_refused_in_a_sentence(
+    finished: Pipeline, tmp_path: Path, knobs: list[str], levels: list[str], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         tradeoff.measured(finished.copy(tmp_path / "archive").session, NAME, knobs, levels, 1)
 

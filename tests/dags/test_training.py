@@ -24,8 +24,24 @@ from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
 from posegaussian.storage.model.errors import ConfigError, UserError
 
 PARTS = Parts("tests.dags.fake_frames", "tests.dags.fake_frames:frames_of_step", "tests.dags.fake_trainer:Trainer")
-SHORT = ("frames_per_scene=2", "depth_steps=40", "joint_steps=20", "validate_every=20", "checkpoint_every=10", "window=4", "steps_per_frame=4")
-CONFIG = TrainingConfig(frames_per_scene=2, depth_steps=40, joint_steps=20, validate_every=20, checkpoint_every=10, window=4, steps_per_frame=4)
+SHORT = (
+    "frames_per_scene=2",
+    "depth_steps=40",
+    "joint_steps=20",
+    "validate_every=20",
+    "checkpoint_every=10",
+    "window=4",
+    "steps_per_frame=4",
+)
+CONFIG = TrainingConfig(
+    frames_per_scene=2,
+    depth_steps=40,
+    joint_steps=20,
+    validate_every=20,
+    checkpoint_every=10,
+    window=4,
+    steps_per_frame=4,
+)
 ROOT = Path(__file__).resolve().parents[2]
 CODE = f"""
 import sys
@@ -54,9 +70,24 @@ def run(folder: Path, config: TrainingConfig = CONFIG, **more: object) -> list[s
 
 def start(folder: Path, step_s: float, *words: str) -> subprocess.Popen:
     assignments = [w for s in SHORT for w in ("--set", s)]
-    command = [sys.executable, "-c", CODE, "train", "--output", str(folder), "--threads", "1", "--device", "cpu", *assignments, *words]
+    command = [
+        sys.executable,
+        "-c",
+        CODE,
+        "train",
+        "--output",
+        str(folder),
+        "--threads",
+        "1",
+        "--device",
+        "cpu",
+        *assignments,
+        *words,
+    ]
     environment = {**os.environ, "POSEGAUSSIAN_FAKE": json.dumps({"step_s": step_s})}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
 
 
 def wait_for_step(folder: Path, process: subprocess.Popen, step: int) -> None:
@@ -79,7 +110,10 @@ def assert_alike(folder: Path, undisturbed: Path) -> None:
     assert theirs is not None
     assert (ours.step, ours.data) == (theirs.step, theirs.data)
     assert rows(folder) == rows(undisturbed)
-    with safe_open(folder / "weights.safetensors", "np") as a, safe_open(undisturbed / "weights.safetensors", "np") as b:
+    with (
+        safe_open(folder / "weights.safetensors", "np") as a,
+        safe_open(undisturbed / "weights.safetensors", "np") as b,
+    ):
         assert sorted(a.keys()) == sorted(b.keys())
         assert all(a.get_tensor(k).tobytes() == b.get_tensor(k).tobytes() for k in a.keys())  # noqa: SIM118 (it is no mapping)
 
@@ -92,7 +126,16 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_folder_holds_all_that_is_promised(undisturbed: Path) -> None:
-    assert sorted(f.name for f in undisturbed.iterdir()) == [".lock", "checkpoints", "config.yaml", "frames", "log.jsonl", "training.png", "weights.md", "weights.safetensors"]
+    assert sorted(f.name for f in undisturbed.iterdir()) == [
+        ".lock",
+        "checkpoints",
+        "config.yaml",
+        "frames",
+        "log.jsonl",
+        "training.png",
+        "weights.md",
+        "weights.safetensors",
+    ]
     assert steps_kept(undisturbed / "checkpoints") == [60, 50]
     steps = [r for r in rows(undisturbed) if r["kind"] == "step"]
     assert [r["step"] for r in steps] == list(range(1, 61))
@@ -111,7 +154,9 @@ def test_what_is_done_is_not_done_again(undisturbed: Path) -> None:
     assert (undisturbed / "weights.safetensors").stat().st_mtime_ns == before
 
 
-def test_killed_in_the_middle_it_loses_at_most_one_interval_and_ends_in_the_same_bytes(undisturbed: Path, tmp_path: Path) -> None:
+def test_killed_in_the_middle_it_loses_at_most_one_interval_and_ends_in_the_same_bytes(
+    undisturbed: Path, tmp_path: Path
+) -> None:
     process = start(tmp_path, 0.05, "--workers", "1")
     wait_for_step(tmp_path, process, 26)
     children = psutil.Process(process.pid).children(recursive=True)
@@ -147,7 +192,9 @@ def test_minutes_end_it_with_a_checkpoint(undisturbed: Path, tmp_path: Path, mon
         said = run(tmp_path, minutes=0.02)
     step = max(r["step"] for r in rows(tmp_path))
     assert 0 < step < 20
-    assert said[-1].endswith(f"at step {step} of 60 (weights are written from step 20 on); the same command goes on from there")
+    assert said[-1].endswith(
+        f"at step {step} of 60 (weights are written from step 20 on); the same command goes on from there"
+    )
     assert steps_kept(tmp_path / "checkpoints")[0] == step
     run(tmp_path)
     assert_alike(tmp_path, undisturbed)
@@ -157,10 +204,14 @@ def test_processes_for_frames_change_nothing_and_stay_within_bounds(undisturbed:
     said = run(tmp_path, workers=2)
     assert said[-1].startswith("done: 60 steps")
     assert_alike(tmp_path, undisturbed)
-    assert {f.name for f in (tmp_path / "frames").rglob("*.npz")} == {f.name for f in (undisturbed / "frames").rglob("*.npz")}
+    assert {f.name for f in (tmp_path / "frames").rglob("*.npz")} == {
+        f.name for f in (undisturbed / "frames").rglob("*.npz")
+    }
 
 
-def test_a_damaged_checkpoint_is_gone_back_from(undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_checkpoint_is_gone_back_from(
+    undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     half = CONFIG.model_copy(update={"depth_steps": 30, "joint_steps": 0})
     run(tmp_path, half)
     piece = next((tmp_path / "checkpoints" / "00000030").glob("*.bin"))
@@ -181,7 +232,9 @@ def test_a_log_that_ends_in_half_a_line_is_whole_again(undisturbed: Path, tmp_pa
 
 def test_another_configuration_is_refused_by_name_and_lengths_are_not(tmp_path: Path) -> None:
     run(tmp_path, CONFIG.model_copy(update={"depth_steps": 10, "joint_steps": 0}))
-    with pytest.raises(ConfigError, match=r"at step 10 with another configuration \(batch: 8 -> 3\); choose another --output"):
+    with pytest.raises(
+        ConfigError, match=r"at step 10 with another configuration \(batch: 8 -> 3\); choose another --output"
+    ):
         run(tmp_path, CONFIG.model_copy(update={"batch": 3}))
     said = run(tmp_path, CONFIG.model_copy(update={"depth_steps": 12, "joint_steps": 0}))
     assert said[0] == "depth_steps: 10 -> 12, from here on"
@@ -195,15 +248,24 @@ def test_two_trainings_in_one_folder_are_one_too_many(tmp_path: Path) -> None:
 
 
 def test_frames_that_come_round_again_are_made_once(tmp_path: Path) -> None:
-    few = TrainingConfig.model_validate({**CONFIG.model_dump(), "scenes": {"count": 3}, "frames_per_scene": 2, "window": 4, "steps_per_frame": 1})
+    few = TrainingConfig.model_validate(
+        {**CONFIG.model_dump(), "scenes": {"count": 3}, "frames_per_scene": 2, "window": 4, "steps_per_frame": 1}
+    )
     run(tmp_path, few, workers=1)
-    assert sorted(f.name for f in (tmp_path / "frames").rglob("0*.npz")) == [f"{s:04d}-{m:02d}.npz" for s in range(3) for m in range(2)]
+    assert sorted(f.name for f in (tmp_path / "frames").rglob("0*.npz")) == [
+        f"{s:04d}-{m:02d}.npz" for s in range(3) for m in range(2)
+    ]
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-def test_a_frame_that_cannot_be_made_is_named_by_its_seed_and_costs_no_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int) -> None:
+def test_a_frame_that_cannot_be_made_is_named_by_its_seed_and_costs_no_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
+) -> None:
     monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"raises": 7, "step_s": 0.05}')
-    with pytest.raises(FrameError, match=r"training frame 7 \(scene seed 3, moment 1\) cannot be made: ValueError: the person left the picture"):
+    with pytest.raises(
+        FrameError,
+        match=r"training frame 7 \(scene seed 3, moment 1\) cannot be made: ValueError: the person left the picture",
+    ):
         run(tmp_path, workers=workers)
     assert "Traceback" in next((tmp_path / "frames").rglob("0003-01.npz.failed.txt")).read_text()
     done = [r["step"] for r in rows(tmp_path)]
@@ -216,7 +278,13 @@ def test_a_process_that_dies_is_replaced_once(tmp_path: Path, monkeypatch: pytes
     assert run(tmp_path / "a", short, workers=1)[-1].startswith("done: 6 steps")
     assert (tmp_path / "died").exists()
     monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"dies_always": 2}')
-    with pytest.raises(FrameError, match=r"training frame 2 \(scene seed 1, moment 0\) cannot be made: 2 processes died over it.*fewer than 1 --workers"):
+    with pytest.raises(
+        FrameError,
+        match=(
+            r"training frame 2 \(scene seed 1, moment 0\) cannot be made: 2 processes died over it.*fewer than 1"
+            r" --workers"
+        ),
+    ):
         run(tmp_path / "b", short, workers=1)
 
 

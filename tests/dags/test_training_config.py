@@ -37,9 +37,28 @@ def test_the_default_variant_of_a_preset_is_the_preset(preset: str) -> None:
 
 
 def test_chosen_variants_reach_the_network() -> None:
-    config = TrainingConfig(fusion="gated", pose_in=("decoder",), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False, further_views=True)
+    config = TrainingConfig(
+        fusion="gated",
+        pose_in=("decoder",),
+        rotation_head="quaternion",
+        opacity_head="single",
+        normalisation="batch",
+        downsampling="pool",
+        residual=False,
+        further_views=True,
+    )
     assert config.network() == Preset(
-        "fast", widths=(16, 32, 48, 64), hidden=64, fusion="gated", pose_in=frozenset({"decoder"}), rotation_head="quaternion", opacity_head="single", normalisation="batch", downsampling="pool", residual=False, further_views=True
+        "fast",
+        widths=(16, 32, 48, 64),
+        hidden=64,
+        fusion="gated",
+        pose_in=frozenset({"decoder"}),
+        rotation_head="quaternion",
+        opacity_head="single",
+        normalisation="batch",
+        downsampling="pool",
+        residual=False,
+        further_views=True,
     )
     assert TrainingConfig(pose_in=()).network().pose_in == frozenset()
 
@@ -57,7 +76,10 @@ def test_frames_show_every_training_scene_and_no_other() -> None:
         ("presett: base", 'train.yaml:1:1 presett: unknown key; did you mean "preset"?'),
         ("scenes:\n  frist: 1", 'train.yaml:2:3 scenes.frist: unknown key; did you mean "first"?'),
         ("batch: 2\nclip: 0", "train.yaml:2:1 clip: input should be greater than 0, got 0"),
-        ("scenes: {first: 7999, count: 2}", "train.yaml:1:1 scenes: scenes for training have seeds of 0 to 7999, these are 7999 to 8000"),
+        (
+            "scenes: {first: 7999, count: 2}",
+            "train.yaml:1:1 scenes: scenes for training have seeds of 0 to 7999, these are 7999 to 8000",
+        ),
         ("validation: {first: 9000}", "train.yaml:1:1 validation: scenes for validation have seeds of 8000 to 8999"),
         ("crop: 260", "train.yaml:1:1 crop: a crop of 260 px is no multiple of 8 px"),
         ("size: 64", "crop: a crop of 128 px does not fit into pictures of 64 px"),
@@ -86,9 +108,18 @@ def test_assignments_lie_on_top(tmp_path: Path) -> None:
 
 def test_differences_are_named_and_only_lengths_are_harmless() -> None:
     old = TrainingConfig().model_dump(mode="json")
-    new = TrainingConfig(batch=3, depth_steps=9, joint_steps=9, validate_every=9, checkpoint_every=9, scenes={"count": 7}).model_dump(mode="json")  # type: ignore[arg-type]
+    new = TrainingConfig(
+        batch=3, depth_steps=9, joint_steps=9, validate_every=9, checkpoint_every=9, scenes={"count": 7}
+    ).model_dump(mode="json")  # type: ignore[arg-type]
     changes = differences(old, new)
-    assert changes.keys() == {"batch", "depth_steps", "joint_steps", "validate_every", "checkpoint_every", "scenes.count"}
+    assert changes.keys() == {
+        "batch",
+        "depth_steps",
+        "joint_steps",
+        "validate_every",
+        "checkpoint_every",
+        "scenes.count",
+    }
     assert forbidden(changes) == {"batch": "8 -> 3", "scenes.count": "480 -> 7"}
     assert differences({"a": 1}, {}) == {"a": "1 -> not set"}
     assert differences(old, old) == {}
@@ -96,16 +127,22 @@ def test_differences_are_named_and_only_lengths_are_harmless() -> None:
 
 def test_the_command_says_faults_of_its_configuration(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text("preset: huge\n")
-    assert_says(posegaussian("train", "--config", "own.yaml", cwd=tmp_path), "own.yaml:1:1 preset: input should be 'paper', 'base' or 'fast', got 'huge'")
+    assert_says(
+        posegaussian("train", "--config", "own.yaml", cwd=tmp_path),
+        "own.yaml:1:1 preset: input should be 'paper', 'base' or 'fast', got 'huge'",
+    )
     assert_says(posegaussian("train", "--device", "tpu", cwd=tmp_path), "--device tpu: auto, cpu or cuda")
 
 
 def test_help_and_configuration_import_nothing_heavy(tmp_path: Path) -> None:
     code = (
-        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; "
-        "runs = [CliRunner().invoke(app, words).exit_code for words in (['--help'], ['train', '--help'], ['train', '--set', 'batch=0'])]; "
-        "import posegaussian.dags.training.loop, posegaussian.dags.training.frame_producers, posegaussian.dags.training.state, posegaussian.dags.training.card; "
-        "print(runs, [m for m in ('torch', 'safetensors', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
+        "import sys; from posegaussian.dags.cli.app import app; from typer.testing import CliRunner; runs ="
+        " [CliRunner().invoke(app, words).exit_code for words in (['--help'], ['train', '--help'], ['train', '--set',"
+        " 'batch=0'])]; import posegaussian.dags.training.loop, posegaussian.dags.training.frame_producers,"
+        " posegaussian.dags.training.state, posegaussian.dags.training.card; print(runs, [m for m in ('torch',"
+        " 'safetensors', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2]
+    )
     assert done.stdout.strip() == "[0, 0, 1] []", done.stdout + done.stderr

@@ -15,7 +15,10 @@ STATE = {
     "big": 2**80,
     "rate": 0.1 + 0.2,
     "not finite": [math.inf, -math.inf],
-    "optimizer": {"state": {0: {"exp_avg": torch.tensor([1.0, float("nan"), -0.0])}, 1: {}}, "groups": [{"betas": (0.9, 0.999), "foreach": None, "fused": True}]},
+    "optimizer": {
+        "state": {0: {"exp_avg": torch.tensor([1.0, float("nan"), -0.0])}, 1: {}},
+        "groups": [{"betas": (0.9, 0.999), "foreach": None, "fused": True}],
+    },
     "random": torch.arange(6, dtype=torch.uint8),
     "half": torch.tensor([[1.5, 2.5]], dtype=torch.bfloat16).t(),
     "empty": torch.zeros(0, 3, dtype=torch.int64),
@@ -24,7 +27,12 @@ STATE = {
 
 def same(a: object, b: object) -> bool:
     if isinstance(a, torch.Tensor):
-        return isinstance(b, torch.Tensor) and a.dtype == b.dtype and a.shape == b.shape and a.flatten().contiguous().view(torch.uint8).equal(b.flatten().contiguous().view(torch.uint8))
+        return (
+            isinstance(b, torch.Tensor)
+            and a.dtype == b.dtype
+            and a.shape == b.shape
+            and a.flatten().contiguous().view(torch.uint8).equal(b.flatten().contiguous().view(torch.uint8))
+        )
     if isinstance(a, dict):
         return isinstance(b, dict) and list(a) == list(b) and all(same(a[k], b[k]) for k in a)
     if isinstance(a, list | tuple):
@@ -44,7 +52,14 @@ def test_tensors_that_share_memory_are_kept_each() -> None:
     assert torch.equal(found["same"], whole)
 
 
-@pytest.mark.parametrize(("state", "said"), [({"a": [np.float32(1)]}, r"state\.a\.0 is a float32"), ({"a": {(1, 2): 1}}, "keys of a state"), ({"a": b"x"}, "is a bytes")])
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        ({"a": [np.float32(1)]}, r"state\.a\.0 is a float32"),
+        ({"a": {(1, 2): 1}}, "keys of a state"),
+        ({"a": b"x"}, "is a bytes"),
+    ],
+)
 def test_what_would_not_come_back_is_refused_by_name(state: object, said: str) -> None:
     with pytest.raises(TypeError, match=said):
         packed(state)

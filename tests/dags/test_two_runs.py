@@ -1,4 +1,5 @@
-"""Two runs on one archive: each is told who works on what, nothing is computed twice, nobody's arrays are pulled away."""
+"""Two runs on one archive: each is told who works on what, nothing is computed twice, nobody's arrays are pulled
+away."""
 
 from __future__ import annotations
 
@@ -53,7 +54,13 @@ sys.stdin.read()
 @contextmanager
 def holding(file: Path) -> Iterator[subprocess.Popen]:
     """A process that holds a lease until it is killed."""
-    with subprocess.Popen([sys.executable, "-c", HOLDER, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()}) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(file)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.getcwd()},
+    ) as other:
         try:
             assert other.stdout is not None
             other.stdout.readline()
@@ -63,7 +70,9 @@ def holding(file: Path) -> Iterator[subprocess.Popen]:
 
 
 @pytest.mark.parametrize("how", ["gives it up", "is killed", "finishes it"])
-def test_what_another_run_holds_is_waited_for_by_name_and_done_when_it_is_free(archive: Pipeline, finished: Pipeline, how: str) -> None:
+def test_what_another_run_holds_is_waited_for_by_name_and_done_when_it_is_free(
+    archive: Pipeline, finished: Pipeline, how: str
+) -> None:
     file = lease_file(archive.context().sequence, ReceiptKey("depth", 1, None, None))
     events: list[Event] = []
     with holding(file) as other:
@@ -84,7 +93,12 @@ def test_what_another_run_holds_is_waited_for_by_name_and_done_when_it_is_free(a
     assert "which works on person depth p0001; what it gives up is done here" in waited.sentence
     settled = [(type(e), e.task.stage, e.task.partition) for e in events if isinstance(e, TaskDone | TaskFresh)]
     before = set(settled[: settled.index((TaskDone if how != "finishes it" else TaskFresh, "depth", 1))])
-    assert {(TaskDone, "depth", 0), (TaskDone, "depth", 2), (TaskDone, "gaussians", 0), (TaskDone, "rendering", 2)} <= before, "all else was done first"
+    assert {
+        (TaskDone, "depth", 0),
+        (TaskDone, "depth", 2),
+        (TaskDone, "gaussians", 0),
+        (TaskDone, "rendering", 2),
+    } <= before, "all else was done first"
     assert (TaskDone, "rendering", 1) in settled
     assert (ended(events).failed, ended(events).blocked) == (0, 0)
     assert_same_content(content(archive), content(finished))
@@ -125,7 +139,18 @@ def test_three_runs_and_an_export_of_one_path_make_it_once_and_all_succeed(archi
     run = ["run", *archive.options, "--path", "still mid00"]
     export = ["export", NAME, *archive.options, "--path", "still mid00", "--frames", str(tmp_path / "pictures")]
     environment = {**os.environ, "PYTHONPATH": os.getcwd()}
-    processes = [subprocess.Popen([sys.executable, "-c", AT_ONCE, *words], cwd=archive.root, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) for words in (run, run, run, export)]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", AT_ONCE, *words],
+            cwd=archive.root,
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        for words in (run, run, run, export)
+    ]
     for p in processes:
         assert p.stdout is not None
         assert p.stdout.readline() == "ready\n"
@@ -135,7 +160,9 @@ def test_three_runs_and_an_export_of_one_path_make_it_once_and_all_succeed(archi
         p.stdin.flush()
     said = [p.communicate(timeout=200)[0] for p in processes]
     assert [p.returncode for p in processes] == [0, 0, 0, 0], "\n".join(said)
-    log = [json.loads(line) for f in (archive.root / "_runs").rglob("events.jsonl") for line in f.read_text().splitlines()]
+    log = [
+        json.loads(line) for f in (archive.root / "_runs").rglob("events.jsonl") for line in f.read_text().splitlines()
+    ]
     made = sorted(e["partition"] for e in log if e["event"] == "task_done" and e["stage"] == "rendering")
     assert made == [0, 1, 2], "every partition of the path was made once"
     assert len(list((tmp_path / "pictures").rglob("*.png"))) == 6
@@ -167,7 +194,9 @@ def test_a_run_says_at_its_start_who_else_is_at_work(archive: Pipeline) -> None:
     changed = archive.with_settings("gaussians.footprint=0.6")
     with holding(folder(archive.context().sequence) / "the-other-run.lease") as other:
         console = Console(file=io.StringIO(), width=400)
-        status = Session(changed.configuration, str(archive.root), console).run_and_report([changed.plan()], Selection())
+        status = Session(changed.configuration, str(archive.root), console).run_and_report(
+            [changed.plan()], Selection()
+        )
     said = console.file.getvalue()  # type: ignore[attr-defined]
     assert status == 0, said
     assert f"person: run the-other-run, worker cpu-7 (process {other.pid} on " in said
@@ -224,13 +253,23 @@ Run([pipeline.plan(selection=only)], only, SerialBackend(), [tell], rules=Rules(
 
 def state(root: Path) -> dict[str, tuple[int, int]]:
     """{file: (inode, time of change)} of every file of the sequence but leases."""
-    return {str(p): (p.stat().st_ino, p.stat().st_mtime_ns) for p in sorted((root / NAME).rglob("*")) if p.is_file() and p.suffix not in (".lease", ".partial")}
+    return {
+        str(p): (p.stat().st_ino, p.stat().st_mtime_ns)
+        for p in sorted((root / NAME).rglob("*"))
+        if p.is_file() and p.suffix not in (".lease", ".partial")
+    }
 
 
 def test_a_writer_suspended_past_its_lease_and_woken_writes_nothing(archive: Pipeline, tmp_path: Path) -> None:
     archive = archive.with_settings("depth.consistency=0.9")
     flag = tmp_path / "asleep"
-    writer = subprocess.Popen([sys.executable, "-c", SLEEPER, str(archive.root), str(archive.folder), str(flag)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()})
+    writer = subprocess.Popen(
+        [sys.executable, "-c", SLEEPER, str(archive.root), str(archive.folder), str(flag)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.getcwd()},
+    )
     try:
         deadline = time.monotonic() + 100
         while not flag.exists():
@@ -264,7 +303,9 @@ def test_arrays_are_not_replaced_under_another_run(archive: Pipeline) -> None:
     assert ended(events).done == 0
 
 
-def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import posegaussian.stages.gaussians.run as gaussians
 
     real = gaussians.run
@@ -272,7 +313,9 @@ def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_i
     def overtaken(inputs: object, params: object) -> object:
         yield from real(inputs, params)  # type: ignore[arg-type]
         monkeypatch.setattr(gaussians, "run", real)
-        archive.with_settings("depth.consistency=0.5").run(selection=Selection(only=frozenset({"depth"})), expect_failure=True)
+        archive.with_settings("depth.consistency=0.5").run(
+            selection=Selection(only=frozenset({"depth"})), expect_failure=True
+        )
 
     monkeypatch.setattr(gaussians, "run", overtaken)
     events = archive.run(selection=Selection(start="gaussians"), expect_failure=True)

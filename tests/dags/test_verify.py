@@ -52,8 +52,15 @@ def test_an_undisturbed_archive_has_no_fault(archive: Pipeline) -> None:
     assert "no faults" in said
 
 
-def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_anew(archive: Pipeline, finished: Pipeline) -> None:
-    shards = ["depth/depth/c.1.2.0.0", "gaussians/scale/c.2.3.0.0.0", "smoothing/heatmaps/c.0.1.0.0.0", "frames/color/c.1.4.0.0.0"]
+def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_anew(
+    archive: Pipeline, finished: Pipeline
+) -> None:
+    shards = [
+        "depth/depth/c.1.2.0.0",
+        "gaussians/scale/c.2.3.0.0.0",
+        "smoothing/heatmaps/c.0.1.0.0.0",
+        "frames/color/c.1.4.0.0.0",
+    ]
     for shard, (do, _) in zip(shards, HARMS.values(), strict=True):
         do(archive.root / NAME / shard)
     status, said = say(archive)
@@ -65,8 +72,16 @@ def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_an
         assert f"{array}, partition {partition}, view {names[int(view)]}: {shard}: {cause}" in said
     assert said.count("--repair would remove the receipt of") == 4
     assert "receipt of depth p0001, so that the next run makes it anew" in said
-    seen = {v.task.stage for v in archive.plan().verdicts.values() if any("is missing or of another size" in r for r in v.reasons)}
-    assert seen == {"depth", "gaussians", "smoothing"}, "a plan compares names and sizes; the flipped bit only verify finds"
+    seen = {
+        v.task.stage
+        for v in archive.plan().verdicts.values()
+        if any("is missing or of another size" in r for r in v.reasons)
+    }
+    assert seen == {
+        "depth",
+        "gaussians",
+        "smoothing",
+    }, "a plan compares names and sizes; the flipped bit only verify finds"
     assert say(archive, repair=True)[0] == 1
     assert archive.ran() == {"frames": 1, "smoothing": 1, "depth": 1, "gaussians": 1}
     assert say(archive)[0] == 0

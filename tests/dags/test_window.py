@@ -27,7 +27,9 @@ def test_a_few_short_tasks_prove_nothing() -> None:
 
 
 @given(st.integers(1, 64), st.lists(st.floats(0, 1e6), max_size=40))
-def test_it_is_never_less_than_asked_for_nor_more_than_the_bound_or_the_setting(least: int, seconds: list[float]) -> None:
+def test_it_is_never_less_than_asked_for_nor_more_than_the_bound_or_the_setting(
+    least: int, seconds: list[float]
+) -> None:
     window = Window(least)
     for s in seconds:
         window.note(s)

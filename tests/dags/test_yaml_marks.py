@@ -26,12 +26,18 @@ def fault(folder: Path, text: str) -> str:
 
 
 keys = st.text("abcxyz_", min_size=1, max_size=5).filter(lambda k: yaml.safe_load(k) == k)
-values = st.recursive(st.none() | st.booleans() | st.integers(-99, 99) | st.floats(-9, 9) | keys, lambda v: st.lists(v, max_size=3) | st.dictionaries(keys, v, max_size=3), max_leaves=8)
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-99, 99) | st.floats(-9, 9) | keys,
+    lambda v: st.lists(v, max_size=3) | st.dictionaries(keys, v, max_size=3),
+    max_leaves=8,
+)
 
 
 @settings(derandomize=True, deadline=None, max_examples=50)
 @given(st.dictionaries(keys, values, max_size=4), st.sampled_from([True, False, None]))
-def test_values_are_those_of_a_plain_yaml_reader(tmp_path_factory: pytest.TempPathFactory, value: dict, flow: bool | None) -> None:
+def test_values_are_those_of_a_plain_yaml_reader(
+    tmp_path_factory: pytest.TempPathFactory, value: dict, flow: bool | None
+) -> None:
     text = yaml.safe_dump(value, default_flow_style=flow)
     read = document(tmp_path_factory.getbasetemp(), text)
     assert read.values == yaml.safe_load(text)
@@ -53,7 +59,13 @@ views: {sources: [a, b]}
 def test_marks_are_line_and_column_from_one(tmp_path: Path) -> None:
     d = document(tmp_path, TEXT)
     assert d.values == {"depth": {"method": "hull", "pairs": 3}, "views": {"sources": ["a", "b"]}}
-    at = {("depth",): "1:1", ("depth", "method"): "2:3", ("depth", "pairs"): "4:3", ("views", "sources"): "5:9", ("views", "sources", 1): "5:22"}
+    at = {
+        ("depth",): "1:1",
+        ("depth", "method"): "2:3",
+        ("depth", "pairs"): "4:3",
+        ("views", "sources"): "5:9",
+        ("views", "sources", 1): "5:22",
+    }
     for location, place in at.items():
         assert d.where(location) == f"{tmp_path}/c.yaml:{place}"
 
@@ -72,12 +84,19 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
 
 
 def test_keys_are_texts_whatever_yaml_takes_them_for(tmp_path: Path) -> None:
-    assert document(tmp_path, "sequences: {01: {a: 1}, on: {a: 2}, null: {a: 3}}").values["sequences"].keys() == {"01", "on", "null"}
+    assert document(tmp_path, "sequences: {01: {a: 1}, on: {a: 2}, null: {a: 3}}").values["sequences"].keys() == {
+        "01",
+        "on",
+        "null",
+    }
 
 
 def test_keys_given_twice_are_all_named_with_both_places(tmp_path: Path) -> None:
     text = "a: 1\nb: {c: 1, c: 2}\na: 3\n"
-    assert fault(tmp_path, text) == "c.yaml:2:11 b.c: given twice, first at c.yaml:2:5\nc.yaml:3:1 a: given twice, first at c.yaml:1:1"
+    assert (
+        fault(tmp_path, text)
+        == "c.yaml:2:11 b.c: given twice, first at c.yaml:2:5\nc.yaml:3:1 a: given twice, first at c.yaml:1:1"
+    )
 
 
 BROKEN = {
@@ -114,7 +133,20 @@ def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1:9:3", "1:9:3"), ("3:1", "3:1"), ("on", "on"), ("no", "no"), ("2026-01-01", "2026-01-01"), ("08", "08"), ("1e-3", 1e-3), ("-2", -2), (".5", 0.5), ("true", True), ("null", None), ("[1, 2.0]", [1, 2.0])],
+    [
+        ("1:9:3", "1:9:3"),
+        ("3:1", "3:1"),
+        ("on", "on"),
+        ("no", "no"),
+        ("2026-01-01", "2026-01-01"),
+        ("08", "08"),
+        ("1e-3", 1e-3),
+        ("-2", -2),
+        (".5", 0.5),
+        ("true", True),
+        ("null", None),
+        ("[1, 2.0]", [1, 2.0]),
+    ],
 )
 def test_plain_values_are_those_of_yaml_1_2(text: str, value: object) -> None:
     found = parse_value(text)

@@ -28,10 +28,27 @@ def test_balance_becomes_a_novel_view_video(captures: Path, tmp_path: Path) -> N
     config.write_text(CONFIG)
     common = ["--archive", str(tmp_path / "archive"), "--config", str(config)]
     runner = CliRunner()
-    done = runner.invoke(app, ["import", "pose2sim", str(captures / "captures" / "balance"), "--sequence", "balance", *common])
+    done = runner.invoke(
+        app, ["import", "pose2sim", str(captures / "captures" / "balance"), "--sequence", "balance", *common]
+    )
     assert done.exit_code == 0, done.output
     video, frames, sheet = tmp_path / "out.mp4", tmp_path / "frames", tmp_path / "sheet.png"
-    done = runner.invoke(app, ["export", "balance", "--path", "arc cam01 cam02", "--video", str(video), "--frames", str(frames), "--sheet", str(sheet), *common])
+    done = runner.invoke(
+        app,
+        [
+            "export",
+            "balance",
+            "--path",
+            "arc cam01 cam02",
+            "--video",
+            str(video),
+            "--frames",
+            str(frames),
+            "--sheet",
+            str(sheet),
+            *common,
+        ],
+    )
     assert done.exit_code == 0, done.output
     assert VideoFile(video).count == 2
     pictures = [images.read_picture(p) for p in sorted(frames.rglob("*.png"))]

@@ -23,7 +23,9 @@ from tests.pipeline import Pipeline, film
         ({"depth": False, "joints": False, "masks": False}, "[]", {"pose", "smoothing", "metrics"}),
     ],
 )
-def test_a_capture_that_lacks_something_runs(missing: dict[str, bool], held_out: str, not_needed: set[str], tmp_path: Path) -> None:
+def test_a_capture_that_lacks_something_runs(
+    missing: dict[str, bool], held_out: str, not_needed: set[str], tmp_path: Path
+) -> None:
     film(tmp_path / "capture", views=4, frames=3, **missing)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", held_out=held_out)
     pipeline.register()
@@ -43,7 +45,9 @@ def test_export_of_any_path_works_without_truth(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     for path in ("orbit", "arc cam00 cam01", "still cam02"):
         out = tmp_path / path.replace(" ", "_")
-        done = runner.invoke(app, ["export", "walk", "--path", path, "--video", f"{out}.mp4", "--frames", str(out), *archive])
+        done = runner.invoke(
+            app, ["export", "walk", "--path", path, "--video", f"{out}.mp4", "--frames", str(out), *archive]
+        )
         assert done.exit_code == 0, done.output
         pictures = sorted(out.rglob("*.png"))
         assert [p.name for p in pictures] == ["000000.png", "000001.png", "000002.png"]

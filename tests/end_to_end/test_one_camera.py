@@ -1,4 +1,5 @@
-"""A single source camera, with and without depth maps, masks and joints: it runs, renders what lies near it, and says what it can give."""
+"""A single source camera, with and without depth maps, masks and joints: it runs, renders what lies near it, and
+says what it can give."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ from tests.pipeline import Pipeline, assert_same_content, content, film
 AUTO = [f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")]
 
 
-def one_camera(tmp_path: Path, *settings: str, maps: bool = False, partition: int = 2, name: str = "archive", **leave_out: bool) -> Pipeline:
+def one_camera(
+    tmp_path: Path, *settings: str, maps: bool = False, partition: int = 2, name: str = "archive", **leave_out: bool
+) -> Pipeline:
     folder = tmp_path / "capture"
     if not folder.exists():
         person = film(folder, views=1, size=64, frames=3, held_out=0, depth=False, **leave_out)
@@ -79,7 +82,9 @@ def test_paths_beyond_the_useful_cone_are_named(tmp_path: Path) -> None:
 
 def test_a_subject_that_is_elsewhere_than_assumed_is_reported(tmp_path: Path) -> None:
     pipeline = one_camera(tmp_path, "depth.subject_distance=9", maps=True)
-    warnings = [w for e in pipeline.run() if isinstance(e, TaskDone) and e.task.stage == "depth" for w in e.receipt.warnings]
+    warnings = [
+        w for e in pipeline.run() if isinstance(e, TaskDone) and e.task.stage == "depth" for w in e.receipt.warnings
+    ]
     assert warnings
     assert all("`sway` turns about a point at 9 m; set depth.subject_distance: 2." in w for w in warnings)
 
@@ -133,7 +138,10 @@ def test_export_of_one_camera_with_maps_in_millimetres(tmp_path: Path) -> None:
     runner, archive = CliRunner(), ["--archive", str(tmp_path / "archive"), "--set", "run.scheduler=serial"]
     said = runner.invoke(app, ["import", "images", str(tmp_path / "capture"), "--sequence", "one", *archive])
     assert "--option depth_scale=0.001" in str(said.exception)
-    said = runner.invoke(app, ["import", "images", str(tmp_path / "capture"), "--sequence", "one", "--option", "depth_scale=0.001", *archive])
+    said = runner.invoke(
+        app,
+        ["import", "images", str(tmp_path / "capture"), "--sequence", "one", "--option", "depth_scale=0.001", *archive],
+    )
     assert said.exit_code == 0, said.output
     done = runner.invoke(app, ["export", "one", "--frames", str(tmp_path / "out"), *archive])
     assert done.exit_code == 0, done.output
@@ -149,7 +157,9 @@ def test_a_view_that_becomes_a_source_brings_its_depth_maps_along(tmp_path: Path
     one.register()
     one.run()
     both = Pipeline(one.root, one.folder, AUTO, held_out="[]")
-    warnings = [w for e in both.run() if isinstance(e, TaskDone) for w in e.receipt.warnings] + list(map(str, both.plan().notes))
+    warnings = [w for e in both.run() if isinstance(e, TaskDone) for w in e.receipt.warnings] + list(
+        map(str, both.plan().notes)
+    )
     depth = Results(both.context()).read("depth/depth", range(2), 1)
     np.testing.assert_array_equal(depth[0] > 0, person.depth[0, 1] > 0)
     assert not depth[1].any()

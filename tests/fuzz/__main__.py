@@ -1,4 +1,5 @@
-"""`make fuzz`: every reader on hundreds of spoilt files; exit status 1 where one does anything but work or refuse with a sentence."""
+"""`make fuzz`: every reader on hundreds of spoilt files; exit status 1 where one does anything but work or refuse
+with a sentence."""
 
 from __future__ import annotations
 

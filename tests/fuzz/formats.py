@@ -1,4 +1,5 @@
-"""Every kind of file that is read from other people: a whole one, which of its files are spoiled, and what reads them."""
+"""Every kind of file that is read from other people: a whole one, which of its files are spoiled, and what reads
+them."""
 
 from __future__ import annotations
 
@@ -194,7 +195,9 @@ def formats() -> list[Format]:
     return [
         *capture_formats(),
         Format("camera path JSON", captures.path_file, "*.json", "json", camera_path),
-        Format("configuration YAML", a_copy(ROOT / "dags" / "config" / "pipeline.yaml"), "own.yaml", "yaml", configuration),
+        Format(
+            "configuration YAML", a_copy(ROOT / "dags" / "config" / "pipeline.yaml"), "own.yaml", "yaml", configuration
+        ),
         Format("scene YAML", a_copy(ROOT / "dags" / "simulation" / "scenes" / "messy.yaml"), "own.yaml", "yaml", scene),
         Format("training YAML", a_copy(ROOT / "dags" / "training" / "training.yaml"), "own.yaml", "yaml", training),
         *(Format(name, make, files, kind, use) for name, make, files, kind, use in models.rows()),

@@ -1,7 +1,7 @@
 """Warm workers that read variants, each watched: time, memory, exceptions, and what is written where.
 
-The parent has imported everything and forks the workers; it runs nothing itself, so that it has one thread. A worker that
-takes too long, grows too much or dies counts as a fault, and another one takes its place.
+The parent has imported everything and forks the workers; it runs nothing itself, so that it has one thread. A worker
+that takes too long, grows too much or dies counts as a fault, and another one takes its place.
 """
 
 from __future__ import annotations
@@ -256,7 +256,8 @@ def run(
 
 
 def make_wholes(formats: Sequence[Format], work: Path, workers: int) -> None:
-    """Write every whole capture and read it once, with time to compile. Raises AssertionError for one that is refused."""
+    """Write every whole capture and read it once, with time to compile. Raises AssertionError for one that is
+    refused."""
     context: Any = mp.get_context("fork")
     maker = context.Process(target=_make, args=(formats, work / "whole"))
     maker.start()

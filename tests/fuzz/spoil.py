@@ -1,4 +1,5 @@
-"""Ways to spoil one file of a capture, each chosen by a random generator of the variant's own: the same number, the same damage."""
+"""Ways to spoil one file of a capture, each chosen by a random generator of the variant's own: the same number, the
+same damage."""
 
 from __future__ import annotations
 

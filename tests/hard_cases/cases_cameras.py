@@ -63,10 +63,17 @@ def easymocap(folder: Path, distortion: int) -> RawCamera:
 
     def node(name: str, values: np.ndarray) -> str:
         m = np.atleast_2d(values.T if values.ndim == 1 else values)
-        return f"{name}: !!opencv-matrix\n   rows: {m.shape[0]}\n   cols: {m.shape[1]}\n   dt: d\n   data: [{', '.join(repr(float(x)) for x in m.ravel())}]\n"
+        return (
+            f"{name}: !!opencv-matrix\n   rows: {m.shape[0]}\n   cols: {m.shape[1]}\n   dt: d\n   data:"
+            f" [{', '.join(repr(float(x)) for x in m.ravel())}]\n"
+        )
 
     head = '%YAML:1.0\n---\nnames:\n   - "01"\n'
-    (folder / "intri.yml").write_text(head + node("K_01", np.array([[800.0, 0, 511.5], [0, 800, 383.5], [0, 0, 1]])) + node("D_01", 0.01 * np.arange(1, distortion + 1)))
+    (folder / "intri.yml").write_text(
+        head
+        + node("K_01", np.array([[800.0, 0, 511.5], [0, 800, 383.5], [0, 0, 1]]))
+        + node("D_01", 0.01 * np.arange(1, distortion + 1))
+    )
     (folder / "extri.yml").write_text(head + node("Rot_01", r[:3, :3]) + node("T_01", r[:3, 3]))
     return _camera("01", read_opencv_yaml(folder / "intri.yml"), read_opencv_yaml(folder / "extri.yml"))
 
@@ -111,7 +118,11 @@ def off_rigid(r: np.ndarray) -> float:
 
 
 def read_back(r: np.ndarray) -> np.ndarray:
-    return build_rig([RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), r, np.array([0, 0, 2.0]), (1024, 768))], [(1024, 768)], half=False).rotations[0]
+    return build_rig(
+        [RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), r, np.array([0, 0, 2.0]), (1024, 768))],
+        [(1024, 768)],
+        half=False,
+    ).rotations[0]
 
 
 def naive_doubled() -> float:
@@ -132,18 +143,79 @@ def as_captured(side: int) -> Capture:
 
 
 def doubled() -> float:
-    """Px of the calibrated picture by which its corners are missed, by pictures of that size and of twice the size; the intrinsics stay."""
+    """Px of the calibrated picture by which its corners are missed, by pictures of that size and of twice the size;
+    the intrinsics stay."""
     same, larger = as_captured(1024), as_captured(2048)
     assert not same.crops
     crop = larger.crops["cam0"]
-    return max(float(np.abs(crop.scale * corner + np.array(crop.offset) - corner / 2).max()) for corner in np.array([[0.0, 0.0], [2048.0, 2048.0]]))
+    return max(
+        float(np.abs(crop.scale * corner + np.array(crop.offset) - corner / 2).max())
+        for corner in np.array([[0.0, 0.0], [2048.0, 2048.0]])
+    )
 
 
 CASES = (
-    Case("K1", "a path between cameras, the subject away from the origin", "rotations turn, translations go straight: half way the camera stands nearer", "m", lambda: worst(off_the_arc(naive_middle(d), SUBJECT) for d in ANGLES), lambda: worst(off_the_arc(centres(arc(two(d, SUBJECT))), SUBJECT) for d in ANGLES), 1e-3, "centres move on an arc about the point the cameras look at, which is known to a millimetre"),
-    Case("K2", "a path over half a turn", "the sine of 180 degrees is divided by", "m", lambda: worst(off_the_arc(naive_slerp(180.0 + h), np.zeros(3)) for h in (0.0, 1e-7, -1e-7)), lambda: worst(off_the_arc(centres(arc(two(180.0 + h, np.zeros(3)), 3)), np.zeros(3)) for h in (0.0, 1e-7, -1e-7)), 1e-3, "the rig's up axis decides the way; as K1"),
-    Case("K3", "a file whose camera centre was computed wrongly", "the centre from the rotation vector in the matrix's place", "m", naive_centre, lambda: float(np.abs(written(5).centres[0] - [2.0, 0.5, 1.0]).max()), 1e-12, "centres follow from R and t; float64"),
-    Case("K4", "lens distortion of 4, 5 or 8 numbers", "five are expected", "of a coefficient", lambda: worst(naive_distortion(c) for c in COUNTS), lambda: worst(distortion_error(c) for c in COUNTS), 0.0, "padded with zeros"),
-    Case("K5", "rotations rounded to 10, 6 or 4 digits in text", "the rounded matrix stretches and shears", "of a rotation", lambda: worst(off_rigid(rounded(d)) for d in DIGITS), lambda: worst(off_rigid(read_back(rounded(d))) for d in DIGITS), 1e-14, "projected onto the nearest rotation; float64. Farther than 1e-3 off is refused"),
-    Case("K6", "pictures of twice the calibrated size", "intrinsics are doubled behind everybody's back", "px", naive_doubled, doubled, 0.0, "the same shape: the pictures are scaled, the calibration stays, and the import says so; another shape is refused unless black bars explain it"),
+    Case(
+        "K1",
+        "a path between cameras, the subject away from the origin",
+        "rotations turn, translations go straight: half way the camera stands nearer",
+        "m",
+        lambda: worst(off_the_arc(naive_middle(d), SUBJECT) for d in ANGLES),
+        lambda: worst(off_the_arc(centres(arc(two(d, SUBJECT))), SUBJECT) for d in ANGLES),
+        1e-3,
+        "centres move on an arc about the point the cameras look at, which is known to a millimetre",
+    ),
+    Case(
+        "K2",
+        "a path over half a turn",
+        "the sine of 180 degrees is divided by",
+        "m",
+        lambda: worst(off_the_arc(naive_slerp(180.0 + h), np.zeros(3)) for h in (0.0, 1e-7, -1e-7)),
+        lambda: worst(
+            off_the_arc(centres(arc(two(180.0 + h, np.zeros(3)), 3)), np.zeros(3)) for h in (0.0, 1e-7, -1e-7)
+        ),
+        1e-3,
+        "the rig's up axis decides the way; as K1",
+    ),
+    Case(
+        "K3",
+        "a file whose camera centre was computed wrongly",
+        "the centre from the rotation vector in the matrix's place",
+        "m",
+        naive_centre,
+        lambda: float(np.abs(written(5).centres[0] - [2.0, 0.5, 1.0]).max()),
+        1e-12,
+        "centres follow from R and t; float64",
+    ),
+    Case(
+        "K4",
+        "lens distortion of 4, 5 or 8 numbers",
+        "five are expected",
+        "of a coefficient",
+        lambda: worst(naive_distortion(c) for c in COUNTS),
+        lambda: worst(distortion_error(c) for c in COUNTS),
+        0.0,
+        "padded with zeros",
+    ),
+    Case(
+        "K5",
+        "rotations rounded to 10, 6 or 4 digits in text",
+        "the rounded matrix stretches and shears",
+        "of a rotation",
+        lambda: worst(off_rigid(rounded(d)) for d in DIGITS),
+        lambda: worst(off_rigid(read_back(rounded(d))) for d in DIGITS),
+        1e-14,
+        "projected onto the nearest rotation; float64. Farther than 1e-3 off is refused",
+    ),
+    Case(
+        "K6",
+        "pictures of twice the calibrated size",
+        "intrinsics are doubled behind everybody's back",
+        "px",
+        naive_doubled,
+        doubled,
+        0.0,
+        "the same shape: the pictures are scaled, the calibration stays, and the import says so; another shape is"
+        " refused unless black bars explain it",
+    ),
 )

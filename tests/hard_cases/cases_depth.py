@@ -1,4 +1,5 @@
-"""Records R1, R2 and D1-D15: rectification, depth maps, matching and masks. Cases of the matching network are not there yet."""
+"""Records R1, R2 and D1-D15: rectification, depth maps, matching and masks. Cases of the matching network are not
+there yet."""
 
 from __future__ import annotations
 
@@ -45,10 +46,13 @@ WIDE = [pair_rig(a) for a in (22.5, 45, 60, 67.5, 72, 90)]
 
 
 def opencv(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rectified as OpenCV's documents show: pixels [2, N, 2] of world points, depth [N] in the first camera, and Tx f."""
+    """Rectified as OpenCV's documents show: pixels [2, N, 2] of world points, depth [N] in the first camera, and Tx
+    f."""
     relative = rig.world_to_camera[1] @ np.linalg.inv(rig.world_to_camera[0])
     k = to_integer_centres(rig.intrinsics)
-    r0, r1, p0, p1 = cv2.stereoRectify(k[0], np.zeros(5), k[1], np.zeros(5), (1024, 1024), relative[:3, :3], relative[:3, 3:], flags=0)[:4]
+    r0, r1, p0, p1 = cv2.stereoRectify(
+        k[0], np.zeros(5), k[1], np.zeros(5), (1024, 1024), relative[:3, :3], relative[:3, 3:], flags=0
+    )[:4]
     pixels = []
     for r, p, pose in ((r0, p0, rig.world_to_camera[0]), (r1, p1, rig.world_to_camera[1])):
         seen = (points @ pose[:3, :3].T + pose[:3, 3]) @ r.T @ p[:, :3].T
@@ -133,7 +137,11 @@ def farthest() -> float:
     pair = rectify(pair_rig(22.5), 0, 1, ORIGIN)
     depth = torch.as_tensor(pair.depth(behind_infinity(pair)), dtype=torch.float32)
     maps = Maps(torch.ones(1, 3, 3), depth, torch.ones(3, 1, 3), -torch.ones(3, 1, 3), torch.ones(2, 1, 3))
-    return float(np.linalg.norm(lift(maps, np.eye(3), np.eye(4), torch.float32, torch.device("cpu")).mean.numpy(), axis=1).max(initial=0.0))
+    return float(
+        np.linalg.norm(lift(maps, np.eye(3), np.eye(4), torch.float32, torch.device("cpu")).mean.numpy(), axis=1).max(
+            initial=0.0
+        )
+    )
 
 
 def empty_mask_error() -> float:
@@ -142,7 +150,12 @@ def empty_mask_error() -> float:
     nothing, picture = np.zeros((48, 64), np.float32), np.zeros((48, 64, 3), np.uint8)
     geometry = Geometry.of(rig, tuple(range(8)), DepthParams(method="hull"))
     hull = hull_only(geometry, Frame({}, {v: nothing.astype(np.uint8) for v in range(8)}))
-    found = [match(rectify(rig, 0, 1, ORIGIN), picture, picture, nothing > 0, Bounds(nothing, nothing, nothing)), fill(nothing, nothing > 0), *complete(nothing, nothing, nothing, nothing), *hull[0]]
+    found = [
+        match(rectify(rig, 0, 1, ORIGIN), picture, picture, nothing > 0, Bounds(nothing, nothing, nothing)),
+        fill(nothing, nothing > 0),
+        *complete(nothing, nothing, nothing, nothing),
+        *hull[0],
+    ]
     assert depth_error(nothing, nothing, nothing.astype(np.uint8), rig, 0, range(8)) is None
     assert {region for region, _ in measure(picture, picture, nothing.astype(np.uint8), ONLY_SSIM)} == {"full"}
     return worst(apart(f, 0) for f in found)
@@ -154,12 +167,19 @@ EDGES = np.array([[-0.9, -0.5, 0.0, 3.5, 3.9]])
 
 def naive_edge() -> float:
     """Bilinear with zeros beside the picture, as `grid_sample` pads."""
-    found = cv2.remap(np.full((4, 4), 2, np.float32), EDGES.astype(np.float32), np.ones_like(EDGES, np.float32), cv2.INTER_LINEAR, borderValue=0)
+    found = cv2.remap(
+        np.full((4, 4), 2, np.float32),
+        EDGES.astype(np.float32),
+        np.ones_like(EDGES, np.float32),
+        cv2.INTER_LINEAR,
+        borderValue=0,
+    )
     return apart(found, 2)
 
 
 def naive_cut() -> float:
-    """Share of a wide pair's surface that is not counted when disparities from 512 px on are thrown away, as one data set's loader does."""
+    """Share of a wide pair's surface that is not counted when disparities from 512 px on are thrown away, as one
+    data set's loader does."""
     pixels = opencv(pair_rig(60), BODY)[0]
     return float((np.abs(pixels[1, :, 0] - pixels[0, :, 0]) >= 512).mean())
 
@@ -187,7 +207,8 @@ def soft_masks() -> tuple[Rig, dict[int, np.ndarray]]:
 
 
 def naive_thresholds() -> float:
-    """Pixels that count in the picture (above one half) and not in the loss (above 0.66 after an erosion), as one published loader has it."""
+    """Pixels that count in the picture (above one half) and not in the loss (above 0.66 after an erosion), as one
+    published loader has it."""
     mask = soft_masks()[1][0]
     return float(((mask > 127) != (cv2.erode(mask, np.ones((3, 3))) > 0.66 * 255)).sum())
 
@@ -207,7 +228,8 @@ def sphere_scene() -> tuple[Rig, list[np.ndarray], list[np.ndarray]]:
 
 
 def naive_matches() -> tuple[np.ndarray, np.ndarray]:
-    """Disparity, px, by plain semi-global matching of the rectified pictures, -33 where nothing is found; and where the sphere is."""
+    """Disparity, px, by plain semi-global matching of the rectified pictures, -33 where nothing is found; and where
+    the sphere is."""
     rig, colors, depths = sphere_scene()
     pair = rectify(rig, 0, 1, ORIGIN)
     window = (0, 0, *pair.size)
@@ -257,7 +279,9 @@ def hidden_matches() -> tuple[np.ndarray, np.ndarray]:
     """Depth of both views, each matched with the other and searched from 0.8 to 2.1 m."""
     rig, colors, depths, _ = hidden_scene()
     bounds = [Bounds(*(np.where(z > 0, limit, 0).astype(np.float32) for limit in (1.3, 0.8, 2.1))) for z in depths]
-    first, second = (match(rectify(rig, a, b, ORIGIN), colors[a], colors[b], depths[a] > 0, bounds[a]) for a, b in ((0, 1), (1, 0)))
+    first, second = (
+        match(rectify(rig, a, b, ORIGIN), colors[a], colors[b], depths[a] > 0, bounds[a]) for a, b in ((0, 1), (1, 0))
+    )
     return first, second
 
 
@@ -281,17 +305,135 @@ def naive_square() -> float:
 
 
 CASES = (
-    Case("R1", "pairs above one another, diagonal, or on their side", "no columns differ: depth is 0 / 0, and nobody objects", "m", lambda: worst(naive_stereo_depth(r) for r in VERTICAL), lambda: worst(stereo_depth_error(r) for r in [*VERTICAL, *WIDE]), 1e-12, "such pairs are not matched, and the plan names the reason; float64 for the others"),
-    Case("R2", "pairs up to 90 degrees apart", "the body leaves the rectified pictures", "of the body", lambda: worst(naive_lost(r) for r in WIDE), lambda: worst(lost(r) for r in WIDE), 0.02, "principal points follow the subject; a pair that keeps less than 0.98 of a body is not matched"),
-    Case("D1", "depth below half a metre in 16 bits", "inverse depth times 2^15 wraps: 0.4 m reads as 2 m, 0.499 m as 250 m", "m", naive_stored, stored_error, 1.2e-7, "kept in metres in float32; integer depth files are refused"),
-    Case("D2", "disparities of hundreds of px in float16", "steps of half a px", "m", naive_flow, kept_depth_error, 1.2e-7, "depth is kept, in float32; disparities never are"),
-    Case("D3", "disparity zero or negative", "1 / (d + 1e-8): points millions of kilometres off, or behind the camera", "m", naive_farthest, farthest, 0.0, "no point: depth is 0 there, or masked and counted"),
-    Case("D4", "an empty mask", "the mean of nothing is not a number, and every mean over it", "of a value", lambda: float(np.mean(np.zeros(0))), empty_mask_error, 0.0, "depth and hull are 0, a measure has no row"),
-    Case("D9", "looking up beside the picture", "zeros beside it pull depth to the camera", "m", naive_edge, lambda: apart(sample(np.full((4, 4), 2, np.float32), EDGES, np.ones_like(EDGES), 0.02), 2), 1e-6, "what is unknown drops out of the weights; float32"),
-    Case("D10", "disparities above 512 px in wide pairs", "thrown away: a part of the surface is never looked at", "of the surface", naive_cut, uncounted, 0.0, "searched and measured about the surface, whatever the disparity"),
-    Case("D11", "the half pixel between two conventions", "maps with integer centres, unprojected with centres at a half", "px", lambda: round_trip((64, 48), 0.5), lambda: round_trip((64, 48), 0.0), 1e-9, "one convention; `storage/model/cameras.py` alone converts; float64"),
-    Case("D12", "soft masks", "other thresholds for the picture and for what is counted: a rim that is neither", "pixels", naive_thresholds, threshold_error, 0.0, "one threshold: depth lies on the mask exactly"),
-    Case("D13", "black or textureless background", "matched all the same", "pixels", naive_background, matched_background, 0.0, "only pixels of the mask are matched, or counted"),
-    Case("D14", "what the other camera cannot see", "a depth is found for it, any", "of the hidden pixels", lambda: wrong_where_hidden(False), lambda: wrong_where_hidden(True), 0.3, "a match must be confirmed from the other side within 1.5 px; of one pair and a pattern that repeats, chance confirms some"),
-    Case("D15", "pictures that are not square", "width taken for height", "px", naive_square, lambda: round_trip((64, 48), 0.0), 1e-9, "float64"),
+    Case(
+        "R1",
+        "pairs above one another, diagonal, or on their side",
+        "no columns differ: depth is 0 / 0, and nobody objects",
+        "m",
+        lambda: worst(naive_stereo_depth(r) for r in VERTICAL),
+        lambda: worst(stereo_depth_error(r) for r in [*VERTICAL, *WIDE]),
+        1e-12,
+        "such pairs are not matched, and the plan names the reason; float64 for the others",
+    ),
+    Case(
+        "R2",
+        "pairs up to 90 degrees apart",
+        "the body leaves the rectified pictures",
+        "of the body",
+        lambda: worst(naive_lost(r) for r in WIDE),
+        lambda: worst(lost(r) for r in WIDE),
+        0.02,
+        "principal points follow the subject; a pair that keeps less than 0.98 of a body is not matched",
+    ),
+    Case(
+        "D1",
+        "depth below half a metre in 16 bits",
+        "inverse depth times 2^15 wraps: 0.4 m reads as 2 m, 0.499 m as 250 m",
+        "m",
+        naive_stored,
+        stored_error,
+        1.2e-7,
+        "kept in metres in float32; integer depth files are refused",
+    ),
+    Case(
+        "D2",
+        "disparities of hundreds of px in float16",
+        "steps of half a px",
+        "m",
+        naive_flow,
+        kept_depth_error,
+        1.2e-7,
+        "depth is kept, in float32; disparities never are",
+    ),
+    Case(
+        "D3",
+        "disparity zero or negative",
+        "1 / (d + 1e-8): points millions of kilometres off, or behind the camera",
+        "m",
+        naive_farthest,
+        farthest,
+        0.0,
+        "no point: depth is 0 there, or masked and counted",
+    ),
+    Case(
+        "D4",
+        "an empty mask",
+        "the mean of nothing is not a number, and every mean over it",
+        "of a value",
+        lambda: float(np.mean(np.zeros(0))),
+        empty_mask_error,
+        0.0,
+        "depth and hull are 0, a measure has no row",
+    ),
+    Case(
+        "D9",
+        "looking up beside the picture",
+        "zeros beside it pull depth to the camera",
+        "m",
+        naive_edge,
+        lambda: apart(sample(np.full((4, 4), 2, np.float32), EDGES, np.ones_like(EDGES), 0.02), 2),
+        1e-6,
+        "what is unknown drops out of the weights; float32",
+    ),
+    Case(
+        "D10",
+        "disparities above 512 px in wide pairs",
+        "thrown away: a part of the surface is never looked at",
+        "of the surface",
+        naive_cut,
+        uncounted,
+        0.0,
+        "searched and measured about the surface, whatever the disparity",
+    ),
+    Case(
+        "D11",
+        "the half pixel between two conventions",
+        "maps with integer centres, unprojected with centres at a half",
+        "px",
+        lambda: round_trip((64, 48), 0.5),
+        lambda: round_trip((64, 48), 0.0),
+        1e-9,
+        "one convention; `storage/model/cameras.py` alone converts; float64",
+    ),
+    Case(
+        "D12",
+        "soft masks",
+        "other thresholds for the picture and for what is counted: a rim that is neither",
+        "pixels",
+        naive_thresholds,
+        threshold_error,
+        0.0,
+        "one threshold: depth lies on the mask exactly",
+    ),
+    Case(
+        "D13",
+        "black or textureless background",
+        "matched all the same",
+        "pixels",
+        naive_background,
+        matched_background,
+        0.0,
+        "only pixels of the mask are matched, or counted",
+    ),
+    Case(
+        "D14",
+        "what the other camera cannot see",
+        "a depth is found for it, any",
+        "of the hidden pixels",
+        lambda: wrong_where_hidden(False),
+        lambda: wrong_where_hidden(True),
+        0.3,
+        "a match must be confirmed from the other side within 1.5 px; of one pair and a pattern that repeats, chance"
+        " confirms some",
+    ),
+    Case(
+        "D15",
+        "pictures that are not square",
+        "width taken for height",
+        "px",
+        naive_square,
+        lambda: round_trip((64, 48), 0.0),
+        1e-9,
+        "float64",
+    ),
 )

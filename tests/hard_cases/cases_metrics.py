@@ -80,13 +80,18 @@ def naive_lpips() -> float:
 
 def naive_range() -> float:
     """Pictures of 0..1 measured with a range of 2, as one published evaluation does."""
-    x, y = (p / 255 for p in (picture(), np.clip(picture() + np.random.default_rng(6).normal(0, 30, (176, 176)), 0, 255)))
+    x, y = (
+        p / 255 for p in (picture(), np.clip(picture() + np.random.default_rng(6).normal(0, 30, (176, 176)), 0, 255))
+    )
     return abs(float(ssim_map(x, y, 2.0).mean()) - float(ssim_map(x, y, 1.0).mean()))
 
 
 def range_error() -> float:
     x, y = picture(), np.clip(picture() + np.random.default_rng(6).normal(0, 30, (176, 176)), 0, 255)
-    return max(apart(ssim_map(x / 255, y / 255, 1.0), ssim_map(x, y, 255.0)), abs(psnr(x / 255, y / 255, 1.0, 100.0) - psnr(x, y, 255.0, 100.0)))
+    return max(
+        apart(ssim_map(x / 255, y / 255, 1.0), ssim_map(x, y, 255.0)),
+        abs(psnr(x / 255, y / 255, 1.0, 100.0) - psnr(x, y, 255.0, 100.0)),
+    )
 
 
 def depths() -> tuple[np.ndarray, np.ndarray]:
@@ -113,10 +118,64 @@ def depth_measure_error() -> float:
 
 
 CASES = (
-    Case("L1", "SSIM of nearly constant pictures", "the variance cancels and turns negative: more similar than equal", "of SSIM", lambda: worst(apart(naive_ssim(*nearly_constant(v), 1.0), 1) for v in LEVELS), lambda: worst(apart(ssim_map(*nearly_constant(v), 1.0), 1) for v in LEVELS), 1e-9, "float64: squares of 1 leave 1e-16 beside the constant of 9e-4"),
-    Case("L1b", "MS-SSIM of a picture and its negative", "a negative mean to the power of 0.0448", "of MS-SSIM", lambda: naive_ms_ssim(picture(), 255 - picture()), lambda: ms_ssim(picture(), 255 - picture(), 255.0), 0.0, "a term that is negative counts as 0, in the definition that every row carries"),
-    Case("L2", "PSNR of identical pictures", "infinite, and every mean it enters", "dB", lambda: naive_mean_psnr() - (100 + 20 * np.log10(25.5)) / 2, mean_psnr_error, 1e-9, "capped at `psnr_cap`, 100 dB; float64"),
-    Case("L3", "LPIPS of pictures in 0..1", "the network wants -1..1: another number under the same name", "of LPIPS", naive_lpips, lambda: abs(network().distance(*noisy_pair(), 255.0) / lpips_truth() - 1), 1e-5, "the range is an argument; float32. Pictures too small for the last layer are refused"),
-    Case("L4", "SSIM of pictures in 0..1", "measured with a range of 2", "of SSIM", naive_range, range_error, 1e-9, "one range, in the definition that every row carries; float64"),
-    Case("L7", "depth errors where there is no true depth", "1 / 0", "px", naive_depth_error, depth_measure_error, 1e-9, "only pixels with a true depth count; float64"),
+    Case(
+        "L1",
+        "SSIM of nearly constant pictures",
+        "the variance cancels and turns negative: more similar than equal",
+        "of SSIM",
+        lambda: worst(apart(naive_ssim(*nearly_constant(v), 1.0), 1) for v in LEVELS),
+        lambda: worst(apart(ssim_map(*nearly_constant(v), 1.0), 1) for v in LEVELS),
+        1e-9,
+        "float64: squares of 1 leave 1e-16 beside the constant of 9e-4",
+    ),
+    Case(
+        "L1b",
+        "MS-SSIM of a picture and its negative",
+        "a negative mean to the power of 0.0448",
+        "of MS-SSIM",
+        lambda: naive_ms_ssim(picture(), 255 - picture()),
+        lambda: ms_ssim(picture(), 255 - picture(), 255.0),
+        0.0,
+        "a term that is negative counts as 0, in the definition that every row carries",
+    ),
+    Case(
+        "L2",
+        "PSNR of identical pictures",
+        "infinite, and every mean it enters",
+        "dB",
+        lambda: naive_mean_psnr() - (100 + 20 * np.log10(25.5)) / 2,
+        mean_psnr_error,
+        1e-9,
+        "capped at `psnr_cap`, 100 dB; float64",
+    ),
+    Case(
+        "L3",
+        "LPIPS of pictures in 0..1",
+        "the network wants -1..1: another number under the same name",
+        "of LPIPS",
+        naive_lpips,
+        lambda: abs(network().distance(*noisy_pair(), 255.0) / lpips_truth() - 1),
+        1e-5,
+        "the range is an argument; float32. Pictures too small for the last layer are refused",
+    ),
+    Case(
+        "L4",
+        "SSIM of pictures in 0..1",
+        "measured with a range of 2",
+        "of SSIM",
+        naive_range,
+        range_error,
+        1e-9,
+        "one range, in the definition that every row carries; float64",
+    ),
+    Case(
+        "L7",
+        "depth errors where there is no true depth",
+        "1 / 0",
+        "px",
+        naive_depth_error,
+        depth_measure_error,
+        1e-9,
+        "only pixels with a true depth count; float64",
+    ),
 )

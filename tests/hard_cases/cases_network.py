@@ -23,7 +23,8 @@ def random(*shape: int, seed: int = 0) -> torch.Tensor:
 
 
 def loud() -> tuple[torch.Tensor, torch.Tensor]:
-    """Features of 192 channels as autocast hands them on: float16, some 30 of size, what is at column j is there, too."""
+    """Features of 192 channels as autocast hands them on: float16, some 30 of size, what is at column j is there,
+    too."""
     features = (30 * F.normalize(random(1, 192, 2, 16), dim=1) * math.sqrt(192)).half()
     return features, features
 
@@ -37,7 +38,10 @@ def naive_products() -> float:
     """Summed in float16 and then divided by the root of the channels."""
     first, second = loud()
     found = (first[..., :, None] * second[..., None, :]).sum(1) / math.sqrt(first.shape[1])
-    return apart(found.double() / products(first, second).abs().max(), products(first, second) / products(first, second).abs().max())
+    return apart(
+        found.double() / products(first, second).abs().max(),
+        products(first, second) / products(first, second).abs().max(),
+    )
 
 
 def products_error() -> float:
@@ -56,7 +60,9 @@ DISPARITIES = torch.linspace(0.3, 3.7, 512).reshape(1, 1, 1, 512)
 
 def naive_columns() -> float:
     """In the bfloat16 of everything around it."""
-    return apart((torch.arange(512).bfloat16() - DISPARITIES.bfloat16()).float(), torch.arange(512) - DISPARITIES.double())
+    return apart(
+        (torch.arange(512).bfloat16() - DISPARITIES.bfloat16()).float(), torch.arange(512) - DISPARITIES.double()
+    )
 
 
 def columns_error() -> float:
@@ -77,7 +83,8 @@ def naive_memory() -> float:
 
 @cache
 def memory() -> float:
-    """What ours keeps, measured on a strip of that picture with the budget that falls to it. A look-up without gradients has two more at a time."""
+    """What ours keeps, measured on a strip of that picture with the budget that falls to it. A look-up without
+    gradients has two more at a time."""
     batch, channels, height, width = four_k()
     strip = random(batch, channels, 1, width)
     found = Correlation(strip, strip, 4, 4, budget=2**28 // height)
@@ -92,7 +99,8 @@ def pooled_truth(line: torch.Tensor, level: int) -> torch.Tensor:
 
 
 def naive_pyramid(width: int) -> float:
-    """Halved again and again: the last of an odd number of columns falls out, and a map of one column cannot be halved."""
+    """Halved again and again: the last of an odd number of columns falls out, and a map of one column cannot be
+    halved."""
     first, second = random(1, 6, 2, width), random(1, 6, 2, width, seed=1)
     volume = (products(first, second)[0]).flatten(0, 1)[:, None]
     errors = []
@@ -113,7 +121,9 @@ def pyramid_error(width: int) -> float:
 def level_places(level: int) -> tuple[Correlation, torch.Tensor]:
     """Features whose correlation is the column of the other view, and columns in its middle."""
     first = torch.ones(1, 1, 1, 64)
-    return Correlation(first, torch.arange(64.0).reshape(1, 1, 1, 64), level + 1, 0), torch.linspace(20, 40, 64).reshape(1, 1, 1, 64)
+    return Correlation(first, torch.arange(64.0).reshape(1, 1, 1, 64), level + 1, 0), torch.linspace(
+        20, 40, 64
+    ).reshape(1, 1, 1, 64)
 
 
 def naive_level_place() -> float:
@@ -127,7 +137,10 @@ def naive_level_place() -> float:
 
 
 def level_place_error() -> float:
-    return worst(apart(level_places(level)[0].look_up(level_places(level)[1])[:, level], level_places(level)[1][:, 0]) for level in range(4))
+    return worst(
+        apart(level_places(level)[0].look_up(level_places(level)[1])[:, level], level_places(level)[1][:, 0])
+        for level in range(4)
+    )
 
 
 FAR_OFF = torch.tensor([-1e30, -1e9, -7.0, -0.5, 4.5, 11.0, 1e9, 1e30]).reshape(1, 1, 1, 8)
@@ -153,7 +166,8 @@ NEAR, FAR = 0.5, 8.0
 
 
 def gone(scale: float) -> tuple[torch.Tensor, Coding]:
-    """Disparities, px, that steps of a recurrence may come to, at infinity and on either side of it; the coding of their pair."""
+    """Disparities, px, that steps of a recurrence may come to, at infinity and on either side of it; the coding of
+    their pair."""
     code = Coding(*(torch.tensor([v], dtype=torch.float64) for v in (scale, -1500.0, NEAR, FAR)))
     return torch.tensor([-math.inf, -1e9, -1501.0, -1500.0, -1499.9999, 0.0, 1e9, math.inf]).reshape(1, 1, 2, 4), code
 
@@ -207,13 +221,94 @@ def rim_error() -> float:
 
 
 CASES = (
-    Case("D2b", "columns of a look-up in bfloat16", "eight bits for 512 columns: a column off", "columns", naive_columns, columns_error, 3.1e-5, "at least float32, even under autocast"),
-    Case("D3b", "disparity at infinity and beyond it, of wide pairs", "1 / (d + 1e-8): hundreds of millions of kilometres off, or behind the camera", "m beyond the bounds", naive_depth, depth_outside, 0.0, "held between a nearest and a farthest depth in float64"),
-    Case("D10b", "a recurrence that runs away", "its steps add up beyond infinity, and depth turns negative", "m beyond the bounds", naive_wild, wild_outside, 0.0, "held after each step; a start that is no number takes the picture's mean"),
-    Case("D6", "correlation of 192 channels in float16", "overflows before it is divided by the root of the channels", "of the largest", naive_products, products_error, 1e-6, "scaled first, and multiplied in float32"),
-    Case("D7", "correlation of 4096 x 2304 px", "every column with every column: grows with height x width squared", "x the features", naive_memory, memory, 3.0, "above 256 MiB products are made at the look-up, and only the features of both views are kept"),
-    Case("D8", "feature maps of odd and of few columns", "halving loses the last column, and cannot halve one", "of a product", lambda: worst(naive_pyramid(w) for w in WIDTHS), lambda: worst(pyramid_error(w) for w in WIDTHS), 2e-6, "a cell is the mean of the columns that are there; float32"),
-    Case("D9b", "looking up columns beside the other picture", "a clamped index: whatever leaves the picture matches its rim", "of a match", naive_beside, beside_error, 0.0, "falls linearly to 0 over one cell, and stays 0"),
-    Case("D12b", "convex up-sampling at the rim", "neighbours beside the picture are 0, and pull disparity to 0", "px of 100", naive_rim, rim_error, 3e-5, "the rim's own value stands beside it; float32"),
-    Case("D11b", "coarse levels of a correlation", "column / 2^level reads half a cell beside the place", "columns", naive_level_place, level_place_error, 1e-5, "cells are looked up at their centres; float32"),
+    Case(
+        "D2b",
+        "columns of a look-up in bfloat16",
+        "eight bits for 512 columns: a column off",
+        "columns",
+        naive_columns,
+        columns_error,
+        3.1e-5,
+        "at least float32, even under autocast",
+    ),
+    Case(
+        "D3b",
+        "disparity at infinity and beyond it, of wide pairs",
+        "1 / (d + 1e-8): hundreds of millions of kilometres off, or behind the camera",
+        "m beyond the bounds",
+        naive_depth,
+        depth_outside,
+        0.0,
+        "held between a nearest and a farthest depth in float64",
+    ),
+    Case(
+        "D10b",
+        "a recurrence that runs away",
+        "its steps add up beyond infinity, and depth turns negative",
+        "m beyond the bounds",
+        naive_wild,
+        wild_outside,
+        0.0,
+        "held after each step; a start that is no number takes the picture's mean",
+    ),
+    Case(
+        "D6",
+        "correlation of 192 channels in float16",
+        "overflows before it is divided by the root of the channels",
+        "of the largest",
+        naive_products,
+        products_error,
+        1e-6,
+        "scaled first, and multiplied in float32",
+    ),
+    Case(
+        "D7",
+        "correlation of 4096 x 2304 px",
+        "every column with every column: grows with height x width squared",
+        "x the features",
+        naive_memory,
+        memory,
+        3.0,
+        "above 256 MiB products are made at the look-up, and only the features of both views are kept",
+    ),
+    Case(
+        "D8",
+        "feature maps of odd and of few columns",
+        "halving loses the last column, and cannot halve one",
+        "of a product",
+        lambda: worst(naive_pyramid(w) for w in WIDTHS),
+        lambda: worst(pyramid_error(w) for w in WIDTHS),
+        2e-6,
+        "a cell is the mean of the columns that are there; float32",
+    ),
+    Case(
+        "D9b",
+        "looking up columns beside the other picture",
+        "a clamped index: whatever leaves the picture matches its rim",
+        "of a match",
+        naive_beside,
+        beside_error,
+        0.0,
+        "falls linearly to 0 over one cell, and stays 0",
+    ),
+    Case(
+        "D12b",
+        "convex up-sampling at the rim",
+        "neighbours beside the picture are 0, and pull disparity to 0",
+        "px of 100",
+        naive_rim,
+        rim_error,
+        3e-5,
+        "the rim's own value stands beside it; float32",
+    ),
+    Case(
+        "D11b",
+        "coarse levels of a correlation",
+        "column / 2^level reads half a cell beside the place",
+        "columns",
+        naive_level_place,
+        level_place_error,
+        1e-5,
+        "cells are looked up at their centres; float32",
+    ),
 )

@@ -107,7 +107,8 @@ def before_white() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 
 
 def naive_background() -> float:
-    """The usual "over": alpha times colour plus the rest of the background; but the colour has been multiplied already."""
+    """The usual "over": alpha times colour plus the rest of the background; but the colour has been multiplied
+    already."""
     color, alpha, white = before_white()
     return apart(alpha * color + (1 - alpha), white)
 
@@ -149,11 +150,21 @@ def thread_error() -> float:
     found = 0.0
     for threads in (2, 3):
         out, others = drawn(g, camera(100, 80, 100.0), threads=threads)
-        found = worst([found, *(apart(a, b) for a, b in zip(pictures(one), pictures(out), strict=True)), *(apart(gradients[n], others[n]) for n in gradients)])
+        found = worst(
+            [
+                found,
+                *(apart(a, b) for a, b in zip(pictures(one), pictures(out), strict=True)),
+                *(apart(gradients[n], others[n]) for n in gradients),
+            ]
+        )
     return found
 
 
-EDGE_ON = [gaussians([0.0, 0.02, 2.0], [[0.1, 0.1, t]], rotation=turned_about_y(d), dtype=SINGLE) for d in (89.99, 90.0) for t in (0.0, 1e-6)]
+EDGE_ON = [
+    gaussians([0.0, 0.02, 2.0], [[0.1, 0.1, t]], rotation=turned_about_y(d), dtype=SINGLE)
+    for d in (89.99, 90.0)
+    for t in (0.0, 1e-6)
+]
 COLUMN = camera(cx=23.5)
 """The discs' plane holds this camera's centre, and their picture a column of pixel centres."""
 
@@ -169,15 +180,121 @@ def drawn_disc(g: Gaussians) -> torch.Tensor:
 
 
 CASES = (
-    Case("S12", "scales of a kilometre, or of 1e30 m", "the covariance overflows: infinity minus infinity", "alpha", lambda: worst(apart(naive.splat(huge(s), camera())[1], 0.75) for s in (1e3, 1e30)), huge_error, 1e-4, "what overflows is masked and counted; lists of 2^32 pairs are refused by name"),
-    Case("S13", "NaN or infinity in any attribute", "one such Gaussian blackens the picture", "colour", lambda: worst(apart(naive.splat(poisoned(n, b), camera())[0], naive.splat(without_it(), camera())[0]) for n, b in POISONS), lambda: worst(apart(drawn(poisoned(n, b), camera())[0].color, draw(without_it(), camera()).color[None]) for n, b in POISONS), 0.0, "the same bits as without it: it is masked, counted and reported"),
-    Case("S14", "no Gaussian, or pictures of 1 x 1, 3 x 50, 33 x 17", "the last columns and rows are no whole tile and stay empty", "alpha", lambda: worst(apart(naive_tiles(s), naive.splat(cloud(9, dtype=SINGLE), camera(*s, focal=20.0))[1]) for s in ODD), lambda: worst(odd_error(s) for s in ODD), 2e-5, "float32 of alphas below 1"),
-    Case("S15", "equal depths", "front-to-back and back-to-front order disagree about ties, so forward and backward do", "colour", naive_ties, lambda: apart(draw(tied(), camera()).color, draw(to(tied(), DOUBLE), camera()).color), 2e-5, "a stable sort, once for both passes: ties keep the input's order; float32"),
-    Case("S16", "where a pixel's centre is", "integer centres under a camera whose centres are at a half", "px", lambda: worst(off_centre(naive.splat(placed(*p), camera(), centre=0.0)[1], *p[:2]) for p in PLACES), lambda: worst(off_centre(draw(placed(*p), camera(), UNCUT).alpha, *p[:2]) for p in PLACES), 1e-4, "float32 positions of tens of px, weighed over the picture"),
-    Case("S17", "a principal point at 0.3 of the width", "the middle of the picture is taken instead", "px", lambda: worst(off_centre(naive.splat(placed(*p), camera())[1], *p[:2]) for p in ASIDE), lambda: worst(off_centre(draw(placed(*p), camera(cx=p[2], cy=p[3]), UNCUT).alpha, *p[:2]) for p in ASIDE), 1e-4, "as S16"),
-    Case("S18", "a picture before another background", "premultiplied colour is multiplied by alpha once more: dark rims", "colour", naive_background, background_error, 3e-6, "colour plus (1 - alpha) background; float32 sums of sixty terms"),
-    Case("S19", "negative colours", "bytes wrap: darker than black becomes bright", "grey levels", lambda: apart(wrapped(negative()), 0), lambda: apart(quantise(negative()), 0), 0.0, "blended as they are, written as black; splat files' colours are cut at 0 as 3DGS defines"),
-    Case("S20", "the order of floating-point sums", "gradients added in the order in which threads come differ from run to run", "of a gradient", naive_sum, thread_error, 0.0, "a slot for every contribution and one fixed order: the same bits on 1, 2, 3 threads"),
-    Case("S21", "values above 1 and below 0 as bytes", "1.2 wraps to 50, -0.1 to 231", "grey levels", lambda: byte_error(wrapped(LIGHT)), lambda: byte_error(quantise(LIGHT)), 0.5, "clipped, then rounded"),
-    Case("S22", "a disc seen edge-on, at 89.99 and 90 degrees, without thickness", "the inverse of a singular covariance: 0 times infinity, or a line as bright as a face", "px", lambda: worst(disc_error(naive.splat(g, COLUMN)[1]) for g in EDGE_ON), lambda: worst(disc_error(drawn_disc(g)) for g in EDGE_ON), 0.05, "widened by 0.3 px² at an opacity lowered to no less than 0.005"),
+    Case(
+        "S12",
+        "scales of a kilometre, or of 1e30 m",
+        "the covariance overflows: infinity minus infinity",
+        "alpha",
+        lambda: worst(apart(naive.splat(huge(s), camera())[1], 0.75) for s in (1e3, 1e30)),
+        huge_error,
+        1e-4,
+        "what overflows is masked and counted; lists of 2^32 pairs are refused by name",
+    ),
+    Case(
+        "S13",
+        "NaN or infinity in any attribute",
+        "one such Gaussian blackens the picture",
+        "colour",
+        lambda: worst(
+            apart(naive.splat(poisoned(n, b), camera())[0], naive.splat(without_it(), camera())[0]) for n, b in POISONS
+        ),
+        lambda: worst(
+            apart(drawn(poisoned(n, b), camera())[0].color, draw(without_it(), camera()).color[None])
+            for n, b in POISONS
+        ),
+        0.0,
+        "the same bits as without it: it is masked, counted and reported",
+    ),
+    Case(
+        "S14",
+        "no Gaussian, or pictures of 1 x 1, 3 x 50, 33 x 17",
+        "the last columns and rows are no whole tile and stay empty",
+        "alpha",
+        lambda: worst(
+            apart(naive_tiles(s), naive.splat(cloud(9, dtype=SINGLE), camera(*s, focal=20.0))[1]) for s in ODD
+        ),
+        lambda: worst(odd_error(s) for s in ODD),
+        2e-5,
+        "float32 of alphas below 1",
+    ),
+    Case(
+        "S15",
+        "equal depths",
+        "front-to-back and back-to-front order disagree about ties, so forward and backward do",
+        "colour",
+        naive_ties,
+        lambda: apart(draw(tied(), camera()).color, draw(to(tied(), DOUBLE), camera()).color),
+        2e-5,
+        "a stable sort, once for both passes: ties keep the input's order; float32",
+    ),
+    Case(
+        "S16",
+        "where a pixel's centre is",
+        "integer centres under a camera whose centres are at a half",
+        "px",
+        lambda: worst(off_centre(naive.splat(placed(*p), camera(), centre=0.0)[1], *p[:2]) for p in PLACES),
+        lambda: worst(off_centre(draw(placed(*p), camera(), UNCUT).alpha, *p[:2]) for p in PLACES),
+        1e-4,
+        "float32 positions of tens of px, weighed over the picture",
+    ),
+    Case(
+        "S17",
+        "a principal point at 0.3 of the width",
+        "the middle of the picture is taken instead",
+        "px",
+        lambda: worst(off_centre(naive.splat(placed(*p), camera())[1], *p[:2]) for p in ASIDE),
+        lambda: worst(off_centre(draw(placed(*p), camera(cx=p[2], cy=p[3]), UNCUT).alpha, *p[:2]) for p in ASIDE),
+        1e-4,
+        "as S16",
+    ),
+    Case(
+        "S18",
+        "a picture before another background",
+        "premultiplied colour is multiplied by alpha once more: dark rims",
+        "colour",
+        naive_background,
+        background_error,
+        3e-6,
+        "colour plus (1 - alpha) background; float32 sums of sixty terms",
+    ),
+    Case(
+        "S19",
+        "negative colours",
+        "bytes wrap: darker than black becomes bright",
+        "grey levels",
+        lambda: apart(wrapped(negative()), 0),
+        lambda: apart(quantise(negative()), 0),
+        0.0,
+        "blended as they are, written as black; splat files' colours are cut at 0 as 3DGS defines",
+    ),
+    Case(
+        "S20",
+        "the order of floating-point sums",
+        "gradients added in the order in which threads come differ from run to run",
+        "of a gradient",
+        naive_sum,
+        thread_error,
+        0.0,
+        "a slot for every contribution and one fixed order: the same bits on 1, 2, 3 threads",
+    ),
+    Case(
+        "S21",
+        "values above 1 and below 0 as bytes",
+        "1.2 wraps to 50, -0.1 to 231",
+        "grey levels",
+        lambda: byte_error(wrapped(LIGHT)),
+        lambda: byte_error(quantise(LIGHT)),
+        0.5,
+        "clipped, then rounded",
+    ),
+    Case(
+        "S22",
+        "a disc seen edge-on, at 89.99 and 90 degrees, without thickness",
+        "the inverse of a singular covariance: 0 times infinity, or a line as bright as a face",
+        "px",
+        lambda: worst(disc_error(naive.splat(g, COLUMN)[1]) for g in EDGE_ON),
+        lambda: worst(disc_error(drawn_disc(g)) for g in EDGE_ON),
+        0.05,
+        "widened by 0.3 px² at an opacity lowered to no less than 0.005",
+    ),
 )

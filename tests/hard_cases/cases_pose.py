@@ -51,7 +51,8 @@ OUTSIDE = [(-0.01, 22.0), (-12.0, 22.0), (70.0, 22.0), (30.0, 48.0), (1e6, 22.0)
 
 
 def naive_outside() -> float:
-    """A map brought to a peak of 1, as training targets are; far outside there is nothing to divide by, so that one is left out here."""
+    """A map brought to a peak of 1, as training targets are; far outside there is nothing to divide by, so that one
+    is left out here."""
     return worst(float((bell(u, v) / bell(u, v).max()).max()) for u, v in OUTSIDE[:-1])
 
 
@@ -85,7 +86,17 @@ def first_error() -> float:
     h = arrays["pose/heatmaps"]
     found = [apart(smooth(arrays, method=m, omega=0.3)[0], h[0]) for m in METHODS]
     found += [apart(smooth(arrays, method=m, omega=1.0), h) for m in METHODS]
-    return worst(found + [apart(smooth(arrays, length, method=m, omega=0.3, truncation=3), smooth(arrays, method=m, omega=0.3, truncation=3)) for m in METHODS for length in (1, 2)])
+    return worst(
+        found
+        + [
+            apart(
+                smooth(arrays, length, method=m, omega=0.3, truncation=3),
+                smooth(arrays, method=m, omega=0.3, truncation=3),
+            )
+            for m in METHODS
+            for length in (1, 2)
+        ]
+    )
 
 
 def swapped() -> dict[str, np.ndarray]:
@@ -104,10 +115,20 @@ def twin(heatmaps: np.ndarray) -> float:
 
 
 def filmed(fault: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """[9, 17, 3] joints of somebody who walks, and what the pose stage makes of them seen by six cameras after a `fault` of the detector."""
+    """[9, 17, 3] joints of somebody who walks, and what the pose stage makes of them seen by six cameras after a
+    `fault` of the detector."""
     cameras, points = ring(6, size=96), walk(9)
     given = fault(pixels(cameras, points))
-    return points, run_stage(POSE, PoseParams(), {}, cameras, roles(cameras), 9, sources={"joints": Joints2D.single(given)}, facts=frozenset({"joints2d"}))
+    return points, run_stage(
+        POSE,
+        PoseParams(),
+        {},
+        cameras,
+        roles(cameras),
+        9,
+        sources={"joints": Joints2D.single(given)},
+        facts=frozenset({"joints2d"}),
+    )
 
 
 def turned_round(joints: np.ndarray) -> np.ndarray:
@@ -188,12 +209,85 @@ def peak_error(heatmaps: np.ndarray) -> float:
 
 
 CASES = (
-    Case("P1", "nobody in the picture", "the mean place of an empty heatmap is 0 / 0", "of a peak", naive_place, nobody_error, 0.0, "an unknown joint has score 0 and an empty map, which nothing is divided by"),
-    Case("P2", "a joint on the border or outside", "brought to a peak of 1, a joint outside stands on the border", "of a peak", naive_outside, border_error, 5e-4, "no mass outside, cut and not renormalised on the border; float16"),
-    Case("P3", "sigma 0", "0 / 0 on a cell's centre, nothing anywhere else", "of a peak", naive_narrow, lambda: worst(1 - joint(u, v, sigma=0.0).max() for u, v in CORNERS), 1 - math.exp(-1.01), "drawn at least half a cell wide; a corner of a cell is 1.41 of these off its centre"),
-    Case("P4", "the first frame, the first of a partition", "the frame before the first is the last", "of a peak", naive_first, first_error, 0.0, "the first frame passes as it is; partitions read what lies before them"),
-    Case("P5", "left and right change places between frames, or views", "the blend shows a twin at half height", "of a peak", lambda: twin(pairwise_plain(swapped()["pose/heatmaps"].astype(np.float64), 0.5)), twin_error, FLOOR + HALF, "what other views and frames tell is put right before any filter; of what they do not, `adaptive` blends nothing that moved by more than its sigma"),
-    Case("P6", "a jump", "an average over all frames shows the old place for many", "frames", naive_average, longest, float(SmoothingParams().truncation), "none for `adaptive`, 1 for `pairwise`, `truncation` for `recurrent`"),
-    Case("P7", "a joint that is missed in one frame", "its peak falls to 1 - omega", "of a peak", lambda: peak_error(pairwise_plain(track([66.0] * 4, list(GAP))["pose/heatmaps"].astype(np.float64), 0.8)), lambda: worst(peak_error(smooth(track([66.0] * 4, list(GAP)), method=m, omega=0.8)) for m in METHODS), 1e-3, "weighted by scores; float16"),
-    Case("P8", "a joint that one view alone sees for some frames", "left where it was, it trails behind the body", "mm", naive_hidden, hidden_error, 1.0, "between the frames before and after, hung on its limb and moved onto the one view's ray; float32"),
+    Case(
+        "P1",
+        "nobody in the picture",
+        "the mean place of an empty heatmap is 0 / 0",
+        "of a peak",
+        naive_place,
+        nobody_error,
+        0.0,
+        "an unknown joint has score 0 and an empty map, which nothing is divided by",
+    ),
+    Case(
+        "P2",
+        "a joint on the border or outside",
+        "brought to a peak of 1, a joint outside stands on the border",
+        "of a peak",
+        naive_outside,
+        border_error,
+        5e-4,
+        "no mass outside, cut and not renormalised on the border; float16",
+    ),
+    Case(
+        "P3",
+        "sigma 0",
+        "0 / 0 on a cell's centre, nothing anywhere else",
+        "of a peak",
+        naive_narrow,
+        lambda: worst(1 - joint(u, v, sigma=0.0).max() for u, v in CORNERS),
+        1 - math.exp(-1.01),
+        "drawn at least half a cell wide; a corner of a cell is 1.41 of these off its centre",
+    ),
+    Case(
+        "P4",
+        "the first frame, the first of a partition",
+        "the frame before the first is the last",
+        "of a peak",
+        naive_first,
+        first_error,
+        0.0,
+        "the first frame passes as it is; partitions read what lies before them",
+    ),
+    Case(
+        "P5",
+        "left and right change places between frames, or views",
+        "the blend shows a twin at half height",
+        "of a peak",
+        lambda: twin(pairwise_plain(swapped()["pose/heatmaps"].astype(np.float64), 0.5)),
+        twin_error,
+        FLOOR + HALF,
+        "what other views and frames tell is put right before any filter; of what they do not, `adaptive` blends"
+        " nothing that moved by more than its sigma",
+    ),
+    Case(
+        "P6",
+        "a jump",
+        "an average over all frames shows the old place for many",
+        "frames",
+        naive_average,
+        longest,
+        float(SmoothingParams().truncation),
+        "none for `adaptive`, 1 for `pairwise`, `truncation` for `recurrent`",
+    ),
+    Case(
+        "P7",
+        "a joint that is missed in one frame",
+        "its peak falls to 1 - omega",
+        "of a peak",
+        lambda: peak_error(pairwise_plain(track([66.0] * 4, list(GAP))["pose/heatmaps"].astype(np.float64), 0.8)),
+        lambda: worst(peak_error(smooth(track([66.0] * 4, list(GAP)), method=m, omega=0.8)) for m in METHODS),
+        1e-3,
+        "weighted by scores; float16",
+    ),
+    Case(
+        "P8",
+        "a joint that one view alone sees for some frames",
+        "left where it was, it trails behind the body",
+        "mm",
+        naive_hidden,
+        hidden_error,
+        1.0,
+        "between the frames before and after, hung on its limb and moved onto the one view's ray; float32",
+    ),
 )

@@ -32,7 +32,10 @@ def plain(g: Gaussians, low_pass: float = 0.0) -> torch.Tensor:
 
 
 AT_THE_CAMERA = [gaussians([0, 0, z], 0.01) for z in (-1.0, 0.0, 1e-6, 0.01, 0.0101, 0.2)]
-BESIDE = [gaussians([3.0, 0, 0.3], 0.2), *(gaussians([2 * np.sin(a), 0, 2 * np.cos(a)], 0.05) for a in np.radians([40, 60, 70, 80, 85, 89]))]
+BESIDE = [
+    gaussians([3.0, 0, 0.3], 0.2),
+    *(gaussians([2 * np.sin(a), 0, 2 * np.cos(a)], 0.05) for a in np.radians([40, 60, 70, 80, 85, 89])),
+]
 """Balls beside the picture."""
 
 
@@ -89,7 +92,12 @@ def many_needles() -> Gaussians:
     z = rng.uniform(1.5, 4, 200)
     mean = np.stack([rng.uniform(-0.4, 0.4, 200) * z, rng.uniform(-0.3, 0.3, 200) * z, z], axis=1)
     turned = np.linalg.qr(rng.normal(size=(200, 3, 3)))[0]
-    return Gaussians(*(torch.as_tensor(p, dtype=SINGLE) for p in (mean, turned, 10.0 ** rng.uniform(-5, 1, (200, 3)), np.full(200, 0.3), np.ones((200, 3)))))
+    return Gaussians(
+        *(
+            torch.as_tensor(p, dtype=SINGLE)
+            for p in (mean, turned, 10.0 ** rng.uniform(-5, 1, (200, 3)), np.full(200, 0.3), np.ones((200, 3)))
+        )
+    )
 
 
 def naive_highest() -> float:
@@ -109,7 +117,8 @@ def stack() -> Gaussians:
 
 
 def naive_stack_gradient() -> torch.Tensor:
-    """The slope of alpha over opacity in one pixel under a stack, by the transmittance behind all over (1 - alpha) of each."""
+    """The slope of alpha over opacity in one pixel under a stack, by the transmittance behind all over (1 - alpha)
+    of each."""
     alpha = torch.ones(100)
     return torch.prod(1 - alpha) / (1 - alpha)
 
@@ -121,7 +130,8 @@ def stack_gradient_error() -> float:
 
 
 def naive_cap_gradient(opacity: float) -> float:
-    """Forward caps alpha at 0.999, backward at 0.99, as one published renderer has it: the slope by differences, less the gradient."""
+    """Forward caps alpha at 0.999, backward at 0.99, as one published renderer has it: the slope by differences,
+    less the gradient."""
     low, high = (min(opacity + step, 0.999) for step in (-1e-4, 1e-4))
     return abs((high - low) / 2e-4 - float(opacity < 0.99))
 
@@ -160,7 +170,19 @@ def quaternion(length: float) -> torch.Tensor:
 def naive_rotation(q: torch.Tensor) -> torch.Tensor:
     """[3, 3] of a quaternion divided by its length."""
     w, x, y, z = (q / torch.sqrt((q * q).sum(dim=1, keepdim=True)))[0]
-    return torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]).reshape(3, 3)
+    return torch.stack(
+        [
+            1 - 2 * (y * y + z * z),
+            2 * (x * y - w * z),
+            2 * (x * z + w * y),
+            2 * (x * y + w * z),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z - w * x),
+            2 * (x * z - w * y),
+            2 * (y * z + w * x),
+            1 - 2 * (x * x + y * y),
+        ]
+    ).reshape(3, 3)
 
 
 def rotation_error(length: float) -> float:
@@ -172,16 +194,122 @@ def rotation_error(length: float) -> float:
 
 
 CASES = (
-    Case("S1", "a point at or behind the camera", "depth 0 divides by zero, and what lies behind is drawn mirrored", "alpha", lambda: worst(apart(plain(g), exact(g)) for g in AT_THE_CAMERA), lambda: worst(apart(compiled(g), exact(g)) for g in AT_THE_CAMERA), 2e-5, "culled at z <= 0.01 m; beyond, float32 of alphas below 1"),
-    Case("S2", "a ball far beside the picture", "the linear approximation stretches like 1/cos² and smears it over the picture", "alpha", lambda: worst(apart(plain(g), along_rays(g)) for g in BESIDE), lambda: worst(apart(compiled(g), along_rays(g)) for g in BESIDE), 1 / 255, "approximated inside 1.3 times the frustum; what 8 bits cannot show remains"),
-    Case("S3", "smaller than a pixel, down to a point", "the covariance's determinant is 0 and its inverse is not a number", "of its mass", lambda: worst(mass_error(plain(g), g) for g in TINY), lambda: worst(mass_error(compiled(g, Cutoffs(low_pass=0.3)), g) for g in TINY), 0.02, "the tail below 1/255 holds 0.5 % of the mass, sampling at 0.55 px errs by 1 %"),
-    Case("S4", "smaller than a pixel, widened against aliasing", "widened at full opacity, it grows brighter", "of its mass", lambda: worst(energy_error(plain(g, 0.3), g) for g in SMALL), lambda: worst(energy_error(compiled(g, COMPENSATED), g) for g in SMALL), 0.01, "opacity is lowered by the ratio of the areas; sampling remains"),
-    Case("S5", "a needle, 1:100 to 1:10000", "a c - b² cancels: its width is wrong, or the root of a negative number", "of its area", lambda: worst(abs(naive_area(to(g, SINGLE)) / whitened_area(g) - 1) for g in NEEDLES), lambda: worst(abs(whitened_area(to(g, SINGLE)) / whitened_area(g) - 1) for g in NEEDLES), 2e-3, "the squared length of a cross product loses the digits of the ratio once: 1e4 times 2e-7"),
-    Case("S6", "a conic that is not positive", "exp of a positive number: alpha above its opacity, up to infinity", "of its opacity", naive_highest, lambda: max(0.0, highest_alpha() / 0.3 - 1), 5e-7, "the exponent is a sum of two squares; exp in float32 errs by 4 ulp"),
-    Case("S7", "a stack of a hundred opaque Gaussians", "the gradient divides by 1 - alpha = 0", "of the gradient", lambda: apart(naive_stack_gradient(), torch.zeros(100)), stack_gradient_error, 5e-5, "alpha is capped at 0.99, and 1 - 0.99 in float32 is off by 6e-6 of itself"),
-    Case("S8", "opacities beside the cap of alpha", "forward and backward cap at different values: the gradient is gone", "of the slope", lambda: worst(naive_cap_gradient(o) for o in (0.985, 0.9899, 0.9901, 0.999)), lambda: worst(slope_error(gaussians([[0.0, 0, 2.0], [0.1, 0.05, 2.5]], 0.3, torch.tensor([o, 0.7])), camera(9, 8, 12.0), "opacity") for o in (0.985, 0.9899, 0.9901, 0.999)), 1e-5, "one record of cut-offs for both; central differences err by 1e-7"),
-    Case("S9", "the transmittance exactly at the stop", "0.01² rounds to below 1e-4, and the second opaque Gaussian is dropped: 1 % too dark", "alpha", naive_coverage, lambda: apart(compiled(gaussians([[0.0, 0, 1.0], [0, 0, 2.0]], 10.0, 1.0)), 0.9999), 1e-6, "the stop lies just below 0.01²; float32"),
-    Case("S10", "opacity 0, or about 1/255", "the box is the root of a negative logarithm", "alpha", lambda: worst(naive_reach(o) for o in FAINT), lambda: worst(faint_error(o) for o in FAINT), 1e-6, "left out before any logarithm; float32"),
-    Case("S11", "quaternions of length 0, 1e-30, 1e20", "0/0, and squares that under- or overflow", "of a rotation", lambda: worst(apart(naive_rotation(quaternion(n)), rotations(quaternion(1.0).double())[0]) for n in LENGTHS[1:]), lambda: worst(rotation_error(n) for n in LENGTHS), 1e-6, "divided by the largest component first; length 0 is masked and counted; float32"),
+    Case(
+        "S1",
+        "a point at or behind the camera",
+        "depth 0 divides by zero, and what lies behind is drawn mirrored",
+        "alpha",
+        lambda: worst(apart(plain(g), exact(g)) for g in AT_THE_CAMERA),
+        lambda: worst(apart(compiled(g), exact(g)) for g in AT_THE_CAMERA),
+        2e-5,
+        "culled at z <= 0.01 m; beyond, float32 of alphas below 1",
+    ),
+    Case(
+        "S2",
+        "a ball far beside the picture",
+        "the linear approximation stretches like 1/cos² and smears it over the picture",
+        "alpha",
+        lambda: worst(apart(plain(g), along_rays(g)) for g in BESIDE),
+        lambda: worst(apart(compiled(g), along_rays(g)) for g in BESIDE),
+        1 / 255,
+        "approximated inside 1.3 times the frustum; what 8 bits cannot show remains",
+    ),
+    Case(
+        "S3",
+        "smaller than a pixel, down to a point",
+        "the covariance's determinant is 0 and its inverse is not a number",
+        "of its mass",
+        lambda: worst(mass_error(plain(g), g) for g in TINY),
+        lambda: worst(mass_error(compiled(g, Cutoffs(low_pass=0.3)), g) for g in TINY),
+        0.02,
+        "the tail below 1/255 holds 0.5 % of the mass, sampling at 0.55 px errs by 1 %",
+    ),
+    Case(
+        "S4",
+        "smaller than a pixel, widened against aliasing",
+        "widened at full opacity, it grows brighter",
+        "of its mass",
+        lambda: worst(energy_error(plain(g, 0.3), g) for g in SMALL),
+        lambda: worst(energy_error(compiled(g, COMPENSATED), g) for g in SMALL),
+        0.01,
+        "opacity is lowered by the ratio of the areas; sampling remains",
+    ),
+    Case(
+        "S5",
+        "a needle, 1:100 to 1:10000",
+        "a c - b² cancels: its width is wrong, or the root of a negative number",
+        "of its area",
+        lambda: worst(abs(naive_area(to(g, SINGLE)) / whitened_area(g) - 1) for g in NEEDLES),
+        lambda: worst(abs(whitened_area(to(g, SINGLE)) / whitened_area(g) - 1) for g in NEEDLES),
+        2e-3,
+        "the squared length of a cross product loses the digits of the ratio once: 1e4 times 2e-7",
+    ),
+    Case(
+        "S6",
+        "a conic that is not positive",
+        "exp of a positive number: alpha above its opacity, up to infinity",
+        "of its opacity",
+        naive_highest,
+        lambda: max(0.0, highest_alpha() / 0.3 - 1),
+        5e-7,
+        "the exponent is a sum of two squares; exp in float32 errs by 4 ulp",
+    ),
+    Case(
+        "S7",
+        "a stack of a hundred opaque Gaussians",
+        "the gradient divides by 1 - alpha = 0",
+        "of the gradient",
+        lambda: apart(naive_stack_gradient(), torch.zeros(100)),
+        stack_gradient_error,
+        5e-5,
+        "alpha is capped at 0.99, and 1 - 0.99 in float32 is off by 6e-6 of itself",
+    ),
+    Case(
+        "S8",
+        "opacities beside the cap of alpha",
+        "forward and backward cap at different values: the gradient is gone",
+        "of the slope",
+        lambda: worst(naive_cap_gradient(o) for o in (0.985, 0.9899, 0.9901, 0.999)),
+        lambda: worst(
+            slope_error(
+                gaussians([[0.0, 0, 2.0], [0.1, 0.05, 2.5]], 0.3, torch.tensor([o, 0.7])), camera(9, 8, 12.0), "opacity"
+            )
+            for o in (0.985, 0.9899, 0.9901, 0.999)
+        ),
+        1e-5,
+        "one record of cut-offs for both; central differences err by 1e-7",
+    ),
+    Case(
+        "S9",
+        "the transmittance exactly at the stop",
+        "0.01² rounds to below 1e-4, and the second opaque Gaussian is dropped: 1 % too dark",
+        "alpha",
+        naive_coverage,
+        lambda: apart(compiled(gaussians([[0.0, 0, 1.0], [0, 0, 2.0]], 10.0, 1.0)), 0.9999),
+        1e-6,
+        "the stop lies just below 0.01²; float32",
+    ),
+    Case(
+        "S10",
+        "opacity 0, or about 1/255",
+        "the box is the root of a negative logarithm",
+        "alpha",
+        lambda: worst(naive_reach(o) for o in FAINT),
+        lambda: worst(faint_error(o) for o in FAINT),
+        1e-6,
+        "left out before any logarithm; float32",
+    ),
+    Case(
+        "S11",
+        "quaternions of length 0, 1e-30, 1e20",
+        "0/0, and squares that under- or overflow",
+        "of a rotation",
+        lambda: worst(
+            apart(naive_rotation(quaternion(n)), rotations(quaternion(1.0).double())[0]) for n in LENGTHS[1:]
+        ),
+        lambda: worst(rotation_error(n) for n in LENGTHS),
+        1e-6,
+        "divided by the largest component first; length 0 is masked and counted; float32",
+    ),
     *cases_pictures.CASES,
 )

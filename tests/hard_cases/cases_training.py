@@ -48,7 +48,9 @@ def dead_heads() -> float:
 def turned() -> tuple[torch.Tensor, torch.Tensor]:
     """A quaternion, and the same rotation with the other sign but for a thousandth."""
     q = torch.nn.functional.normalize(torch.tensor([0.5, -0.1, 0.7, 0.2]).double(), dim=0).reshape(1, 4, 1, 1)
-    near = torch.nn.functional.normalize(q + 1e-3 * torch.tensor([0.1, 0.9, 0.2, -0.4]).double().reshape(1, 4, 1, 1), dim=1)
+    near = torch.nn.functional.normalize(
+        q + 1e-3 * torch.tensor([0.1, 0.9, 0.2, -0.4]).double().reshape(1, 4, 1, 1), dim=1
+    )
     return q, -near
 
 
@@ -78,7 +80,12 @@ DISPARITIES = torch.tensor([64.3, 200.7, 511.2]).reshape(1, 1, 1, 3)
 
 def kept_disparity() -> float:
     """Px by which untrained heads within bfloat16 autocast move the prior's disparity."""
-    prior = Prior(DISPARITIES, torch.full((1, 3, 1, 3), 0.002), torch.tensor([0.0, 0, -1]).reshape(1, 3, 1, 1).expand(1, 3, 1, 3), torch.full((1, 2, 1, 3), 0.9))
+    prior = Prior(
+        DISPARITIES,
+        torch.full((1, 3, 1, 3), 0.002),
+        torch.tensor([0.0, 0, -1]).reshape(1, 3, 1, 1).expand(1, 3, 1, 3),
+        torch.full((1, 2, 1, 3), 0.9),
+    )
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
         found = Heads(4)(torch.ones(1, 4, 1, 3, dtype=torch.bfloat16), prior, -prior.normal)
     return apart(found.disparity, DISPARITIES)
@@ -87,7 +94,11 @@ def kept_disparity() -> float:
 def told_by_neighbours(normalisation: Normalisation, training: bool) -> float:
     """By how much the features of a picture change with the other one of its batch, of the largest."""
     g = torch.Generator().manual_seed(0)
-    picture, light, dark = torch.rand(1, 3, 32, 32, generator=g), torch.rand(1, 3, 32, 32, generator=g), 0.1 * torch.rand(1, 3, 32, 32, generator=g)
+    picture, light, dark = (
+        torch.rand(1, 3, 32, 32, generator=g),
+        torch.rand(1, 3, 32, 32, generator=g),
+        0.1 * torch.rand(1, 3, 32, 32, generator=g),
+    )
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         torch.manual_seed(0)
         encoder = image_encoder(replace(PRESETS["fast"], normalisation=normalisation)).train(training)
@@ -105,20 +116,87 @@ def naive_bad_batch() -> float:
 
 
 def bad_batch() -> tuple[float, Trainer]:
-    """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number; the trainer after it."""
+    """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number; the trainer
+    after it."""
     trainer = Trainer(tiny())
     before = [p.detach().clone() for p in (*trainer.learnt, *trainer.averaged.parameters())]
     frame = ball()
     trainer.advance({0: {**frame, "confidence": np.full_like(frame["confidence"], np.nan)}})
-    return worst(apart(a, b) for a, b in zip(before, (*trainer.learnt, *trainer.averaged.parameters()), strict=True)), trainer
+    return (
+        worst(apart(a, b) for a, b in zip(before, (*trainer.learnt, *trainer.averaged.parameters()), strict=True)),
+        trainer,
+    )
 
 
 CASES = (
-    Case("D5", "one iteration of the matching network", "its weight's exponent is divided by T - 1 = 0", "px", naive_sequence, sequence_error, 0.0, "mu^(T - t): no division"),
-    Case("L5", "heads far from their range", "a softplus with a cap has no slope on either side", "of numbers without a slope", naive_dead_heads, dead_heads, 0.0, "slopes fall like 1/x^2, to 1e-7 of a footprint at 1000"),
-    Case("L6", "quaternions of two hemispheres, blended", "q and -q are one rotation, and their mean is none", "degrees", naive_blend, blend_error, 0.2, "the two rotations are 0.1 degrees apart"),
-    Case("L6b", "a confidence that saturates", "the sigmoid's slope is 0 in float32", "of logits without a slope", lambda: dead_confidence(False), lambda: dead_confidence(True), 0.0, "logits stay within -6..6, with slopes that fall like 1/x^2"),
-    Case("L8", "disparities within mixed precision", "bfloat16 has steps of 2 px from 256 on", "px", lambda: worst([apart(DISPARITIES.bfloat16().float(), DISPARITIES)]), kept_disparity, 0.0, "heads and disparities are float32, whatever surrounds them"),
-    Case("L9", "batch normalisation of two pictures", "the features of one tell of the other, and differ from those it has alone", "of the largest", lambda: told_by_neighbours("batch", True), lambda: told_by_neighbours("group", True), 0.0, "groups of channels of each picture by itself; the variant with batches is frozen when it is used"),
-    Case("L10", "one batch that is not a number", "every weight is none after it, and stays so", "of the weights", naive_bad_batch, lambda: bad_batch()[0], 0.0, "the step is skipped and counted: not a bit of weights, average or optimiser changes"),
+    Case(
+        "D5",
+        "one iteration of the matching network",
+        "its weight's exponent is divided by T - 1 = 0",
+        "px",
+        naive_sequence,
+        sequence_error,
+        0.0,
+        "mu^(T - t): no division",
+    ),
+    Case(
+        "L5",
+        "heads far from their range",
+        "a softplus with a cap has no slope on either side",
+        "of numbers without a slope",
+        naive_dead_heads,
+        dead_heads,
+        0.0,
+        "slopes fall like 1/x^2, to 1e-7 of a footprint at 1000",
+    ),
+    Case(
+        "L6",
+        "quaternions of two hemispheres, blended",
+        "q and -q are one rotation, and their mean is none",
+        "degrees",
+        naive_blend,
+        blend_error,
+        0.2,
+        "the two rotations are 0.1 degrees apart",
+    ),
+    Case(
+        "L6b",
+        "a confidence that saturates",
+        "the sigmoid's slope is 0 in float32",
+        "of logits without a slope",
+        lambda: dead_confidence(False),
+        lambda: dead_confidence(True),
+        0.0,
+        "logits stay within -6..6, with slopes that fall like 1/x^2",
+    ),
+    Case(
+        "L8",
+        "disparities within mixed precision",
+        "bfloat16 has steps of 2 px from 256 on",
+        "px",
+        lambda: worst([apart(DISPARITIES.bfloat16().float(), DISPARITIES)]),
+        kept_disparity,
+        0.0,
+        "heads and disparities are float32, whatever surrounds them",
+    ),
+    Case(
+        "L9",
+        "batch normalisation of two pictures",
+        "the features of one tell of the other, and differ from those it has alone",
+        "of the largest",
+        lambda: told_by_neighbours("batch", True),
+        lambda: told_by_neighbours("group", True),
+        0.0,
+        "groups of channels of each picture by itself; the variant with batches is frozen when it is used",
+    ),
+    Case(
+        "L10",
+        "one batch that is not a number",
+        "every weight is none after it, and stays so",
+        "of the weights",
+        naive_bad_batch,
+        lambda: bad_batch()[0],
+        0.0,
+        "the step is skipped and counted: not a bit of weights, average or optimiser changes",
+    ),
 )

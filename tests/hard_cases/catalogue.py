@@ -1,4 +1,5 @@
-"""The catalogue of hard cases: one record a case, which the tests hold to its bound and `make stability` writes as a page.
+"""The catalogue of hard cases: one record a case, which the tests hold to its bound and `make stability` writes as a
+page.
 
 A record runs twice: the formula as a textbook states it, and ours. Both give their worst error in the same unit; the
 naive one may give NaN or infinity, or raise.
@@ -85,9 +86,25 @@ def holds(case: Case) -> bool:
 @cache
 def catalogue() -> tuple[Case, ...]:
     """Every case that concerns code which is there, in the order of the page."""
-    from tests.hard_cases import cases_cameras, cases_depth, cases_metrics, cases_network, cases_pose, cases_splatting, cases_training
+    from tests.hard_cases import (
+        cases_cameras,
+        cases_depth,
+        cases_metrics,
+        cases_network,
+        cases_pose,
+        cases_splatting,
+        cases_training,
+    )
 
-    return (*cases_splatting.CASES, *cases_cameras.CASES, *cases_depth.CASES, *cases_pose.CASES, *cases_metrics.CASES, *cases_training.CASES, *cases_network.CASES)
+    return (
+        *cases_splatting.CASES,
+        *cases_cameras.CASES,
+        *cases_depth.CASES,
+        *cases_pose.CASES,
+        *cases_metrics.CASES,
+        *cases_training.CASES,
+        *cases_network.CASES,
+    )
 
 
 def named(name: str) -> Case:

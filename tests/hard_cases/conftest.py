@@ -1,4 +1,5 @@
-"""The catalogue is run by every compiled back end that is to be had here. Nothing is imported before `pytest_configure` has spoken."""
+"""The catalogue is run by every compiled back end that is to be had here. Nothing is imported before
+`pytest_configure` has spoken."""
 
 from collections import Counter
 
@@ -14,7 +15,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def each_compiled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """What draws float32 in `draw` and `drawn`. The interpreter is given large tiles: it takes as long for a pixel as for a thousand."""
+    """What draws float32 in `draw` and `drawn`. The interpreter is given large tiles: it takes as long for a pixel
+    as for a thousand."""
     from posegaussian.stages.splatting.gpu import backend
     from tests.stages.rendering import scenes
 
@@ -25,7 +27,8 @@ def each_compiled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Float64 is drawn by the reference, once. Of a case's parameters the interpreter, which is slow, gets four, and every sixth beyond."""
+    """Float64 is drawn by the reference, once. Of a case's parameters the interpreter, which is slow, gets four, and
+    every sixth beyond."""
     import torch
 
     from posegaussian.stages.splatting.gpu import backend

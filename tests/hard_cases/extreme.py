@@ -1,4 +1,5 @@
-"""Random scenes of extreme scale, anisotropy, opacity, depth and camera: nothing that is drawn of them may be other than finite.
+"""Random scenes of extreme scale, anisotropy, opacity, depth and camera: nothing that is drawn of them may be other
+than finite.
 
     python -m tests.hard_cases.extreme [--scenes 10000] [--start 0]
 
@@ -28,7 +29,13 @@ def scene(seed: int, count: int | None = None) -> tuple[Gaussians, Camera, Cutof
 
     width, height = (int(s) for s in rng.choice([1, 3, 16, 33, 70], 2))
     focal = float(10 ** rng.uniform(-1, 5))
-    k = np.array([[focal, rng.choice([0.0, 3.0]), rng.uniform(-0.2, 1.2) * width], [0, focal * rng.uniform(0.5, 2), rng.uniform(-0.2, 1.2) * height], [0, 0, 1]])
+    k = np.array(
+        [
+            [focal, rng.choice([0.0, 3.0]), rng.uniform(-0.2, 1.2) * width],
+            [0, focal * rng.uniform(0.5, 2), rng.uniform(-0.2, 1.2) * height],
+            [0, 0, 1],
+        ]
+    )
     pose = np.eye(4)
     pose[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.3 else np.eye(3)
     pose[:3, 3] = rng.normal(size=3) * rng.choice([0.0, 1.0, 1e3])
@@ -38,10 +45,26 @@ def scene(seed: int, count: int | None = None) -> tuple[Gaussians, Camera, Cutof
     aside = (rng.uniform(-0.2, 1.2, (n, 2)) * [width, height] - k[:2, 2]) * powers(-1, 1, (1,)) * pixel
     mean = (np.concatenate([aside, z[:, None]], axis=1) - pose[:3, 3]) @ pose[:3, :3]
     kind = rng.random()
-    scale = powers(-20, 8, (n, 3)) if kind < 0.2 else powers(-2, 4, (n, 1)) * powers(-6, 0, (n, 3)) * pixel if kind < 0.6 else powers(-1, 3, (n, 3)) * pixel
-    opacity = rng.choice([0.0, 1e-30, 1e-9, 1 / 255, 0.0039, 0.0040, 0.5, 0.98999, 0.99, 0.99001, 1.0, 1.5], n) if rng.random() < 0.5 else rng.uniform(0, 1, n)
+    scale = (
+        powers(-20, 8, (n, 3))
+        if kind < 0.2
+        else powers(-2, 4, (n, 1)) * powers(-6, 0, (n, 3)) * pixel
+        if kind < 0.6
+        else powers(-1, 3, (n, 3)) * pixel
+    )
+    opacity = (
+        rng.choice([0.0, 1e-30, 1e-9, 1 / 255, 0.0039, 0.0040, 0.5, 0.98999, 0.99, 0.99001, 1.0, 1.5], n)
+        if rng.random() < 0.5
+        else rng.uniform(0, 1, n)
+    )
     color = rng.normal(size=(n, 3)) * powers(-3, 3, (1,))
-    parts = [mean, np.linalg.qr(rng.normal(size=(n, 3, 3)))[0] * (1 if rng.random() < 0.8 else powers(-8, 4, (1,))), scale, opacity, color]
+    parts = [
+        mean,
+        np.linalg.qr(rng.normal(size=(n, 3, 3)))[0] * (1 if rng.random() < 0.8 else powers(-8, 4, (1,))),
+        scale,
+        opacity,
+        color,
+    ]
     if n and rng.random() < 0.3:
         part = parts[rng.integers(5)]
         part.reshape(n, -1)[rng.integers(n), 0] = rng.choice([np.nan, np.inf, -np.inf, 3e38, 1e-45])
@@ -64,7 +87,10 @@ def main() -> None:
             raise SystemExit(f"scene {seed}: a number that is not finite {e}") from e
         blank += not bool(out.alpha.any())
         masked += out.masked[0]
-    print(f"{options.scenes} scenes from seed {options.start}: every number is finite; {blank} pictures are blank, {masked} Gaussians were masked")
+    print(
+        f"{options.scenes} scenes from seed {options.start}: every number is finite; {blank} pictures are blank,"
+        f" {masked} Gaussians were masked"
+    )
 
 
 if __name__ == "__main__":

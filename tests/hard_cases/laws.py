@@ -1,4 +1,5 @@
-"""What every hard case is held to: finite in value and gradient, the compiled back end near float64, derivatives near cut-offs."""
+"""What every hard case is held to: finite in value and gradient, the compiled back end near float64, derivatives
+near cut-offs."""
 
 from __future__ import annotations
 
@@ -27,21 +28,33 @@ def pictures(out: Rendering) -> list[torch.Tensor]:
 def weighted(out: Rendering) -> torch.Tensor:
     """A loss in which every value of every picture has its own weight."""
     rng = np.random.default_rng(0)
-    return sum(((p * torch.as_tensor(rng.normal(size=p.shape), dtype=p.dtype)).sum() for p in pictures(out)), torch.zeros((), dtype=out.alpha.dtype))
+    return sum(
+        ((p * torch.as_tensor(rng.normal(size=p.shape), dtype=p.dtype)).sum() for p in pictures(out)),
+        torch.zeros((), dtype=out.alpha.dtype),
+    )
 
 
 def drawn(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, threads: int = 1) -> tuple[Rendering, Gradients]:
-    """Pictures and gradients, after checking that every number of both is finite; float32 is drawn by the compiled back end that is tried, float64 by `reference`."""
+    """Pictures and gradients, after checking that every number of both is finite; float32 is drawn by the compiled
+    back end that is tried, float64 by `reference`."""
     leaves = {name: getattr(g, name).clone().requires_grad_() for name in FIELDS}
-    k, pose = (torch.tensor(np.asarray(m), dtype=torch.float64, requires_grad=True) for m in (cam.intrinsics, cam.world_to_camera))
+    k, pose = (
+        torch.tensor(np.asarray(m), dtype=torch.float64, requires_grad=True)
+        for m in (cam.intrinsics, cam.world_to_camera)
+    )
     there, backend = placed(Gaussians(**leaves))
-    out = rasterize(there, [Camera(k, pose, cam.width, cam.height)], EXTRAS, Drawing(cutoffs or Cutoffs(), backend, threads))
+    out = rasterize(
+        there, [Camera(k, pose, cam.width, cam.height)], EXTRAS, Drawing(cutoffs or Cutoffs(), backend, threads)
+    )
     assert out.backend == (backend if g.mean.dtype == torch.float32 else "reference")
     out = Rendering(*(p.cpu() for p in out[:4]), *out[4:])  # type: ignore[union-attr]
     for picture in pictures(out):
         assert torch.isfinite(picture).all()
     weighted(out).backward()
-    gradients = {n: leaf.grad if leaf.grad is not None else torch.zeros_like(leaf) for n, leaf in {**leaves, "intrinsics": k, "pose": pose}.items()}
+    gradients = {
+        n: leaf.grad if leaf.grad is not None else torch.zeros_like(leaf)
+        for n, leaf in {**leaves, "intrinsics": k, "pose": pose}.items()
+    }
     for name, gradient in gradients.items():
         assert torch.isfinite(gradient).all(), name
     return out, gradients
@@ -52,7 +65,9 @@ def relative(a: torch.Tensor, b: torch.Tensor) -> float:
     return float((a.double() - b.double()).norm() / b.double().norm().clamp(min=1e-6))
 
 
-def agree(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, picture: float = 2e-5, gradient: float = 1e-5) -> Rendering:
+def agree(
+    g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, picture: float = 2e-5, gradient: float = 1e-5
+) -> Rendering:
     """The compiled back end against float64 on the same float32 numbers; returns float64's pictures."""
     single = to(g, torch.float32)
     a, da = drawn(single, cam, cutoffs)
@@ -66,7 +81,8 @@ def agree(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, picture: fl
 
 
 def slope_error(g: Gaussians, cam: Camera, name: str, cutoffs: Cutoffs | None = None, step: float = 1e-7) -> float:
-    """How far the float64 gradient lies from central differences along a random direction, over the difference where that is above 1.
+    """How far the float64 gradient lies from central differences along a random direction, over the difference where
+    that is above 1.
 
     A step of 1e-7 stays on one side of a cut-off that is farther away than that.
     """

@@ -16,9 +16,20 @@ from tests.hard_cases.catalogue import Case, Outcome, catalogue, holds, run
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE, PICTURE = DOCS / "stability.md", DOCS / "stability.png"
 PARTS = (
-    ("Splatting", "S", "Arithmetic is float32 of the compiled back end; what it is compared with is float64, or the answer worked out on paper."),
+    (
+        "Splatting",
+        "S",
+        (
+            "Arithmetic is float32 of the compiled back end; what it is compared with is float64, or the answer worked"
+            " out on paper."
+        ),
+    ),
     ("Cameras and their files", "K", "Paths between cameras, and what calibration files of other systems get wrong."),
-    ("Rectified pairs", "R", "Two cameras 2 m from a person, 1024 x 1024. The naive version is OpenCV's, used as its documents show."),
+    (
+        "Rectified pairs",
+        "R",
+        "Two cameras 2 m from a person, 1024 x 1024. The naive version is OpenCV's, used as its documents show.",
+    ),
     ("Depth", "D", "Depth maps, matching and masks."),
     ("Joints over time", "P", "What detectors get wrong, heatmaps, and their smoothing."),
     ("Measures and training", "L", "Measures of pictures and of depth; heads, losses and steps of the network."),
@@ -63,11 +74,21 @@ def page(outcomes: Mapping[str, Outcome]) -> str:
     """The page; figures of cases without an outcome are left blank."""
     lines = [HEAD]
     for title, letter, words in PARTS:
-        lines += [f"## {title}", "", words, "", "| | case | in a naive version | its worst error | bound | our worst error | why this bound |", "| --- | --- | --- | --- | --- | --- | --- |"]
+        lines += [
+            f"## {title}",
+            "",
+            words,
+            "",
+            "| | case | in a naive version | its worst error | bound | our worst error | why this bound |",
+            "| --- | --- | --- | --- | --- | --- | --- |",
+        ]
         for case in (c for c in catalogue() if c.name[0] == letter):
             found = outcomes.get(case.name)
             measured = (seen(case, found), _with_unit(figure(found.ours), case.unit)) if found else ("", "")
-            lines.append(f"| {case.name} | {case.title} | {case.wrong} | {measured[0]} | {_with_unit(figure(case.bound), case.unit)} | {measured[1]} | {case.reason} |")
+            lines.append(
+                f"| {case.name} | {case.title} | {case.wrong} | {measured[0]} |"
+                f" {_with_unit(figure(case.bound), case.unit)} | {measured[1]} | {case.reason} |"
+            )
         lines.append("")
     return "\n".join(lines)
 
@@ -81,7 +102,11 @@ def main() -> None:
     outcomes = {}
     for case in catalogue():
         outcomes[case.name] = found = run(case)
-        print(f"{case.name:4} naive {seen(case, found):24} bound {figure(case.bound):8} ours {_with_unit(figure(found.ours), case.unit)}", flush=True)
+        print(
+            f"{case.name:4} naive {seen(case, found):24} bound {figure(case.bound):8} ours"
+            f" {_with_unit(figure(found.ours), case.unit)}",
+            flush=True,
+        )
     PAGE.write_text(page(outcomes), encoding="utf-8")
     draw(PICTURE, [(c, outcomes[c.name]) for c in catalogue()])
     broken = [c.name for c in catalogue() if not holds(c)]

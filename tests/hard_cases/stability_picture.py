@@ -30,7 +30,12 @@ def draw(file: Path, rows: Sequence[tuple[Case, Outcome]]) -> None:
     """Write the PNG."""
     bottom = HEAD + ROW * len(rows)
     page = np.full((bottom + 30, WIDTH, 3), 255, np.uint8)
-    _write(page, "Worst error of every hard case: the plain formula, and ours, against the bound that is promised", (20, 34), 0.72)
+    _write(
+        page,
+        "Worst error of every hard case: the plain formula, and ours, against the bound that is promised",
+        (20, 34),
+        0.72,
+    )
     _legend(page, 62)
     for power in range(LEAST + 1, MOST + 1, 4):
         x = _place(10.0**power)
@@ -71,7 +76,13 @@ def _row(line: np.ndarray, case: Case, outcome: Outcome) -> None:
         cv2.circle(line, (naive, middle), 5, NAIVE, -1, cv2.LINE_AA)
     else:
         cv2.drawMarker(line, (naive, middle), NAIVE, cv2.MARKER_TILTED_CROSS, 10, 2, cv2.LINE_AA)
-        _write(line, "raises" if outcome.raised else "NaN" if math.isnan(outcome.naive) else "infinite", (BROKEN + 12, middle + 5), 0.42, NAIVE)
+        _write(
+            line,
+            "raises" if outcome.raised else "NaN" if math.isnan(outcome.naive) else "infinite",
+            (BROKEN + 12, middle + 5),
+            0.42,
+            NAIVE,
+        )
 
 
 def _place(value: float) -> int:
@@ -95,13 +106,31 @@ def _gallery() -> np.ndarray:
             _write(line, text, (x, 16), 0.42)
             for j, (picture, label, colour) in enumerate(((naive, "naive", NAIVE), (ours, "ours", OURS))):
                 left = x + j * (TILE[0] + 2)
-                line[24 : 24 + TILE[1], left : left + TILE[0]] = cv2.resize(picture, TILE, interpolation=cv2.INTER_NEAREST)
+                line[24 : 24 + TILE[1], left : left + TILE[0]] = cv2.resize(
+                    picture, TILE, interpolation=cv2.INTER_NEAREST
+                )
                 _write(line, label, (left, TILE[1] + 40), 0.4, colour)
         lines.append(line)
     return np.vstack(lines)
 
 
-def _write(page: np.ndarray, text: str, at: tuple[int, int], size: float, color: tuple[int, int, int] = INK, centred: bool = False) -> None:
+def _write(
+    page: np.ndarray,
+    text: str,
+    at: tuple[int, int],
+    size: float,
+    color: tuple[int, int, int] = INK,
+    centred: bool = False,
+) -> None:
     """One line of text; `at` is its lower left corner, or its lower middle."""
     (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    cv2.putText(page, text, (at[0] - (width // 2 if centred else 0), at[1]), cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
+    cv2.putText(
+        page,
+        text,
+        (at[0] - (width // 2 if centred else 0), at[1]),
+        cv2.FONT_HERSHEY_SIMPLEX,
+        size,
+        color,
+        1,
+        cv2.LINE_AA,
+    )

@@ -14,7 +14,9 @@ from tests.stages.geometry.scenes import camera
 def test_k1_an_arc_keeps_its_distance_where_interpolated_translations_cut_the_corner(degrees: float) -> None:
     subject = np.array([1.8, 0.3, 0.9])
     rig = two(degrees, subject)
-    np.testing.assert_allclose(look_at_point(rig), subject, atol=1e-3)  # parallel axes are held to the cameras' own distance
+    np.testing.assert_allclose(
+        look_at_point(rig), subject, atol=1e-3
+    )  # parallel axes are held to the cameras' own distance
     np.testing.assert_allclose(np.linalg.norm(centres(arc(rig)) - subject, axis=1), 2.0, atol=1e-3)
 
 
@@ -38,11 +40,17 @@ def test_k4_distortion_of_four_five_or_eight_numbers(count: int) -> None:
 def test_k5_rotations_rounded_in_text_become_rigid(digits: int) -> None:
     exact = camera(np.array([2.0, 0.5, 1.0]), np.zeros(3))
     r = np.round(exact[:3, :3], digits)
-    rig = build_rig([RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), r, exact[:3, 3], (1024, 768))], [(1024, 768)], half=False)
+    rig = build_rig(
+        [RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), r, exact[:3, 3], (1024, 768))], [(1024, 768)], half=False
+    )
     np.testing.assert_allclose(rig.rotations[0] @ rig.rotations[0].T, np.eye(3), atol=1e-14)
     np.testing.assert_allclose(rig.rotations[0], exact[:3, :3], atol=10.0**-digits)
     with pytest.raises(CalibrationError, match="off a rigid one"):
-        build_rig([RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), 1.01 * r, exact[:3, 3], (1024, 768))], [(1024, 768)], half=False)
+        build_rig(
+            [RawCamera("a", np.diag([800.0, 800, 1]), np.zeros(5), 1.01 * r, exact[:3, 3], (1024, 768))],
+            [(1024, 768)],
+            half=False,
+        )
 
 
 def test_k6_pictures_of_twice_the_calibrated_size_are_scaled_and_the_calibration_stays() -> None:

@@ -29,14 +29,22 @@ def test_every_case_has_a_test_that_bears_its_name() -> None:
 
 def test_names_are_unique_and_no_case_of_the_catalogue_is_missing() -> None:
     assert len(set(NAMES)) == len(NAMES)
-    assert {f"{kind}{i}" for kind, count in (("S", 22), ("K", 6), ("D", 15), ("P", 7), ("L", 10)) for i in range(1, count + 1)} <= set(NAMES)
+    assert {
+        f"{kind}{i}"
+        for kind, count in (("S", 22), ("K", 6), ("D", 15), ("P", 7), ("L", 10))
+        for i in range(1, count + 1)
+    } <= set(NAMES)
 
 
 def test_the_page_lists_exactly_the_cases_with_their_words_and_bounds() -> None:
     """What was measured depends on the machine; all else is what the records say now."""
 
     def stable(text: str) -> list[list[str]]:
-        rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if re.match(r"\| [SKRDPL]\d", line)]
+        rows = [
+            [cell.strip() for cell in line.strip("|").split("|")]
+            for line in text.splitlines()
+            if re.match(r"\| [SKRDPL]\d", line)
+        ]
         return [[*row[:2], *row[4:5], *row[6:]] for row in rows]
 
     assert stable(PAGE.read_text(encoding="utf-8")) == stable(page({}))

@@ -20,7 +20,16 @@ from posegaussian.stages.rendering.lift import Maps, lift
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.images import read_depth, write_png
-from tests.hard_cases.cases_depth import ORIGIN, VERTICAL, WIDE, bounds_around, hidden_scene, round_trip, sphere_scene, wrong_where_hidden
+from tests.hard_cases.cases_depth import (
+    ORIGIN,
+    VERTICAL,
+    WIDE,
+    bounds_around,
+    hidden_scene,
+    round_trip,
+    sphere_scene,
+    wrong_where_hidden,
+)
 from tests.hard_cases.catalogue import named, run
 from tests.stages.geometry.scenes import rig_of, ring
 
@@ -66,7 +75,13 @@ def test_d3_no_depth_is_0_in_every_step_and_what_is_impossible_is_refused() -> N
 def test_d3_lifting_makes_nothing_of_impossible_depth_and_counts_it(bad: float) -> None:
     depth = torch.full((2, 2), 2.0, requires_grad=True)
     given = torch.where(torch.tensor([[True, False], [False, False]]), torch.tensor(bad), depth)
-    lifted = lift(Maps(torch.ones(2, 2, 3), given, torch.ones(3, 2, 2), -torch.ones(3, 2, 2), torch.ones(2, 2, 2)), np.eye(3), np.eye(4), torch.float32, torch.device("cpu"))
+    lifted = lift(
+        Maps(torch.ones(2, 2, 3), given, torch.ones(3, 2, 2), -torch.ones(3, 2, 2), torch.ones(2, 2, 2)),
+        np.eye(3),
+        np.eye(4),
+        torch.float32,
+        torch.device("cpu"),
+    )
     lifted.mean.sum().backward()
     assert (len(lifted.mean), lifted.masked) == (3, int(not bad < 0))  # less than 0 is no surface, as 0 is
     assert depth.grad is not None
@@ -90,7 +105,8 @@ def test_d9_beside_the_picture_nothing_is_known() -> None:
 
 
 def test_d10_disparities_are_measured_from_the_subject() -> None:
-    """A wide pair's subject lies in the middle of both pictures: what is left is a residual, whatever the offset of the principal points."""
+    """A wide pair's subject lies in the middle of both pictures: what is left is a residual, whatever the offset of
+    the principal points."""
     pair = rectify(WIDE[2], 0, 1, ORIGIN)
     distance = -(pair.rotation @ pair.centres[0])[2]
     assert abs(float(pair.disparity(np.float64(distance)))) < 1e-9

@@ -1,4 +1,5 @@
-"""Whatever is drawn, every number is finite: scenes by hypothesis, which shrinks what fails. Ten thousand: `make extreme`."""
+"""Whatever is drawn, every number is finite: scenes by hypothesis, which shrinks what fails. Ten thousand: `make
+extreme`."""
 
 import pytest
 import torch
@@ -20,7 +21,8 @@ def test_every_number_of_an_extreme_scene_is_finite(seed: int, count: int) -> No
 
 @pytest.mark.parametrize("start", [0, 100])
 def test_extreme_scenes_look_like_those_of_the_reference(start: int) -> None:
-    """In float64, from the same float32 numbers. Cut-offs flip and needles lie elsewhere, so the share of odd pictures is bounded."""
+    """In float64, from the same float32 numbers. Cut-offs flip and needles lie elsewhere, so the share of odd
+    pictures is bounded."""
     odd = 0
     for seed in range(start, start + 100):
         g, cam, cut = scene(seed)
@@ -43,5 +45,7 @@ def test_threads_change_no_bit_of_an_extreme_scene(seed: int, threads: int) -> N
 @given(st.floats(1e-9, 0.5), st.floats(0.5, 0.9999), st.floats(0.0, 0.5))
 def test_any_cut_offs_are_valid(alpha_min: float, alpha_max: float, stop: float) -> None:
     g, cam, cut = scene(7, 30)
-    out, _ = drawn(g, cam, Cutoffs(alpha_min=alpha_min, alpha_max=alpha_max, transmittance_stop=stop, low_pass=cut.low_pass))
+    out, _ = drawn(
+        g, cam, Cutoffs(alpha_min=alpha_min, alpha_max=alpha_max, transmittance_stop=stop, low_pass=cut.low_pass)
+    )
     assert float(out.alpha.detach().max()) <= 1 - stop + 1e-6

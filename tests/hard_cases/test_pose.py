@@ -69,7 +69,9 @@ def test_p4_a_frame_that_comes_twice_changes_nothing_of_a_joint_at_rest(method: 
 
 def test_p5_the_papers_equation_shows_a_twin_and_says_so() -> None:
     """`pairwise` is what the paper defines; who fears swaps chooses `adaptive`, which is why it exists."""
-    assert twin(smooth(swapped(), method="pairwise", omega=0.5)) == pytest.approx(twin(pairwise_plain(swapped()["pose/heatmaps"].astype(float), 0.5)), abs=HALF)
+    assert twin(smooth(swapped(), method="pairwise", omega=0.5)) == pytest.approx(
+        twin(pairwise_plain(swapped()["pose/heatmaps"].astype(float), 0.5)), abs=HALF
+    )
 
 
 def test_p5_without_the_mender_every_method_but_adaptive_shows_the_twin() -> None:
@@ -78,7 +80,16 @@ def test_p5_without_the_mender_every_method_but_adaptive_shows_the_twin() -> Non
     cameras, points = ring(6, size=96), walk(9)
     given = turned_round(pixels(cameras, points))
     # all views agree on the wrong side in frame 4, so that a frame by itself can tell nothing
-    alone = run_stage(POSE, PoseParams(bridge=0), {}, cameras, roles(cameras), 9, sources={"joints": Joints2D.single(given)}, facts=frozenset({"joints2d"}))
+    alone = run_stage(
+        POSE,
+        PoseParams(bridge=0),
+        {},
+        cameras,
+        roles(cameras),
+        9,
+        sources={"joints": Joints2D.single(given)},
+        facts=frozenset({"joints2d"}),
+    )
     for method in ("pairwise", "recurrent"):
         assert apart(smooth(alone, method=method, omega=0.5)[5], smooth(right, method=method, omega=0.5)[5]) > 0.2
     assert mended_error() == 0
@@ -103,7 +114,16 @@ def test_p8_a_hidden_joint_is_bridged_with_a_lower_score() -> None:
     score = found["pose/joints3d"][:, 9, 3]
     assert (np.diff(score[2:5]) < 0).all()
     assert score[[0, 1, 2, 6, 7, 8]] == pytest.approx(1.0)
-    unseen = run_stage(POSE, PoseParams(bridge=0), {}, ring(6, size=96), roles(ring(6, size=96)), 9, sources={"joints": Joints2D.single(behind(pixels(ring(6, size=96), points)))}, facts=frozenset({"joints2d"}))
+    unseen = run_stage(
+        POSE,
+        PoseParams(bridge=0),
+        {},
+        ring(6, size=96),
+        roles(ring(6, size=96)),
+        9,
+        sources={"joints": Joints2D.single(behind(pixels(ring(6, size=96), points)))},
+        facts=frozenset({"joints2d"}),
+    )
     assert not unseen["pose/joints3d"][HIDDEN, 9].any()
 
 

@@ -1,4 +1,5 @@
-"""The catalogue of splatting, S1-S22: each case on the compiled back end in float32 against the reference in float64."""
+"""The catalogue of splatting, S1-S22: each case on the compiled back end in float32 against the reference in
+float64."""
 
 import dataclasses
 
@@ -21,7 +22,9 @@ KINDS = [torch.float32, torch.float64]
 
 
 @pytest.mark.parametrize("dtype", KINDS)
-@pytest.mark.parametrize(("z", "seen"), [(-1.0, False), (0.0, False), (1e-6, False), (0.01, False), (0.0101, True), (0.2, True)])
+@pytest.mark.parametrize(
+    ("z", "seen"), [(-1.0, False), (0.0, False), (1e-6, False), (0.01, False), (0.0101, True), (0.2, True)]
+)
 def test_s1_at_and_behind_the_camera(z: float, seen: bool, dtype: torch.dtype) -> None:
     out, gradients = drawn(gaussians([0, 0, z], 0.01, dtype=dtype), camera())
     assert bool(out.alpha.any()) == seen
@@ -72,7 +75,8 @@ def test_s3_smaller_than_a_pixel(scale: float, low_pass: float) -> None:
 @pytest.mark.parametrize("dtype", KINDS)
 @pytest.mark.parametrize("scale", [0.02, 0.04, 0.1])
 def test_s4_compensation_keeps_the_energy(scale: float, dtype: torch.dtype) -> None:
-    """What the picture of a Gaussian weighs with the low pass, compensated, is what it weighs finely sampled without."""
+    """What the picture of a Gaussian weighs with the low pass, compensated, is what it weighs finely sampled
+    without."""
     blurred = Cutoffs(low_pass=0.3, compensation=True, alpha_min=1e-6)
     out, _ = drawn(gaussians([0.01, 0.005, 2.0], scale, 0.9, dtype=dtype), camera(), blurred)
     fine = camera(48 * 8, 40 * 8, 50.0 * 8)
@@ -99,7 +103,8 @@ def test_s5_needles(ratio: float) -> None:
         w = p.whitening.double()
         areas.append(float((w[:, 0] * w[:, 3] - w[:, 1] * w[:, 2]).abs().sum()))
         drawn(to(g, dtype), camera())
-    # a cross product of nearly parallel float32 rows loses the digits of the ratio; the square of it would lose all at 1e4
+    # a cross product of nearly parallel float32 rows loses the digits of the ratio; the square of it would lose all at
+    # 1e4
     assert areas[0] == pytest.approx(areas[1], rel=max(1e-5, 2e-7 * ratio))
     if ratio <= 1e2:
         agree(g, camera(), picture=1e-4, gradient=1e-4)
@@ -109,7 +114,11 @@ def test_s5_needles(ratio: float) -> None:
 def test_s6_no_alpha_above_its_opacity(dtype: torch.dtype) -> None:
     """The exponent is a sum of two squares: there is no conic that is not positive."""
     rng = np.random.default_rng(0)
-    g = dataclasses.replace(cloud(200, dtype=dtype), opacity=torch.full((200,), 0.3, dtype=dtype), scale=torch.as_tensor(10.0 ** rng.uniform(-5, 1, (200, 3)), dtype=dtype))
+    g = dataclasses.replace(
+        cloud(200, dtype=dtype),
+        opacity=torch.full((200,), 0.3, dtype=dtype),
+        scale=torch.as_tensor(10.0 ** rng.uniform(-5, 1, (200, 3)), dtype=dtype),
+    )
     for i in range(0, 200, 10):
         one = Gaussians(*(getattr(g, name)[i : i + 1] for name in FIELDS))
         assert float(draw(one, camera()).alpha.max()) <= 0.3 * (1 + 5e-7)  # log2 and exp2 in float32: 4 ulp
@@ -118,7 +127,9 @@ def test_s6_no_alpha_above_its_opacity(dtype: torch.dtype) -> None:
 def test_s7_a_stack_of_opaque_gaussians() -> None:
     """Two at the cap of 0.99 are seen, in either precision; the third would leave 1e-6."""
     z = torch.linspace(1, 2, 100, dtype=torch.float64)
-    out = agree(gaussians(torch.stack([z * 0, z * 0, z], dim=1), 10.0, 1.0), camera(), gradient=5e-5)  # 1 - 0.99 in float32
+    out = agree(
+        gaussians(torch.stack([z * 0, z * 0, z], dim=1), 10.0, 1.0), camera(), gradient=5e-5
+    )  # 1 - 0.99 in float32
     torch.testing.assert_close(out.alpha, torch.full_like(out.alpha, 0.9999), atol=1e-7, rtol=0)
 
 
@@ -145,7 +156,8 @@ def test_s8_gradients_beside_the_cap(opacity: float) -> None:
 @pytest.mark.parametrize("dtype", KINDS)
 @pytest.mark.parametrize(("first", "alpha"), [(0.9375, 0.9375), (0.921875, 0.99389648)])
 def test_s9_the_gaussian_that_would_bring_darkness_is_dropped(first: float, alpha: float, dtype: torch.dtype) -> None:
-    """At the stop itself a pixel counts as dark, and the next Gaussian is dropped with all behind it. Powers of two: exact in both precisions."""
+    """At the stop itself a pixel counts as dark, and the next Gaussian is dropped with all behind it. Powers of two:
+    exact in both precisions."""
     g = gaussians([[0.0, 0, 1.0], [0, 0, 2.0], [0, 0, 3.0]], 1e4, torch.tensor([first, first, 0.5]), dtype=dtype)
     out, _ = drawn(g, camera(1, 1), Cutoffs(transmittance_stop=1 / 256))
     assert float(out.alpha.detach()) == pytest.approx(alpha, abs=1e-6)
@@ -157,13 +169,19 @@ def test_s9_gradients_beside_the_stop(second: float) -> None:
     cut = Cutoffs(alpha_max=0.995)
     g = gaussians([[0.0, 0, 1.0], [0.01, 0, 2.0], [0, 0.02, 3.0]], 5.0, torch.tensor([0.99, second, 0.9]))
     derivative(g, camera(3, 3), "opacity", cut)
-    agree(g, camera(3, 3), cut, gradient=5e-5)  # 1 - 0.99 in float32 is off by 6e-6 of itself, and so is what lies behind
+    agree(
+        g, camera(3, 3), cut, gradient=5e-5
+    )  # 1 - 0.99 in float32 is off by 6e-6 of itself, and so is what lies behind
 
 
 @pytest.mark.parametrize("dtype", KINDS)
-@pytest.mark.parametrize(("opacity", "seen"), [(0.0, False), (1e-9, False), (1 / 255 - 1e-6, False), (1 / 255 + 1e-6, True)])
+@pytest.mark.parametrize(
+    ("opacity", "seen"), [(0.0, False), (1e-9, False), (1 / 255 - 1e-6, False), (1 / 255 + 1e-6, True)]
+)
 def test_s10_smallest_alpha(opacity: float, seen: bool, dtype: torch.dtype) -> None:
-    out, _ = drawn(gaussians([0.02, 0.02, 2.0], 0.5, opacity, dtype=dtype), camera())  # half a pixel: exactly on a pixel centre
+    out, _ = drawn(
+        gaussians([0.02, 0.02, 2.0], 0.5, opacity, dtype=dtype), camera()
+    )  # half a pixel: exactly on a pixel centre
     assert bool(out.alpha.any()) == seen
 
 
@@ -182,7 +200,9 @@ def test_s11_quaternions_of_any_length(length: float, dtype: torch.dtype) -> Non
     r = rotations(q)
     assert r.dtype == (torch.float32 if dtype == torch.float16 else dtype)
     if finite:
-        torch.testing.assert_close(r[0].double() @ r[0].double().T, torch.eye(3, dtype=torch.float64), atol=1e-5, rtol=0)
+        torch.testing.assert_close(
+            r[0].double() @ r[0].double().T, torch.eye(3, dtype=torch.float64), atol=1e-5, rtol=0
+        )
     else:
         assert torch.isnan(r).all()
 
@@ -274,7 +294,9 @@ def test_s15_order_of_the_input_matters_only_between_equal_depths() -> None:
 
 
 @pytest.mark.parametrize("dtype", KINDS)
-@pytest.mark.parametrize(("u", "v", "cx", "cy"), [(24.0, 20.0, 24.0, 20.0), (17.3, 12.8, 24.0, 20.0), (30.25, 9.6, 14.4, 31.0)])
+@pytest.mark.parametrize(
+    ("u", "v", "cx", "cy"), [(24.0, 20.0, 24.0, 20.0), (17.3, 12.8, 24.0, 20.0), (30.25, 9.6, 14.4, 31.0)]
+)
 def test_s16_s17_centroid_lies_where_it_projects(u: float, v: float, cx: float, cy: float, dtype: torch.dtype) -> None:
     """Half a pixel from a corner, not on it; also with the principal point at 0.3 of the width."""
     z, cut = 2.0, Cutoffs(alpha_min=1e-9, alpha_max=1.0, transmittance_stop=0.0)
@@ -303,7 +325,8 @@ def test_s19_negative_colours_are_blended_as_they_are_and_written_as_black() -> 
 
 
 def test_s20_float32_stays_near_float64() -> None:
-    """Thresholds flip for single contributions of 1/255, so the share of values beyond 1e-5 is bounded beside the maximum."""
+    """Thresholds flip for single contributions of 1/255, so the share of values beyond 1e-5 is bounded beside the
+    maximum."""
     g = cloud(400, dtype=torch.float32)
     single, double = draw(g, camera()), draw(to(g, torch.float64), camera())
     difference = (single.color - double.color).abs()
@@ -328,7 +351,8 @@ def test_s22_a_disc_seen_edge_on(degrees: float, thickness: float) -> None:
 
 
 def test_a_tile_in_which_nothing_blends_keeps_the_gradients_of_the_others() -> None:
-    """A faint Gaussian whose box holds a pixel centre and whose ellipse does not: silhouettes have such tiles, random scenes have not."""
+    """A faint Gaussian whose box holds a pixel centre and whose ellipse does not: silhouettes have such tiles,
+    random scenes have not."""
     c = np.sqrt(0.5)
     diagonal = np.array([[c, -c, 0], [c, c, 0], [0, 0, 1.0]])
     needle = gaussians([0.205, -0.205, 2.0], [[0.08, 0.0005, 0.0005]], 0.02, rotation=diagonal)

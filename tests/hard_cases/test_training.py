@@ -5,7 +5,15 @@ import torch
 
 from posegaussian.stages.network.losses import render_loss, sequence_loss, ssim_map
 from posegaussian.stages.network.model.heads import growth, limited
-from tests.hard_cases.cases_training import FAR, bad_batch, blend_error, dead_confidence, kept_disparity, naive_blend, told_by_neighbours
+from tests.hard_cases.cases_training import (
+    FAR,
+    bad_batch,
+    blend_error,
+    dead_confidence,
+    kept_disparity,
+    naive_blend,
+    told_by_neighbours,
+)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])

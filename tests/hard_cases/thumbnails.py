@@ -74,33 +74,56 @@ def bytes_of() -> Pair:
 def depth_picture(depth: np.ndarray) -> np.ndarray:
     """Near is warm, 0 is black."""
     share = np.clip((2.2 - depth) / 1.4, 0, 1)
-    return np.where((depth > 0)[..., None], cv2.applyColorMap(np.rint(255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1], 0).astype(np.uint8)
+    return np.where(
+        (depth > 0)[..., None],
+        cv2.applyColorMap(np.rint(255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1],
+        0,
+    ).astype(np.uint8)
 
 
 def background() -> Pair:
     """Disparity brought to the depths of a sphere 1.4 to 2 m away, and our depth."""
     disparity, _ = naive_matches()
-    return "D13 a black background", depth_picture(np.where(disparity > -33, np.clip(1.7 - disparity / 40, 0.8, 2.2), 0)), depth_picture(matches())
+    return (
+        "D13 a black background",
+        depth_picture(np.where(disparity > -33, np.clip(1.7 - disparity / 40, 0.8, 2.2), 0)),
+        depth_picture(matches()),
+    )
 
 
 def edge_on() -> Pair:
     """A disc without thickness, turned by 89.99 degrees."""
-    return "S22 a disc seen edge-on", shown(naive.splat(EDGE_ON[0], COLUMN)[0]), shown(draw(EDGE_ON[0], COLUMN, Cutoffs(low_pass=0.3, compensation=True)).color)
+    return (
+        "S22 a disc seen edge-on",
+        shown(naive.splat(EDGE_ON[0], COLUMN)[0]),
+        shown(draw(EDGE_ON[0], COLUMN, Cutoffs(low_pass=0.3, compensation=True)).color),
+    )
 
 
 def hidden() -> Pair:
     """Depth of a small sphere before a large one, before and after the other side was asked."""
     rig = hidden_scene()[0]
     found = hidden_matches()
-    held = disagreement(found[0], found[1], transfer(rig, 0, 1), rectify(rig, 0, 1, ORIGIN).sensitivity) <= DepthParams().consistency
+    held = (
+        disagreement(found[0], found[1], transfer(rig, 0, 1), rectify(rig, 0, 1, ORIGIN).sensitivity)
+        <= DepthParams().consistency
+    )
     return "D14 what the other camera cannot see", depth_picture(found[0]), depth_picture(np.where(held, found[0], 0))
 
 
 def twins() -> Pair:
     """One joint's heatmap in the frame after left and right changed places."""
     arrays = swapped()
-    maps = (pairwise_plain(arrays["pose/heatmaps"].astype(np.float64), 0.5), smooth(arrays, method="adaptive", omega=0.5))
-    a, b = (cv2.applyColorMap(np.rint(255 * m[1, 0, 0].astype(np.float64)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1] for m in maps)
+    maps = (
+        pairwise_plain(arrays["pose/heatmaps"].astype(np.float64), 0.5),
+        smooth(arrays, method="adaptive", omega=0.5),
+    )
+    a, b = (
+        cv2.applyColorMap(np.rint(255 * m[1, 0, 0].astype(np.float64)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[
+            ..., ::-1
+        ]
+        for m in maps
+    )
     return "P5 left and right change places", a, b
 
 

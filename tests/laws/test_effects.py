@@ -1,5 +1,5 @@
-"""The laws of effects: off is bit-identical to absent and not computed; `auto` turns an effect on in a scene that needs it,
-where the result is measurably better than without, and off in a scene that does not.
+"""The laws of effects: off is bit-identical to absent and not computed; `auto` turns an effect on in a scene that needs
+it, where the result is measurably better than without, and off in a scene that does not.
 
 Scenes are the analytic person at 48 or 96 px, with a lens, a shifted video, a darker camera or noisy joints put on.
 """
@@ -39,11 +39,19 @@ SHIFT = (3, -2)
 
 def filmed(views: int = 4, size: int = 48, frames: int = 2, held_out: int = 1, motion: str = "kick") -> Scene:
     p = capture_person(views, size, frames, held_out, motion)
-    return {"rig": p.rig, "color": p.color.copy(), "mask": p.mask.copy(), "joints2d": p.joints2d.copy(), "depth": p.depth, "frame_rate": p.frame_rate}
+    return {
+        "rig": p.rig,
+        "color": p.color.copy(),
+        "mask": p.mask.copy(),
+        "joints2d": p.joints2d.copy(),
+        "depth": p.depth,
+        "frame_rate": p.frame_rate,
+    }
 
 
 def through_a_lens(scene: Scene) -> Scene:
-    """Every camera gets a barrel lens that moves the corners of 48 px pictures by a few px; true depth does not go through."""
+    """Every camera gets a barrel lens that moves the corners of 48 px pictures by a few px; true depth does not go
+    through."""
     lens = np.array([-0.35, 0.12, 0, 0, 0, 0, 0, 0.0])
     rig: Rig = scene["rig"]
     for v in range(len(rig)):
@@ -66,7 +74,13 @@ def shifted(scene: Scene) -> Scene:
     return {**scene, "depth": None}
 
 
-CROP = "frames.crop={" + ", ".join(f"{name}: {{offset: [{-SHIFT[0]}, {-SHIFT[1]}]}}" for name in (*(f"cam{i:02d}" for i in range(4)), "mid00")) + "}"
+CROP = (
+    "frames.crop={"
+    + ", ".join(
+        f"{name}: {{offset: [{-SHIFT[0]}, {-SHIFT[1]}]}}" for name in (*(f"cam{i:02d}" for i in range(4)), "mid00")
+    )
+    + "}"
+)
 
 
 def one_camera_darker(scene: Scene) -> Scene:
@@ -97,7 +111,9 @@ def pipeline(folder: Path, scene: Scene, *settings: str, partition: int = 2) -> 
 def measured(p: Pipeline, measure: str, region: str) -> float:
     """Mean of one measure over all held-out pictures."""
     rows = next(v for k, v in content(p).items() if k.startswith("metrics/"))
-    return float(np.mean([r["value"] for r in rows if isinstance(r, dict) and (r["measure"], r["region"]) == (measure, region)]))
+    return float(
+        np.mean([r["value"] for r in rows if isinstance(r, dict) and (r["measure"], r["region"]) == (measure, region)])
+    )
 
 
 def state(p: Pipeline, effect: str) -> str:
@@ -109,7 +125,9 @@ def state(p: Pipeline, effect: str) -> str:
     [("undistortion", through_a_lens, []), ("crop_scale", shifted, [CROP])],
     ids=["undistortion", "crop_scale"],
 )
-def test_geometry_that_pictures_need_is_applied_and_joints_meet_where_they_are(tmp_path: Path, effect: str, alter: Callable[[Scene], Scene], settings: list[str]) -> None:
+def test_geometry_that_pictures_need_is_applied_and_joints_meet_where_they_are(
+    tmp_path: Path, effect: str, alter: Callable[[Scene], Scene], settings: list[str]
+) -> None:
     """Mean distance of the triangulated joints from the true ones, metres."""
     scene, truth = alter(filmed()), capture_person(4, 48, 2, 1, "kick").joints3d
     settings = [*settings, "effects.exposure_matching=off"]
@@ -119,7 +137,13 @@ def test_geometry_that_pictures_need_is_applied_and_joints_meet_where_they_are(t
     found = []
     for p in (on, off):
         p.run(selection=Selection(only=frozenset({"survey", "pose"})), expect_failure=True)
-        found.append(float(np.linalg.norm(Results(p.context()).read("pose/joints3d", range(2))[..., :3] - truth[..., :3], axis=-1).mean()))
+        found.append(
+            float(
+                np.linalg.norm(
+                    Results(p.context()).read("pose/joints3d", range(2))[..., :3] - truth[..., :3], axis=-1
+                ).mean()
+            )
+        )
     # Exact but for the 1e-6 of OpenCV's iteration and float32; without it the joints are a centimetre off.
     assert found[0] < 1e-3
     assert found[1] > 0.01
@@ -132,18 +156,34 @@ def test_a_capture_without_lens_and_crop_is_left_as_it_is(tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module")
 def large() -> Scene:
-    """Three cameras 15 degrees apart, and one held out between the first two: they share surface points, as comparing them needs."""
+    """Three cameras 15 degrees apart, and one held out between the first two: they share surface points, as
+    comparing them needs."""
     size, bones = 224, pose("stand", 0.0)
     rig = ring(24, size, 1).subset([0, 1, 2, 24])
-    color, mask, depth = (np.stack(part)[None] for part in zip(*(render(bones, k, w, (size, size), 2) for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)), strict=True))
-    joints = np.stack([np.concatenate([project(joints_at(bones), k, w)[0], np.ones((17, 1))], axis=1) for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)])[None]
+    color, mask, depth = (
+        np.stack(part)[None]
+        for part in zip(
+            *(render(bones, k, w, (size, size), 2) for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)),
+            strict=True,
+        )
+    )
+    joints = np.stack(
+        [
+            np.concatenate([project(joints_at(bones), k, w)[0], np.ones((17, 1))], axis=1)
+            for k, w in zip(rig.intrinsics, rig.world_to_camera, strict=True)
+        ]
+    )[None]
     return {"rig": rig, "color": color, "mask": mask, "joints2d": joints, "depth": depth, "frame_rate": 30.0}
 
 
 def test_a_darker_camera_is_matched_and_renders_closer_to_the_truth(tmp_path: Path, large: Scene) -> None:
     """PSNR of the box, dB, of a held-out camera in the middle between the darker one and its neighbour."""
     scene = one_camera_darker({**large, "color": large["color"].copy()})
-    fixed = ["depth.method=truth", "rendering.precision=float32", "frames.range=0:1"]  # matching is not what is measured here
+    fixed = [
+        "depth.method=truth",
+        "rendering.precision=float32",
+        "frames.range=0:1",
+    ]  # matching is not what is measured here
     on, off = pipeline(tmp_path, scene, *fixed), pipeline(tmp_path, scene, *fixed, "effects.exposure_matching=off")
     on.run()
     off.run()
@@ -170,7 +210,9 @@ HEATMAPS = Selection(only=frozenset({"survey", "pose", "smoothing"}))
 def heatmap_error(p: Pipeline, truth: Pipeline, array: str) -> float:
     """Mean squared difference from the heatmaps of noiseless joints, over the first view."""
     frames = range(p.context().grid.frames)
-    difference = Results(p.context()).read(array, frames, 0).astype(float) - Results(truth.context()).read("pose/heatmaps", frames, 0)
+    difference = Results(p.context()).read(array, frames, 0).astype(float) - Results(truth.context()).read(
+        "pose/heatmaps", frames, 0
+    )
     return float((difference**2).mean())
 
 
@@ -182,7 +224,9 @@ def test_noisy_joints_are_smoothed_and_come_closer_to_the_true_ones(tmp_path: Pa
     decision = on.plan().context.effects["temporal_smoothing"].decision
     assert decision is not None
     assert decision.on
-    assert "jitter by 1.0" in decision.reason or "jitter by 0.9" in decision.reason or "jitter by 1.1" in decision.reason, decision.reason
+    assert (
+        "jitter by 1.0" in decision.reason or "jitter by 0.9" in decision.reason or "jitter by 1.1" in decision.reason
+    ), decision.reason
     # Two frames, 0.8 and 0.2: 0.68 of the noise's variance is left.
     assert heatmap_error(on, truth, "smoothing/heatmaps") < 0.85 * heatmap_error(on, truth, "pose/heatmaps")
 
@@ -190,7 +234,11 @@ def test_noisy_joints_are_smoothed_and_come_closer_to_the_true_ones(tmp_path: Pa
 def test_a_still_scene_is_not_smoothed_and_neither_is_clean_motion_nor_a_single_frame(tmp_path: Path) -> None:
     still = filmed(frames=6, motion="stand")
     still["joints2d"][:] = still["joints2d"][:1]
-    for name, scene, reason in (("still", still, "the scene is still"), ("clean", filmed(frames=6), "jitter is none"), ("single", filmed(frames=1), "a single frame")):
+    for name, scene, reason in (
+        ("still", still, "the scene is still"),
+        ("clean", filmed(frames=6), "jitter is none"),
+        ("single", filmed(frames=1), "a single frame"),
+    ):
         p = pipeline(tmp_path / name, scene, "effects.exposure_matching=off")
         p.run(selection=HEATMAPS, expect_failure=True)
         verdict = p.plan().context.effects["temporal_smoothing"]
@@ -201,7 +249,10 @@ def test_a_still_scene_is_not_smoothed_and_neither_is_clean_motion_nor_a_single_
 
 def test_hidden_surfaces_call_for_the_left_right_check_and_it_lowers_the_depth_error(tmp_path: Path) -> None:
     scene = filmed(views=8, size=96, frames=1)
-    on, off = pipeline(tmp_path, scene, "effects.exposure_matching=off"), pipeline(tmp_path, scene, "effects.exposure_matching=off", "effects.left_right_check=off")
+    on, off = (
+        pipeline(tmp_path, scene, "effects.exposure_matching=off"),
+        pipeline(tmp_path, scene, "effects.exposure_matching=off", "effects.left_right_check=off"),
+    )
     assert state(on, "left_right_check") == "on"
     found = []
     for p in (on, off):
@@ -211,7 +262,8 @@ def test_hidden_surfaces_call_for_the_left_right_check_and_it_lowers_the_depth_e
 
 
 def sure_depth_error(p: Pipeline, true_depth: np.ndarray) -> float:
-    """Mean error, metres, of the pixels whose confidence is at least 0.9, over all source views; true_depth [F, V, h, w]."""
+    """Mean error, metres, of the pixels whose confidence is at least 0.9, over all source views; true_depth [F, V,
+    h, w]."""
     results, frames = Results(p.context()), range(len(true_depth))
     errors = []
     for v in p.context().views.sources:
@@ -221,7 +273,9 @@ def sure_depth_error(p: Pipeline, true_depth: np.ndarray) -> float:
     return float(np.concatenate(errors).mean())
 
 
-@pytest.mark.parametrize("setting", ["depth.method=hull", "depth.method=truth", "views.sources=[cam00]", "depth.max_angle=45"])
+@pytest.mark.parametrize(
+    "setting", ["depth.method=hull", "depth.method=truth", "views.sources=[cam00]", "depth.max_angle=45"]
+)
 def test_where_nothing_is_matched_nothing_is_checked(tmp_path: Path, setting: str) -> None:
     assert state(pipeline(tmp_path, filmed(frames=1), setting), "left_right_check") == "off"
 
@@ -229,7 +283,10 @@ def test_where_nothing_is_matched_nothing_is_checked(tmp_path: Path, setting: st
 def test_where_nothing_is_matched_the_check_would_change_nothing(tmp_path: Path) -> None:
     settings = ["depth.max_angle=45", "effects.exposure_matching=off", "effects.temporal_smoothing=off"]
     scene = filmed(frames=1)
-    auto, forced = pipeline(tmp_path, scene, *settings), pipeline(tmp_path, scene, *settings, "effects.left_right_check=on")
+    auto, forced = (
+        pipeline(tmp_path, scene, *settings),
+        pipeline(tmp_path, scene, *settings, "effects.left_right_check=on"),
+    )
     assert state(auto, "left_right_check") == "off"
     for p in (auto, forced):
         p.run()
@@ -293,7 +350,17 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         raise AssertionError(f"{work} ran with {effect} off")
 
     scene = noisy(through_a_lens(filmed(views=3, frames=4)))
-    p = pipeline(tmp_path, scene, f"effects.{effect}=off", "frames.range=0:2", *(f"effects.{e}=off" for e in ("exposure_matching", "view_dependent_color", "silhouette_clipping", "hole_filling") if e != effect))
+    p = pipeline(
+        tmp_path,
+        scene,
+        f"effects.{effect}=off",
+        "frames.range=0:2",
+        *(
+            f"effects.{e}=off"
+            for e in ("exposure_matching", "view_dependent_color", "silhouette_clipping", "hole_filling")
+            if e != effect
+        ),
+    )
     monkeypatch.setattr(work, fail)
     p.run()
 

@@ -29,11 +29,29 @@ def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pi
     assert_same_content(content(other), content(finished))
 
 
-@pytest.mark.parametrize("setting", ["smoothing.method=recurrent", "smoothing.method=adaptive", "depth.method=hull", "depth.method=sweep", "depth.method=truth", "frames.matte=plate", "frames.matte=person", "frames.matte=none", "rendering.precision=float64"])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "smoothing.method=recurrent",
+        "smoothing.method=adaptive",
+        "depth.method=hull",
+        "depth.method=sweep",
+        "depth.method=truth",
+        "frames.matte=plate",
+        "frames.matte=person",
+        "frames.matte=none",
+        "rendering.precision=float64",
+    ],
+)
 def test_partition_law_holds_for_the_other_methods(setting: str, person_folder: Path, tmp_path: Path) -> None:
     found = []
     for length in (2, 6):
-        pipeline = Pipeline(tmp_path / f"archive{length}", person_folder, [setting, "frames.range=0:4", "smoothing.truncation=2", "views.sources=[cam00, cam01, cam02]"], partition=length)
+        pipeline = Pipeline(
+            tmp_path / f"archive{length}",
+            person_folder,
+            [setting, "frames.range=0:4", "smoothing.truncation=2", "views.sources=[cam00, cam01, cam02]"],
+            partition=length,
+        )
         pipeline.register()
         pipeline.run()
         found.append(content(pipeline))
@@ -70,7 +88,13 @@ def test_serial_equals_dask(finished: Pipeline, tmp_path: Path) -> None:
     assert_same_content(content(other), content(finished))
     assert receipts(other) == receipts(finished)
     circumstances = {"seconds", "modules", "started", "host", "worker", "peak_rss"}
-    mine, theirs = ({tuple(r[k] for k in ledger.KEY): {k: v for k, v in r.items() if k not in circumstances} for r in ledger_rows(p)} for p in (other, finished))
+    mine, theirs = (
+        {
+            tuple(r[k] for k in ledger.KEY): {k: v for k, v in r.items() if k not in circumstances}
+            for r in ledger_rows(p)
+        }
+        for p in (other, finished)
+    )
     assert mine == theirs
 
 
@@ -90,7 +114,9 @@ def test_append_then_run_equals_run_whole(person_folder: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("settings", [[], ["frames.matte=person"]], ids=["given", "person"])
-def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(tmp_path: Path, settings: list[str]) -> None:
+def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(
+    tmp_path: Path, settings: list[str]
+) -> None:
     honest, noisy = tmp_path / "honest", tmp_path / "noisy"
     film(honest, views=4, frames=2)
     film(noisy, views=4, frames=2)
@@ -101,7 +127,9 @@ def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metric
         pipeline.register()
         pipeline.run()
         # A view's plate is read by the task of that view's own mask alone, as its pictures are.
-        found.append(content(pipeline, but=("survey/plate", "survey/spread", "frames/color", "frames/mask", "truth/", "metrics")))
+        found.append(
+            content(pipeline, but=("survey/plate", "survey/spread", "frames/color", "frames/mask", "truth/", "metrics"))
+        )
         color = content(pipeline)["frames/color"]
         found.append({"color": color})
     assert_same_content(found[0], found[2])
@@ -134,5 +162,3 @@ def test_every_stage_is_deterministic(finished: Pipeline, tmp_path: Path) -> Non
     copy.run(selection=Selection(start=STAGES[0].name))
     assert_same_content(content(copy), before)
     assert all(v.state is State.FRESH for v in copy.plan().verdicts.values())
-
-

@@ -1,4 +1,5 @@
-"""The laws of a stage that its weights make: without any it is as good as absent, with them Gaussians follow it, and other weights make it stale."""
+"""The laws of a stage that its weights make: without any it is as good as absent, with them Gaussians follow it, and
+other weights make it stale."""
 
 from __future__ import annotations
 
@@ -42,7 +43,11 @@ def weights(file: Path, seed: int = 0, confidence: float | None = None) -> Path:
             weight, bias = list(network.heads.last["confidence"].parameters())
             weight.zero_()
             bias.fill_(confidence)
-    save_weights(file, network.state_dict(), Card("random", "fast", PRESETS["fast"].as_json(), 3, "none", "none", 0.0, "none", (("a",),)))
+    save_weights(
+        file,
+        network.state_dict(),
+        Card("random", "fast", PRESETS["fast"].as_json(), 3, "none", "none", 0.0, "none", (("a",),)),
+    )
     return file
 
 
@@ -65,7 +70,9 @@ def plain(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipe
 
 @pytest.fixture(scope="module")
 def learned(person_folder: Path, file: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
-    return run(person_folder, tmp_path_factory.mktemp("learned") / "archive", f"network.weights={file}", "network.iterations=2")
+    return run(
+        person_folder, tmp_path_factory.mktemp("learned") / "archive", f"network.weights={file}", "network.iterations=2"
+    )
 
 
 def test_without_weights_nothing_of_it_is_planned_read_or_written(plain: Pipeline) -> None:
@@ -82,18 +89,41 @@ def test_with_weights_only_what_follows_is_another_and_nothing_is_lost(plain: Pi
     assert_same_content(content(plain, but=after), content(learned, but=after))
     results = Results(learned.context())
     for view in learned.context().views.sources:
-        floor, depth, share = (results.read(n, range(2), view) for n in ("depth/depth", "network/depth", "network/share"))
+        floor, depth, share = (
+            results.read(n, range(2), view) for n in ("depth/depth", "network/depth", "network/share")
+        )
         assert np.array_equal(floor > 0, depth > 0), "where there was a surface there is one"
         assert (depth[floor > 0] != floor[floor > 0]).any()
         confidence = results.read("network/confidence", range(2), view).astype(np.float64)
         # float16 confidences of a mean that is float32
-        np.testing.assert_allclose(share[:, 0], [c[f > 0].mean() if (f > 0).any() else 0 for c, f in zip(confidence, floor, strict=True)], atol=1e-3)
-        assert np.array_equal(results.read("gaussians/confidence", range(2), view)[:, 0] > 0, (results.read("gaussians/opacity", range(2), view)[:, 0] > 0) & (confidence > 0))
+        np.testing.assert_allclose(
+            share[:, 0],
+            [c[f > 0].mean() if (f > 0).any() else 0 for c, f in zip(confidence, floor, strict=True)],
+            atol=1e-3,
+        )
+        assert np.array_equal(
+            results.read("gaussians/confidence", range(2), view)[:, 0] > 0,
+            (results.read("gaussians/opacity", range(2), view)[:, 0] > 0) & (confidence > 0),
+        )
     (said,) = sentences([learned.plan()])
     assert "of depth and Gaussians are the network's" in said
 
 
-MODULES = {"loading", "reading", "rectification", "evidence", "image encoder", "fusion", "refinement", "pose encoder", "depth encoder", "decoder", "heads", "silhouettes", "pulling back"}
+MODULES = {
+    "loading",
+    "reading",
+    "rectification",
+    "evidence",
+    "image encoder",
+    "fusion",
+    "refinement",
+    "pose encoder",
+    "depth encoder",
+    "decoder",
+    "heads",
+    "silhouettes",
+    "pulling back",
+}
 
 
 def rows(pipeline: Pipeline) -> list[dict]:
@@ -103,7 +133,9 @@ def rows(pipeline: Pipeline) -> list[dict]:
 
 
 @pytest.mark.parametrize("back_end", ["serial", "dask"])
-def test_the_ledger_says_what_the_modules_took_and_no_result_knows_it(learned: Pipeline, tmp_path: Path, back_end: str) -> None:
+def test_the_ledger_says_what_the_modules_took_and_no_result_knows_it(
+    learned: Pipeline, tmp_path: Path, back_end: str
+) -> None:
     copy = learned.copy(tmp_path / "copy")
     backend = DaskBackend(RunSettings(workers=1)) if back_end == "dask" else SerialBackend()
     events = copy.run(selection=Selection(force=frozenset({"network"})), backend=backend)
@@ -132,12 +164,16 @@ def test_an_archive_of_before_modules_were_measured_stays_fresh_and_open(learned
     assert Spending.of(copy.session.archive, [NAME]).sentences() == []
 
 
-def test_how_a_sequence_is_cut_changes_no_byte(learned: Pipeline, person_folder: Path, file: Path, tmp_path: Path) -> None:
+def test_how_a_sequence_is_cut_changes_no_byte(
+    learned: Pipeline, person_folder: Path, file: Path, tmp_path: Path
+) -> None:
     other = run(person_folder, tmp_path / "archive", f"network.weights={file}", "network.iterations=2", partition=1)
     assert_same_content(content(other), content(learned))
 
 
-def test_turning_it_on_and_off_again_reruns_nothing_before_it(plain: Pipeline, learned: Pipeline, file: Path, tmp_path: Path) -> None:
+def test_turning_it_on_and_off_again_reruns_nothing_before_it(
+    plain: Pipeline, learned: Pipeline, file: Path, tmp_path: Path
+) -> None:
     copy = plain.copy(tmp_path / "copy")
     on = copy.with_settings(f"network.weights={file}", "network.iterations=2")
     assert set(on.ran()) == {"network", "gaussians", "rendering", "metrics"}

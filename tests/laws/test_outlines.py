@@ -1,4 +1,5 @@
-"""Masks that end beside the subject's edge: measured by the survey, moved by the frames stage, and nothing where they fit."""
+"""Masks that end beside the subject's edge: measured by the survey, moved by the frames stage, and nothing where
+they fit."""
 
 from pathlib import Path
 
@@ -22,10 +23,14 @@ def test_a_px_of_fat_is_seen_and_taken_off_and_exact_masks_are_let_be(tmp_path: 
     p = pipeline(tmp_path, fat, "effects.exposure_matching=off", "depth.method=hull")
     events = p.run()
     assert state(p, "outline_correction") == ("on" if px else "off")
-    told = [s for e in events if isinstance(e, EffectsDecided) for s in e.sentences if s.startswith("outline_correction")]
+    told = [
+        s for e in events if isinstance(e, EffectsDecided) for s in e.sentences if s.startswith("outline_correction")
+    ]
     assert told
     results = Results(p.plan().context)
     for v in p.plan().context.views.sources:
         found = results.read("frames/mask", range(2), v)
         # A capsule's edge is soft in the picture, too: half of the px of fat is left at most.
-        assert np.abs(found.astype(float) - exact["mask"][:, v]).sum() <= (0.5 * np.abs(fat["mask"][:, v].astype(float) - exact["mask"][:, v]).sum() if px else 0)
+        assert np.abs(found.astype(float) - exact["mask"][:, v]).sum() <= (
+            0.5 * np.abs(fat["mask"][:, v].astype(float) - exact["mask"][:, v]).sum() if px else 0
+        )

@@ -1,4 +1,5 @@
-"""The laws of a stage that its settings leave out: without steps it is as good as absent, with them rendering reads what it made."""
+"""The laws of a stage that its settings leave out: without steps it is as good as absent, with them rendering reads
+what it made."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ def plain(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipe
 
 @pytest.fixture(scope="module")
 def refined(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
-    return run(person_folder, tmp_path_factory.mktemp("refined") / "archive", "refinement.steps=2", "refinement.group=2")
+    return run(
+        person_folder, tmp_path_factory.mktemp("refined") / "archive", "refinement.steps=2", "refinement.group=2"
+    )
 
 
 def test_without_steps_nothing_of_it_is_planned_read_or_written(plain: Pipeline) -> None:
@@ -41,9 +44,13 @@ def test_without_steps_nothing_of_it_is_planned_read_or_written(plain: Pipeline)
     assert not any(key[0] == "refinement" for key in receipts(plain))
 
 
-def test_rendering_reads_the_refined_maps_and_only_what_follows_is_made_again(plain: Pipeline, refined: Pipeline) -> None:
+def test_rendering_reads_the_refined_maps_and_only_what_follows_is_made_again(
+    plain: Pipeline, refined: Pipeline
+) -> None:
     before, after = content(plain), content(refined)
-    assert {k: v for k, v in after.items() if not k.startswith(("refinement", "rendering", "metrics"))} == {k: v for k, v in before.items() if not k.startswith(("rendering", "metrics"))}
+    assert {k: v for k, v in after.items() if not k.startswith(("refinement", "rendering", "metrics"))} == {
+        k: v for k, v in before.items() if not k.startswith(("rendering", "metrics"))
+    }
     results = Results(refined.context())
     assert (results.read("refinement/outcome", range(3))[:, 4] > 0).all(), "of every frame a step was kept"
     for name, prior in zip(REFINED, unrefined_arrays(frozenset()), strict=True):
@@ -51,7 +58,9 @@ def test_rendering_reads_the_refined_maps_and_only_what_follows_is_made_again(pl
     assert any(before[k] != after[k] for k in before if k.startswith("rendering"))
 
 
-def test_turning_it_on_and_off_again_reruns_nothing_before_it(plain: Pipeline, refined: Pipeline, tmp_path: Path) -> None:
+def test_turning_it_on_and_off_again_reruns_nothing_before_it(
+    plain: Pipeline, refined: Pipeline, tmp_path: Path
+) -> None:
     copy = plain.copy(tmp_path / "copy")
     on = copy.with_settings("refinement.steps=2", "refinement.group=2")
     assert set(on.ran()) == {"refinement", "rendering", "metrics"}
@@ -62,6 +71,8 @@ def test_turning_it_on_and_off_again_reruns_nothing_before_it(plain: Pipeline, r
 
 
 @pytest.mark.parametrize("length", [1, 3])
-def test_any_partition_length_gives_the_same_bytes(person_folder: Path, refined: Pipeline, tmp_path: Path, length: int) -> None:
+def test_any_partition_length_gives_the_same_bytes(
+    person_folder: Path, refined: Pipeline, tmp_path: Path, length: int
+) -> None:
     other = run(person_folder, tmp_path / "archive", "refinement.steps=2", "refinement.group=2", partition=length)
     assert_same_content(content(other), content(refined))

@@ -1,4 +1,5 @@
-"""Light beyond white: brought below it where a capture has some, clipped where that is asked for, and left alone where there is none."""
+"""Light beyond white: brought below it where a capture has some, clipped where that is asked for, and left alone
+where there is none."""
 
 from __future__ import annotations
 
@@ -14,7 +15,15 @@ from tests.laws.test_effects import filmed, pipeline, state
 from tests.pipeline import Pipeline
 
 FRAMES = Selection(only=frozenset({"survey", "frames"}))
-SETTINGS = ["effects.exposure_matching=off", "effects.temporal_smoothing=on", "effects.outline_correction=off", "effects.limb_bounds=off", "effects.view_dependent_color=off", "effects.silhouette_clipping=on", "effects.hole_filling=on"]
+SETTINGS = [
+    "effects.exposure_matching=off",
+    "effects.temporal_smoothing=on",
+    "effects.outline_correction=off",
+    "effects.limb_bounds=off",
+    "effects.view_dependent_color=off",
+    "effects.silhouette_clipping=on",
+    "effects.hole_filling=on",
+]
 
 
 def in_linear_light(folder: Path, times: float, *settings: str) -> Pipeline:
@@ -67,6 +76,8 @@ def test_the_curve(white: float) -> None:
     assert not red[0, 0, 2]
     dark = tone_mapped(np.full((1, 1, 3), 0.01, np.float16), np.ones(3), white)
     assert to_linear(dark[0, 0, 0]) == pytest.approx(0.01, rel=0.04)  # an 8-bit step is 3 %
-    np.testing.assert_array_equal(tone_mapped(np.array([[[np.inf, 0, 0], [np.nan, 0, 0]]], np.float16), np.ones(3), white)[0, :, 0], [255, 0])
+    np.testing.assert_array_equal(
+        tone_mapped(np.array([[[np.inf, 0, 0], [np.nan, 0, 0]]], np.float16), np.ones(3), white)[0, :, 0], [255, 0]
+    )
     twice = tone_mapped(np.full((1, 1, 3), 0.4, np.float16), np.full(3, 2.0), white)
     assert np.abs(twice.astype(int) - tone_mapped(np.full((1, 1, 3), 0.8, np.float16), np.ones(3), white)).max() <= 1

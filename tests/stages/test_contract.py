@@ -23,7 +23,11 @@ STAGE = Stage(
     summary="Do nothing.",
     version=1,
     run="math:sqrt",
-    reads=(Read("a/x", when=lambda p, f: p.length > 1), Read("a/y", halo=lambda p: (p.length, 0)), Read.source("masks", when=lambda p, f: "masks" in f)),
+    reads=(
+        Read("a/x", when=lambda p, f: p.length > 1),
+        Read("a/y", halo=lambda p: (p.length, 0)),
+        Read.source("masks", when=lambda p, f: "masks" in f),
+    ),
     writes=(ArraySpec("b/x", ("frame",), "uint8", "1", "X."), TableSpec("b/t", (("a", "int64"),), "T.", when="masks")),
     over=("sequence", "time"),
     params=Example,

@@ -18,7 +18,15 @@ def planes(y: np.ndarray, u: int = 128, v: int = 128) -> av.VideoFrame:
     return av.VideoFrame.from_ndarray(packed.reshape(h * 3 // 2, w).astype(np.uint8), format="yuv420p")
 
 
-def write_clip(path: Path, frames: Sequence[av.VideoFrame], codec: str = "libx264", rate: int = 30, tags: dict[str, int] | None = None, rotation: int = 0, **options: Any) -> Path:
+def write_clip(
+    path: Path,
+    frames: Sequence[av.VideoFrame],
+    codec: str = "libx264",
+    rate: int = 30,
+    tags: dict[str, int] | None = None,
+    rotation: int = 0,
+    **options: Any,
+) -> Path:
     """Encode frames as they are: no colour conversion happens."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=Fraction(rate), options={k: str(v) for k, v in options.items()})

@@ -19,7 +19,9 @@ def make_rig(views: int = 3, width: int = 40, height: int = 30) -> Rig:
         motions.append(rigid([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]], [0, 0, 3]))
     intrinsics = np.tile(np.array([[50.0, 0, width / 2], [0, 50.0, height / 2], [0, 0, 1]]), (views, 1, 1))
     names = tuple(f"cam{v + 1:02d}" for v in range(views))
-    return Rig(names, intrinsics, np.zeros((views, 8)), np.stack(motions), np.tile(np.array([width, height]), (views, 1)))
+    return Rig(
+        names, intrinsics, np.zeros((views, 8)), np.stack(motions), np.tile(np.array([width, height]), (views, 1))
+    )
 
 
 def fake_file(name: str) -> SourceFile:
@@ -36,7 +38,10 @@ def make_capture(views: int = 3, numbers: range = range(10), joints: bool = True
     rig = make_rig(views)
 
     def streams(kind: str, what: str, **options: str) -> tuple[Stream, ...]:
-        return tuple(Stream(kind, tuple(fake_file(f"{n}-{what}-{i}") for i in numbers), tuple(numbers), (40, 30), options) for n in rig.names)  # type: ignore[arg-type]
+        return tuple(
+            Stream(kind, tuple(fake_file(f"{n}-{what}-{i}") for i in numbers), tuple(numbers), (40, 30), options)
+            for n in rig.names
+        )  # type: ignore[arg-type]
 
     return Capture(
         "images",
@@ -51,4 +56,6 @@ def make_capture(views: int = 3, numbers: range = range(10), joints: bool = True
 
 def make_sequence(folder: Path, views: int = 3, partition_frames: int = 4, numbers: range = range(10)) -> Sequence:
     """An archive in `folder` with one sequence named `kick`."""
-    return Archive.open(str(folder), create=True).create_sequence("kick", make_capture(views, numbers), partition_frames)
+    return Archive.open(str(folder), create=True).create_sequence(
+        "kick", make_capture(views, numbers), partition_frames
+    )

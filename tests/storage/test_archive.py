@@ -34,7 +34,9 @@ def shape_of(height: int, width: int, frames: int = 10) -> dict[str, int]:
 
 @QUICK
 @given(st.sampled_from(SPECS), st.integers(1, 4400), st.integers(1, 4400), st.integers(1, 40))
-def test_a_chunk_is_at_most_one_frame_of_one_view_and_a_shard_one_partition_of_it(spec: ArraySpec, height: int, width: int, partition: int) -> None:
+def test_a_chunk_is_at_most_one_frame_of_one_view_and_a_shard_one_partition_of_it(
+    spec: ArraySpec, height: int, width: int, partition: int
+) -> None:
     lengths, chunk, shard = layout(spec, shape_of(height, width), partition)
     assert math.prod(chunk) * np.dtype(spec.dtype).itemsize <= MAX_CHUNK_BYTES
     for dim, n, c, s in zip(spec.dims, lengths, chunk, shard, strict=True):
@@ -66,7 +68,12 @@ def test_bytes_are_shuffled_by_their_width_and_checksummed(tmp_path: Path) -> No
 def test_put_and_get_round_trip_and_putting_again_touches_no_file(tmp_path: Path) -> None:
     sequence = make_sequence(tmp_path)
     rng = np.random.default_rng(0)
-    for name, data in {"a/f": rng.normal(size=(3, 4)), "a/i": rng.integers(0, 9, 5).astype(np.int32), "a/b": rng.random(6) > 0.5, "a/zero": np.zeros((2, 2))}.items():
+    for name, data in {
+        "a/f": rng.normal(size=(3, 4)),
+        "a/i": rng.integers(0, 9, 5).astype(np.int32),
+        "a/b": rng.random(6) > 0.5,
+        "a/zero": np.zeros((2, 2)),
+    }.items():
         dims = tuple("abc"[: data.ndim])
         sequence.put(name, data, dims, "m", "x")
         got = sequence.get(name)
@@ -138,7 +145,11 @@ def test_any_other_change_replaces_the_array(tmp_path: Path, change: str) -> Non
     assert files_of(sequence, DEPTH) == {}
     array = zarr.open_array(sequence.root / DEPTH.name, mode="r")
     assert array.metadata.dimension_names == DEPTH.dims
-    assert {k: array.attrs[k] for k in array.attrs if k != "checksum"} == {"unit": "m", "meaning": "Depth.", "keep": "always"}
+    assert {k: array.attrs[k] for k in array.attrs if k != "checksum"} == {
+        "unit": "m",
+        "meaning": "Depth.",
+        "keep": "always",
+    }
 
 
 def test_a_camera_path_fills_the_name(tmp_path: Path) -> None:
@@ -160,11 +171,25 @@ def rewrite_record(sequence: Sequence, **changes: object) -> None:
 def test_a_newer_format_is_refused_with_both_numbers_and_the_next_step(tmp_path: Path) -> None:
     rewrite_record(make_sequence(tmp_path), format=FORMAT + 1)
     archive = Archive.open(str(tmp_path))
-    with pytest.raises(ArchiveError, match=rf"kick is of archive format {FORMAT + 1}, this version reads up to {FORMAT}; update posegaussian"):
+    with pytest.raises(
+        ArchiveError,
+        match=rf"kick is of archive format {FORMAT + 1}, this version reads up to {FORMAT}; update posegaussian",
+    ):
         archive.sequence("kick")
 
 
-@pytest.mark.parametrize("content", ["", "{", "null", "[]", '{"attributes": {}}', '{"attributes": {"posegaussian": 1}}', '{"attributes": {"posegaussian": {"format": "new"}}}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "{",
+        "null",
+        "[]",
+        '{"attributes": {}}',
+        '{"attributes": {"posegaussian": 1}}',
+        '{"attributes": {"posegaussian": {"format": "new"}}}',
+    ],
+)
 def test_a_broken_record_gets_a_sentence(tmp_path: Path, content: str) -> None:
     sequence = make_sequence(tmp_path)
     (sequence.root / "zarr.json").write_text(content)

@@ -26,7 +26,9 @@ def through_json(capture: Capture) -> Capture:
 def test_json_and_back_keeps_everything(masks: bool, joints: bool) -> None:
     capture = make_capture(masks=masks, joints=joints)
     some = tuple(None if v == 1 else s for v, s in enumerate(capture.joints))
-    capture = replace(capture, joints=some, joints3d=Stream("trc", (fake_file("t"),), (0, 1), options={"joint_set": "body25b"}))
+    capture = replace(
+        capture, joints=some, joints3d=Stream("trc", (fake_file("t"),), (0, 1), options={"joint_set": "body25b"})
+    )
     back = through_json(capture)
     assert back.to_json() == capture.to_json()
     assert back.rig.digest == capture.rig.digest
@@ -46,7 +48,17 @@ def test_crops_and_roles_are_kept_and_records_without_them_are_read() -> None:
     assert Capture.from_json(old).to_json() == through_json(capture).to_json()
 
 
-@pytest.mark.parametrize(("key", "value"), [("crops", {"../x": {"scale": 1}}), ("held_out", ["nobody"]), ("held_out", [3]), ("crops", {"a": {"scale": 1e300}}), ("crops", {"a": {"scale": 1, "offset": [0, 1e300]}}), ("crops", 5)])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("crops", {"../x": {"scale": 1}}),
+        ("held_out", ["nobody"]),
+        ("held_out", [3]),
+        ("crops", {"a": {"scale": 1e300}}),
+        ("crops", {"a": {"scale": 1, "offset": [0, 1e300]}}),
+        ("crops", 5),
+    ],
+)
 def test_a_record_with_crops_or_roles_of_no_camera_is_broken(key: str, value: object) -> None:
     capture = make_capture()
     capture = replace(capture, rig=replace(capture.rig, names=("a", *capture.rig.names[1:])))
@@ -64,12 +76,14 @@ def test_cameras_keep_every_bit() -> None:
 
 def test_numbers_are_those_of_any_view() -> None:
     capture = make_capture()
-    shorter = tuple(replace(s, files=s.files[v : 6 + v], numbers=s.numbers[v : 6 + v]) for v, s in enumerate(capture.pictures))
+    shorter = tuple(
+        replace(s, files=s.files[v : 6 + v], numbers=s.numbers[v : 6 + v]) for v, s in enumerate(capture.pictures)
+    )
     assert replace(capture, pictures=shorter).numbers.tolist() == list(range(8))
 
 
 def test_a_digest_of_frames_follows_only_their_files() -> None:
-    (stream, *_) = make_capture().pictures
+    stream, *_ = make_capture().pictures
     other = list(stream.files)
     other[7] = fake_file("changed")
     changed = replace(stream, files=tuple(other))
@@ -93,7 +107,7 @@ def test_a_digest_follows_the_whole_video_and_the_options() -> None:
 
 
 def test_a_digest_does_not_follow_where_the_files_lie_or_when_they_were_touched() -> None:
-    (stream, *_) = make_capture().pictures
+    stream, *_ = make_capture().pictures
     moved = replace(stream, files=tuple(replace(f, path="/elsewhere", mtime_ns=1) for f in stream.files))
     assert moved.digest(range(10)) == stream.digest(range(10))
 
@@ -108,7 +122,13 @@ def test_a_file_is_known_by_content(tmp_path: Path) -> None:
     file.verify()
     path.write_bytes(b"changed")
     os.utime(path, ns=(2, 2))
-    with pytest.raises(SourceError, match=r"a\.png changed since it was imported: it has the same size and another content; put the old one back or import"):
+    with pytest.raises(
+        SourceError,
+        match=(
+            r"a\.png changed since it was imported: it has the same size and another content; put the old one back or"
+            r" import"
+        ),
+    ):
         file.verify()
     path.write_bytes(b"longer than before")
     with pytest.raises(SourceError, match="it has 18 bytes, not 7"):

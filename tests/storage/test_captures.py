@@ -1,4 +1,5 @@
-"""The real captures, where they are: what the importer finds, and that cameras, joints and pixels agree with each other."""
+"""The real captures, where they are: what the importer finds, and that cameras, joints and pixels agree with each
+other."""
 
 from __future__ import annotations
 
@@ -20,12 +21,19 @@ from tests.storage.importers.made import project
 SHARED = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures"
 CROP = {"scale": 1.00741, "offset": [0, -7.06]}
 
-pytestmark = [pytest.mark.captures, pytest.mark.skipif(not SHARED.is_dir(), reason=f"the real captures are not in {SHARED}")]
+pytestmark = [
+    pytest.mark.captures,
+    pytest.mark.skipif(not SHARED.is_dir(), reason=f"the real captures are not in {SHARED}"),
+]
 
 
 @pytest.fixture(scope="module")
 def balance() -> Capture:
-    return find_capture("pose2sim", SHARED / "balance", {"crop": {"cam01": CROP, "cam02": CROP}, "trc": "keypoints/trc/S00_P00_T01_BalancingTrial_0-100.trc"})
+    return find_capture(
+        "pose2sim",
+        SHARED / "balance",
+        {"crop": {"cam01": CROP, "cam02": CROP}, "trc": "keypoints/trc/S00_P00_T01_BalancingTrial_0-100.trc"},
+    )
 
 
 def test_balance_is_found(balance):
@@ -47,7 +55,11 @@ def test_the_letterbox_of_balance_is_found(balance):
     assert set(found.crops) == {"cam01", "cam02"}
     for crop in found.crops.values():
         for corner in ([0, 0], [1080, 1920]):
-            np.testing.assert_allclose(np.multiply(crop.scale, corner) + crop.offset, np.add(np.multiply(1.00741, corner), (0, -7.11)), atol=0.1)
+            np.testing.assert_allclose(
+                np.multiply(crop.scale, corner) + crop.offset,
+                np.add(np.multiply(1.00741, corner), (0, -7.11)),
+                atol=0.1,
+            )
     assert any("cam01, cam02" in n and "7 black rows above and 7 black rows below" in n for n in found.notes)
     assert balance.crops["cam01"] == Crop(**CROP)
 
@@ -78,32 +90,49 @@ def test_balance_markers_project_onto_its_joints(balance):
                 for j in np.flatnonzero(of >= 0) if len(found) else ():
                     if found[0, of[j], 2] > 0.5 and world[j, 3] > 0:
                         m = balance.rig.world_to_camera[v]
-                        uv = project(balance.rig.intrinsics[v], balance.rig.distortion[v], m[:3, :3], m[:3, 3], world[j, :3])
+                        uv = project(
+                            balance.rig.intrinsics[v], balance.rig.distortion[v], m[:3, :3], m[:3, 3], world[j, :3]
+                        )
                         errors.append(np.linalg.norm(uv - found[0, of[j], :2]))
         return float(np.median(errors))
 
     here = residual(0)
-    assert here < 20  # px; 15.4 measured: the markers were made with the makers' own calibration and from coarse keypoints
+    assert (
+        here < 20
+    )  # px; 15.4 measured: the markers were made with the makers' own calibration and from coarse keypoints
     assert here < min(residual(-2), residual(2))
 
 
 def test_balance_by_the_makers_file_misses_by_tens_of_pixels(balance):
-    """A transposed rotation, an axis the wrong way round or a wrong unit would be off by hundreds, or behind the camera."""
+    """A transposed rotation, an axis the wrong way round or a wrong unit would be off by hundreds, or behind the
+    camera."""
     import cv2
 
-    makers = find_capture("pose2sim", SHARED / "balance", {"crop": {"cam01": CROP, "cam02": CROP}, "calibration": "calibration_qualisys.qca.txt"})
+    makers = find_capture(
+        "pose2sim",
+        SHARED / "balance",
+        {"crop": {"cam01": CROP, "cam02": CROP}, "calibration": "calibration_qualisys.qca.txt"},
+    )
     assert (makers.rig.size == balance.rig.size).all()
     world = np.concatenate([j[j[:, 3] > 0, :3] for j in map(open_source(balance, "joints3d").read, range(0, 100, 10))])
     for v in range(4):
         seen = []
         for rig in (balance.rig, makers.rig):
             assert ((rig.rotations[v] @ world.T).T + rig.world_to_camera[v, :3, 3])[:, 2].min() > 1
-            pixels = cv2.projectPoints(world, rig.rotations[v], rig.world_to_camera[v, :3, 3], to_integer_centres(rig.intrinsics)[v], rig.distortion[v])
+            pixels = cv2.projectPoints(
+                world,
+                rig.rotations[v],
+                rig.world_to_camera[v, :3, 3],
+                to_integer_centres(rig.intrinsics)[v],
+                rig.distortion[v],
+            )
             seen.append(pixels[0].reshape(-1, 2))
         # 9 to 29 px measured
         assert 5 < np.median(np.linalg.norm(seen[0] - seen[1], axis=1)) < 35
         # both lenses are one lens: coefficients divided by 64 would be off by .045 and .14
-        np.testing.assert_allclose(makers.rig.distortion[v, :2], balance.rig.distortion[[0, 1, 3]][:, :2].mean(axis=0), atol=0.03)
+        np.testing.assert_allclose(
+            makers.rig.distortion[v, :2], balance.rig.distortion[[0, 1, 3]][:, :2].mean(axis=0), atol=0.03
+        )
 
 
 def test_desk_is_found():
@@ -119,7 +148,10 @@ def test_desk_is_found_by_its_times():
     assert (timed.frame_rate, len(timed.numbers)) == (6, 57)
     assert timed.rig.digest == plain.rig.digest
     assert timed.pictures == plain.pictures  # nothing was dropped
-    assert "frames are matched by sync_index of timestamps.csv; frames of one instant are up to 19.9 ms apart" in timed.notes
+    assert (
+        "frames are matched by sync_index of timestamps.csv; frames of one instant are up to 19.9 ms apart"
+        in timed.notes
+    )
     assert any("no joints" in n and "xy.csv, stereotriangulated_points.csv" in n for n in timed.notes)
 
 
@@ -132,7 +164,9 @@ def test_desk_corners_triangulate():
     seen: dict[tuple[str, str], list[tuple[int, np.ndarray]]] = {}
     with (SHARED / "desk" / "xy.csv").open() as f:
         for r in csv.DictReader(f):
-            seen.setdefault((r["sync_index"], r["keypoint_id"]), []).append((int(r["cam_id"]), np.array([float(r["img_loc_x"]), float(r["img_loc_y"])])))
+            seen.setdefault((r["sync_index"], r["keypoint_id"]), []).append(
+                (int(r["cam_id"]), np.array([float(r["img_loc_x"]), float(r["img_loc_y"])]))
+            )
     residuals = []
     for found in [f for f in seen.values() if len(f) > 1][::4]:
         rows = []
@@ -142,7 +176,9 @@ def test_desk_corners_triangulate():
             rows += [x * p[2] - p[0], y * p[2] - p[1]]
         point = np.linalg.svd(np.array(rows))[2][-1]
         for v, pixel in found:
-            uv = cv2.projectPoints(point[None, :3] / point[3], rig.rotations[v], rig.world_to_camera[v, :3, 3], k[v], rig.distortion[v])[0]
+            uv = cv2.projectPoints(
+                point[None, :3] / point[3], rig.rotations[v], rig.world_to_camera[v, :3, 3], k[v], rig.distortion[v]
+            )[0]
             residuals.append(np.linalg.norm(uv.reshape(2) - pixel))
     # the capture's makers report 0.5 to 1.2 px
     assert len(residuals) > 400

@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 from posegaussian.storage.archive import checkpoints
-from posegaussian.storage.archive.checkpoints import PIECE_BYTES, CheckpointError, read_checkpoint, read_latest, steps_kept, write_checkpoint
+from posegaussian.storage.archive.checkpoints import (
+    PIECE_BYTES,
+    CheckpointError,
+    read_checkpoint,
+    read_latest,
+    steps_kept,
+    write_checkpoint,
+)
 from posegaussian.storage.files import write
 
 
@@ -58,7 +65,9 @@ def alter_manifest(place: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [break_piece, shorten, lose_piece, lose_manifest, alter_manifest])
-def test_a_damaged_one_is_refused_and_the_one_before_it_serves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil) -> None:
+def test_a_damaged_one_is_refused_and_the_one_before_it_serves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil
+) -> None:
     monkeypatch.setattr(checkpoints, "PIECE_BYTES", 4)
     write_checkpoint(tmp_path, 10, b"before", {})
     place = write_checkpoint(tmp_path, 20, b"damaged", {})
@@ -98,7 +107,9 @@ def test_a_writer_that_died_leaves_the_ones_before_as_they_are(tmp_path: Path, m
     assert sorted(f.name for f in tmp_path.iterdir()) == ["00000010", "00000020"]
 
 
-def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_checkpoint(tmp_path, 10, b"whole", {})
 
     def full(*_: object) -> None:
@@ -106,7 +117,12 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing_that_was_there(tmp_path: Pa
 
     with monkeypatch.context() as m:
         m.setattr(write.os, "fsync", full)
-        with pytest.raises(CheckpointError, match=r"step 20 is not kept, the ones before are as they were: cannot write .* the disk is full: .* are free"):
+        with pytest.raises(
+            CheckpointError,
+            match=(
+                r"step 20 is not kept, the ones before are as they were: cannot write .* the disk is full: .* are free"
+            ),
+        ):
             write_checkpoint(tmp_path, 20, b"more", {})
     assert [f.name for f in tmp_path.iterdir()] == ["00000010"]
     assert read_checkpoint(tmp_path, 10).data == b"whole"

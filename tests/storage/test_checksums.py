@@ -1,4 +1,5 @@
-"""Laws of checksums: a changed digit is noticed before anything follows it; what has none yet is accepted and gets one."""
+"""Laws of checksums: a changed digit is noticed before anything follows it; what has none yet is accepted and gets
+one."""
 
 from __future__ import annotations
 
@@ -61,7 +62,10 @@ CHANGES: dict[str, Callable[[Any], object]] = {
 @pytest.mark.parametrize("what", CHANGES)
 def test_a_change_in_the_record_is_refused_with_the_file_and_what_to_do(what: str, sequence: Sequence) -> None:
     edit(sequence.root / "zarr.json", lambda data: CHANGES[what](data["attributes"][ATTRIBUTES]))
-    with pytest.raises(BrokenRecord, match=r"kick/zarr\.json changed since it was written.*put the old file back, or import the capture again"):
+    with pytest.raises(
+        BrokenRecord,
+        match=r"kick/zarr\.json changed since it was written.*put the old file back, or import the capture again",
+    ):
         again(sequence)
 
 
@@ -104,7 +108,16 @@ def test_writing_an_array_of_before_again_seals_it_and_keeps_its_bytes(sequence:
     assert {p: p.stat().st_mtime_ns for p in folder.glob("c.*")} == before
 
 
-@pytest.mark.parametrize("change", [{"shape": [10, 3, 6, 9]}, {"data_type": "int32"}, {"fill_value": 1.0}, {"dimension_names": ["frame", "view", "x", "y"]}, {"attributes": {"unit": "mm", "checksum": "0" * 32}}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"shape": [10, 3, 6, 9]},
+        {"data_type": "int32"},
+        {"fill_value": 1.0},
+        {"dimension_names": ["frame", "view", "x", "y"]},
+        {"attributes": {"unit": "mm", "checksum": "0" * 32}},
+    ],
+)
 def test_a_change_in_a_description_is_refused_and_named(change: dict[str, Any], sequence: Sequence) -> None:
     edit(sequence.root / "depth/depth/zarr.json", lambda data: data.update(change))
     with pytest.raises(ForeignArray, match=r"depth/depth/zarr\.json does not describe.*verify --repair"):
@@ -120,7 +133,9 @@ def test_growing_and_shrinking_seal_anew(frames: int, sequence: Sequence) -> Non
     assert sequence.open_array("depth/depth").shape[0] == frames
 
 
-def test_a_kill_while_an_array_grows_leaves_one_that_can_be_read(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kill_while_an_array_grows_leaves_one_that_can_be_read(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Death(BaseException):
         pass
 

@@ -1,4 +1,5 @@
-"""Laws of the names of shards: as the array's description says, in folders or not, and never zeros where the two disagree."""
+"""Laws of the names of shards: as the array's description says, in folders or not, and never zeros where the two
+disagree."""
 
 from __future__ import annotations
 
@@ -36,7 +37,18 @@ def outputs(sequence: Sequence) -> dict[tuple[int | None, int | None], Output]:
     made = write_all(sequence, DEPTH, VALUES)
     for (partition, view), output in made.items():
         assert partition is not None
-        write_receipt(sequence, Receipt("depth", partition, view, None, f"f{partition}{view}", {"bounds": [list(GRID.bounds(partition))]}, (output,)))
+        write_receipt(
+            sequence,
+            Receipt(
+                "depth",
+                partition,
+                view,
+                None,
+                f"f{partition}{view}",
+                {"bounds": [list(GRID.bounds(partition))]},
+                (output,),
+            ),
+        )
     return made
 
 
@@ -47,7 +59,9 @@ def promised(sequence: Sequence) -> dict[tuple[int, int | None], Output]:
 def assert_whole(sequence: Sequence, values: np.ndarray = VALUES) -> None:
     grid = TimeGrid(len(values), PARTITION)
     for view in range(VIEWS):
-        np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, promised(sequence), grid, range(len(values)), view), values[:, view])
+        np.testing.assert_array_equal(
+            read_frames(sequence, DEPTH.name, promised(sequence), grid, range(len(values)), view), values[:, view]
+        )
 
 
 def test_an_array_takes_one_folder_and_one_file_a_shard(sequence: Sequence, outputs: dict) -> None:
@@ -56,7 +70,9 @@ def test_an_array_takes_one_folder_and_one_file_a_shard(sequence: Sequence, outp
     assert {p.name for p in (sequence.root / "source/size").iterdir()} == {"zarr.json", "c.0.0"}
 
 
-def test_shards_in_folders_are_read_verified_and_written_again_where_they_lie(sequence: Sequence, outputs: dict) -> None:
+def test_shards_in_folders_are_read_verified_and_written_again_where_they_lie(
+    sequence: Sequence, outputs: dict
+) -> None:
     nest(sequence)
     assert_whole(sequence)
     np.testing.assert_array_equal(sequence.get("source/size"), sequence.capture.rig.size)
@@ -81,7 +97,9 @@ def test_an_array_of_shards_in_folders_grows_and_shrinks_as_it_is(sequence: Sequ
     assert_whole(sequence, longer)
     assert list(faults(sequence, Count())) == []
     sequence.ensure_array(DEPTH, {**SHAPE, "frame": 8})
-    assert sorted(shards(sequence.root)["nested"]) == [f"depth/depth/c/{p}/{v}/0/0" for p in (0, 1) for v in range(VIEWS)]
+    assert sorted(shards(sequence.root)["nested"]) == [
+        f"depth/depth/c/{p}/{v}/0/0" for p in (0, 1) for v in range(VIEWS)
+    ]
     np.testing.assert_array_equal(sequence.get(DEPTH.name), VALUES[:8])
 
 
@@ -111,7 +129,13 @@ def test_where_receipt_and_description_disagree_nothing_is_read(harm: str, seque
         for receipt in list(scan_receipts(sequence)):
             write_receipt(sequence, dataclasses.replace(receipt, outputs=tuple(map(nested_output, receipt.outputs))))
     for view in range(VIEWS):
-        with pytest.raises(ShardMissing, match=r"depth/depth/c[./]0[./]\d[./]0[./]0 is read, which no receipt promises; .*verify --sequence kick --repair"):
+        with pytest.raises(
+            ShardMissing,
+            match=(
+                r"depth/depth/c[./]0[./]\d[./]0[./]0 is read, which no receipt promises; .*verify --sequence kick"
+                r" --repair"
+            ),
+        ):
             read_frames(sequence, DEPTH.name, promised(sequence), GRID, range(FRAMES), view)
     found = list(faults(sequence, Count()))
     assert len(found) == len(outputs)
@@ -134,7 +158,9 @@ def test_only_what_the_receipts_promise_is_read(sequence: Sequence, outputs: dic
 
 
 @pytest.mark.parametrize("before", ["nested", "flat"])
-def test_results_put_aside_come_back_under_the_names_of_the_array_that_is_there(before: str, sequence: Sequence, outputs: dict) -> None:
+def test_results_put_aside_come_back_under_the_names_of_the_array_that_is_there(
+    before: str, sequence: Sequence, outputs: dict
+) -> None:
     if before == "nested":
         nest(sequence)
     receipts = list(scan_receipts(sequence))
@@ -153,7 +179,9 @@ def test_results_put_aside_come_back_under_the_names_of_the_array_that_is_there(
     assert shards(sequence.root)[before] == []
 
 
-def test_a_description_that_is_copied_leaves_the_names_of_shards_that_are_there(sequence: Sequence, outputs: dict, tmp_path: Path) -> None:
+def test_a_description_that_is_copied_leaves_the_names_of_shards_that_are_there(
+    sequence: Sequence, outputs: dict, tmp_path: Path
+) -> None:
     other = make_sequence(tmp_path / "other", VIEWS, PARTITION, range(FRAMES))
     source, folder = sequence.root / DEPTH.name, other.root / DEPTH.name
     copy_description(source, folder)
@@ -174,7 +202,12 @@ def test_receipts_of_elsewhere_are_named_as_the_arrays_here(sequence: Sequence, 
         if array != DEPTH.name:
             copy_description(sequence.root / DEPTH.name, sequence.root / array)
     keys = {DEPTH.name: "c.0.1.0.0", "rendering/c.1/color": "c.0.1.0.0"}
-    made = tuple(dataclasses.replace(outputs[0, 1], array=a, files=(dataclasses.replace(outputs[0, 1].files[0], key=f"{a}/{k}"),)) for a, k in keys.items())
+    made = tuple(
+        dataclasses.replace(
+            outputs[0, 1], array=a, files=(dataclasses.replace(outputs[0, 1].files[0], key=f"{a}/{k}"),)
+        )
+        for a, k in keys.items()
+    )
     receipt = Receipt("depth", 0, 1, None, "f", {}, (*made, table))
     assert named_as_in(sequence, receipt) == receipt
     for array in keys:

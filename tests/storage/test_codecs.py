@@ -16,13 +16,20 @@ from posegaussian.storage.archive.store import codecs
 def stored(folder: Path, data: np.ndarray, compressors: list | None = None) -> int:
     """Bytes on disk of an array in one chunk."""
     folder.mkdir()
-    zarr.create_array(folder / "a", data=np.ascontiguousarray(data), chunks=data.shape, compressors=compressors or codecs(data.dtype), config={"write_empty_chunks": True})
+    zarr.create_array(
+        folder / "a",
+        data=np.ascontiguousarray(data),
+        chunks=data.shape,
+        compressors=compressors or codecs(data.dtype),
+        config={"write_empty_chunks": True},
+    )
     return sum(p.stat().st_size for p in (folder / "a" / "c").rglob("*") if p.is_file())
 
 
 @pytest.fixture(scope="module")
 def fields() -> list[tuple[np.ndarray, tuple[slice, slice]]]:
-    """(field, the mask's box) of a person at 192 px: depth in float32, and a float16 map of three channels like a normal."""
+    """(field, the mask's box) of a person at 192 px: depth in float32, and a float16 map of three channels like a
+    normal."""
     person = capture_person(views=2, size=192, frames=1, held_out=0, motion="kick")
     found = []
     for view in range(2):
@@ -45,5 +52,12 @@ def test_zeros_outside_the_box_cost_a_few_percent(fields: list, tmp_path: Path) 
 
 def test_shuffled_bytes_beat_shuffled_bits_on_such_fields(fields: list, tmp_path: Path) -> None:
     ours = sum(stored(tmp_path / f"ours{i}", f) for i, (f, _) in enumerate(fields))
-    bits = sum(stored(tmp_path / f"bits{i}", f, [BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle", typesize=f.itemsize), Crc32cCodec()]) for i, (f, _) in enumerate(fields))
+    bits = sum(
+        stored(
+            tmp_path / f"bits{i}",
+            f,
+            [BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle", typesize=f.itemsize), Crc32cCodec()],
+        )
+        for i, (f, _) in enumerate(fields)
+    )
     assert ours < 0.85 * bits

@@ -18,7 +18,9 @@ from posegaussian.storage.files.write import link_or_copy, make_folder, scratch_
 from posegaussian.storage.model.errors import NotWritten
 
 
-def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_atomic_write_shows_the_old_content_until_it_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "a" / "f.json"
     write_atomically(file, b"old")
 
@@ -38,14 +40,22 @@ def test_an_atomic_write_shows_the_old_content_until_it_is_whole(tmp_path: Path,
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (errno.ENOSPC, r"the disk is full: [\d.]+ .?B are free in .*, up to 3 bytes are needed; make room there .*`posegaussian gc`.* or name a place on another disk"),
+        (
+            errno.ENOSPC,
+            (
+                r"the disk is full: [\d.]+ .?B are free in .*, up to 3 bytes are needed; make room there"
+                r" .*`posegaussian gc`.* or name a place on another disk"
+            ),
+        ),
         (errno.EDQUOT, r"your quota of the disk .* is used up; make room"),
         (errno.EROFS, r"the file system is read-only; choose a folder that can be written"),
         (errno.EACCES, r"there is no permission to write in .*; choose another folder"),
         (errno.EIO, r"Input/output error; look at the disk"),
     ],
 )
-def test_what_the_system_refuses_is_a_sentence_and_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str) -> None:
+def test_what_the_system_refuses_is_a_sentence_and_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str
+) -> None:
     file = tmp_path / "f.json"
     write_atomically(file, b"old")
 
@@ -61,13 +71,19 @@ def test_what_the_system_refuses_is_a_sentence_and_changes_nothing(tmp_path: Pat
     assert [p.name for p in tmp_path.iterdir()] == ["f.json"]
     assert file.read_bytes() == b"old"
     why = failure(e.value)
-    assert (why.kind, why.details) == (Kind.TRANSIENT if number == errno.EIO else Kind.DETERMINISTIC, ""), "a sentence in the table of failures, tried again where that can help"
+    assert (why.kind, why.details) == (
+        Kind.TRANSIENT if number == errno.EIO else Kind.DETERMINISTIC,
+        "",
+    ), "a sentence in the table of failures, tried again where that can help"
 
 
 def test_places_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(NotWritten, match=rf"cannot write {tmp_path}/file/a/b.png: {tmp_path}/file is a file, no folder; name another place"):
+    with pytest.raises(
+        NotWritten,
+        match=rf"cannot write {tmp_path}/file/a/b.png: {tmp_path}/file is a file, no folder; name another place",
+    ):
         write_atomically(tmp_path / "file/a/b.png", b"x")
     with pytest.raises(NotWritten, match=rf"{tmp_path}/file is a file, no folder"):
         make_folder(tmp_path / "file/a")

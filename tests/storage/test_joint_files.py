@@ -13,7 +13,14 @@ from posegaussian.storage.model.errors import SourceError
 
 @pytest.mark.parametrize(
     ("name", "number"),
-    [("000012.jpg", 12), ("cam01.0003.json", 3), ("cam01_000000000007_keypoints.json", 7), ("frame_5_keypoints2d.json", 5), ("x.png", None), ("cam2/00.png", 0)],
+    [
+        ("000012.jpg", 12),
+        ("cam01.0003.json", 3),
+        ("cam01_000000000007_keypoints.json", 7),
+        ("frame_5_keypoints2d.json", 5),
+        ("x.png", None),
+        ("cam2/00.png", 0),
+    ],
 )
 def test_frame_number(name, number):
     assert frame_number(name) == number
@@ -34,7 +41,10 @@ def test_a_joint_that_is_not_finite_is_missing(tmp_path):
 
 
 def test_visibility_counts_as_score(tmp_path):
-    data = {"images": [{"id": 1, "file_name": "000004.jpg"}], "annotations": [{"image_id": 1, "keypoints": [0, 0, 0, 5, 6, 1, 7, 8, 2]}]}
+    data = {
+        "images": [{"id": 1, "file_name": "000004.jpg"}],
+        "annotations": [{"image_id": 1, "keypoints": [0, 0, 0, 5, 6, 1, 7, 8, 2]}],
+    }
     (tmp_path / "a.json").write_text(json.dumps(data))
     assert read_coco(tmp_path / "a.json")[4].joints[0, :, 2].tolist() == [0, 1, 1]
 
@@ -47,7 +57,10 @@ def test_visibility_counts_as_score(tmp_path):
         ('{"people": [3]}', "no list 'people' of objects"),
         ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "2 numbers"),
         ('{"people": [{"pose_keypoints_2d": ["a", 2, 3]}]}', "not a list of numbers"),
-        ('{"people": [{"pose_keypoints_2d": [1, 2, 1]}, {"pose_keypoints_2d": [1, 2, 1, 1, 2, 1]}]}', "different numbers of joints"),
+        (
+            '{"people": [{"pose_keypoints_2d": [1, 2, 1]}, {"pose_keypoints_2d": [1, 2, 1, 1, 2, 1]}]}',
+            "different numbers of joints",
+        ),
     ],
 )
 def test_broken_openpose_files_are_refused(tmp_path, text, sentence):
@@ -61,7 +74,9 @@ HEADER = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tUnits\n60\t2\t{u
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1), ("mm", 1e-3), ("cm", 1e-2)])
 def test_trc_units_axes_and_gaps(tmp_path, unit, factor):
-    (tmp_path / "a.trc").write_text(HEADER.format(unit=unit) + "1\t0.0\t1\t2\t3\t\t\t\n2\t0.1\t1\t2\t3\t4\t5\tnan\n\n4\t0.2\t1\t2\t3\t4\t5\t6\n")
+    (tmp_path / "a.trc").write_text(
+        HEADER.format(unit=unit) + "1\t0.0\t1\t2\t3\t\t\t\n2\t0.1\t1\t2\t3\t4\t5\tnan\n\n4\t0.2\t1\t2\t3\t4\t5\t6\n"
+    )
     trc = read_trc(tmp_path / "a.trc")
     assert (trc.markers, trc.rate, trc.numbers.tolist()) == (("Hip", "Knee"), 60, [0, 1, 3])
     joints = trc.joints(["Knee", "Hip"], "yzx")  # file x is world Y, file y world Z, file z world X

@@ -88,13 +88,32 @@ def test_known_joints_land_where_they_should() -> None:
     for id in ("body_25b", "halpe26"):
         assert to_set(numbered(id), id, "coco17")[0, :, 0].tolist() == list(range(17))
     # MediaPipe's numbers of COCO's joints (https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker)
-    assert joint_map("blazepose33", "coco17").tolist() == [0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28]
+    assert joint_map("blazepose33", "coco17").tolist() == [
+        0,
+        2,
+        5,
+        7,
+        8,
+        11,
+        12,
+        13,
+        14,
+        15,
+        16,
+        23,
+        24,
+        25,
+        26,
+        27,
+        28,
+    ]
     assert joint_map("blazepose39", "blazepose33").tolist() == list(range(33))
     assert joint_map("h36m17", "coco17")[5:].tolist() == [11, 14, 12, 15, 13, 16, 4, 1, 5, 2, 6, 3]
     assert joint_map("smpl24", "coco17")[[5, 6, 9, 10, 13, 16]].tolist() == [16, 17, 20, 21, 4, 8]
 
 
-# Every place between and above the shoulders and hips, by the sets that share it. A name alone, Neck or Head, says little.
+# Every place between and above the shoulders and hips, by the sets that share it. A name alone, Neck or Head, says
+# little.
 SHARED = {
     "MidHip": {"body_25": "MidHip", "blazepose39": "MidHip", "h36m17": "Hip", "halpe26": "Hip"},
     "HeadTop": {"body_25b": "HeadTop", "trc21": "Head", "h36m17": "Head", "halpe26": "Head"},

@@ -34,7 +34,9 @@ def file(tmp_path: Path) -> Path:
 
 def test_a_second_run_is_told_who_holds_it_where_and_since_when(file: Path) -> None:
     with Lease.take(file, "first", "cpu-3"):
-        with pytest.raises(LeaseHeld, match=rf"run first, worker cpu-3 \(process {os.getpid()} on .*\) since 20.* UTC \(for \d+ s\)") as error:
+        with pytest.raises(
+            LeaseHeld, match=rf"run first, worker cpu-3 \(process {os.getpid()} on .*\) since 20.* UTC \(for \d+ s\)"
+        ) as error:
             Lease.take(file, "second")
         assert error.value.holder.run == "first"
         again = pickle.loads(pickle.dumps(error.value))
@@ -83,7 +85,10 @@ def test_the_keeper_renews_what_is_held(file: Path) -> None:
 
 def dead(file: Path, seconds: float = 3600) -> int:
     """Have a process take the lease and die without a word; returns its pid."""
-    code = f"import os; from pathlib import Path; from posegaussian.storage.archive.lease import Lease; Lease.take(Path({str(file)!r}), 'dead', seconds={seconds}); print(os.getpid(), flush=True); os._exit(9)"
+    code = (
+        "import os; from pathlib import Path; from posegaussian.storage.archive.lease import Lease;"
+        f" Lease.take(Path({str(file)!r}), 'dead', seconds={seconds}); print(os.getpid(), flush=True); os._exit(9)"
+    )
     return int(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stdout)
 
 

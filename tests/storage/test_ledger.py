@@ -14,19 +14,39 @@ from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, wr
 from posegaussian.storage.archive.store import Archive
 from tests.storage.samples import make_capture
 
-FACTS = {"seconds": 2.5, "started": "2026-01-01T00:00:00.000+00:00", "host": "h", "worker": "w1", "device": "cpu", "peak_rss": 2**30}
+FACTS = {
+    "seconds": 2.5,
+    "started": "2026-01-01T00:00:00.000+00:00",
+    "host": "h",
+    "worker": "w1",
+    "device": "cpu",
+    "peak_rss": 2**30,
+}
 
 
-def receipt(stage: str, partition: int | None, view: int | None = None, path: str | None = None, **facts: object) -> Receipt:
+def receipt(
+    stage: str, partition: int | None, view: int | None = None, path: str | None = None, **facts: object
+) -> Receipt:
     x, y = f"{stage}/x", f"{stage}/y"
-    outputs = (Output(x, view, "d", (ShardFile(f"{x}/c/0", 100, 1), ShardFile(f"{x}/c/1", 23, 2))), Output(y, view, "d", (ShardFile(f"{y}/c/0", 100, 1),)))
+    outputs = (
+        Output(x, view, "d", (ShardFile(f"{x}/c/0", 100, 1), ShardFile(f"{x}/c/1", 23, 2))),
+        Output(y, view, "d", (ShardFile(f"{y}/c/0", 100, 1),)),
+    )
     return Receipt(stage, partition, view, path, "f" * 32, {}, outputs, ("odd",), {**FACTS, **facts})
 
 
 def make_archive(folder: Path) -> tuple[Archive, dict[str, list[Receipt]]]:
     archive = Archive.open(str(folder), create=True)
     made = {
-        "kick": [receipt("depth", 0), receipt("depth", 1), receipt("network", 0, modules={"heads": 0.5, "refinement": 1.5}), receipt("network", 1, modules={"refinement": 1.0}), receipt("frames", 0, view=2), receipt("rendering", 0, path="orbit-1"), receipt("survey", None, view=0, seconds=None)],
+        "kick": [
+            receipt("depth", 0),
+            receipt("depth", 1),
+            receipt("network", 0, modules={"heads": 0.5, "refinement": 1.5}),
+            receipt("network", 1, modules={"refinement": 1.0}),
+            receipt("frames", 0, view=2),
+            receipt("rendering", 0, path="orbit-1"),
+            receipt("survey", None, view=0, seconds=None),
+        ],
         "walk": [receipt("depth", 0)],
         "idle": [],
     }
@@ -45,7 +65,18 @@ def log(archive: Archive, run: str, *events: dict) -> None:
 
 
 def failed(stage: str, partition: int, time: str, error: str = "no disk") -> dict:
-    return {"time": time, "event": "task_failed", "sequence": "kick", "stage": stage, "partition": partition, "view": None, "path": None, "error": error, "details": "", "kind": "transient"}
+    return {
+        "time": time,
+        "event": "task_failed",
+        "sequence": "kick",
+        "stage": stage,
+        "partition": partition,
+        "view": None,
+        "path": None,
+        "error": error,
+        "details": "",
+        "kind": "transient",
+    }
 
 
 def by_task(rows: list[dict]) -> list[dict]:
@@ -90,14 +121,26 @@ def test_one_sequence_of_a_newer_format_does_not_keep_the_others_out(tmp_path: P
 
 def test_failures_stay_in_the_ledger_and_say_whether_they_were_mended(tmp_path: Path) -> None:
     archive, made = make_archive(tmp_path)
-    log(archive, "20251231T220000Z", {"time": "2025-12-31T22:00:00.000+00:00", "event": "run_started"}, failed("depth", 0, "2025-12-31T23:00:00.000+00:00"), failed("gaussians", 0, "2025-12-31T23:00:01.000+00:00"))
+    log(
+        archive,
+        "20251231T220000Z",
+        {"time": "2025-12-31T22:00:00.000+00:00", "event": "run_started"},
+        failed("depth", 0, "2025-12-31T23:00:00.000+00:00"),
+        failed("gaussians", 0, "2025-12-31T23:00:01.000+00:00"),
+    )
     log(archive, "20260101T010000Z", failed("depth", 1, "2026-01-01T01:00:00.000+00:00", "again"))
     ledger.rebuild(archive)
     rows = ledger.read(archive)
     assert len([r for r in rows if r["state"] == "done"]) == sum(map(len, made.values()))
     found = [(r["run"], r["stage"], r["partition"], r["error"], r["mended"]) for r in rows if r["state"] == "failed"]
-    assert found == [("20251231T220000Z", "depth", 0, "no disk", True), ("20251231T220000Z", "gaussians", 0, "no disk", False), ("20260101T010000Z", "depth", 1, "again", False)]
-    assert all(r["seconds"] is None and r["peak_rss"] is None for r in rows if r["state"] == "failed"), "means and sums are those of finished tasks"
+    assert found == [
+        ("20251231T220000Z", "depth", 0, "no disk", True),
+        ("20251231T220000Z", "gaussians", 0, "no disk", False),
+        ("20260101T010000Z", "depth", 1, "again", False),
+    ]
+    assert all(r["seconds"] is None and r["peak_rss"] is None for r in rows if r["state"] == "failed"), (
+        "means and sums are those of finished tasks"
+    )
 
 
 def test_a_ledger_without_a_column_of_today_is_null_there(tmp_path: Path) -> None:
@@ -106,7 +149,10 @@ def test_a_ledger_without_a_column_of_today_is_null_there(tmp_path: Path) -> Non
     archive, _ = make_archive(tmp_path)
     file = ledger.rebuild(archive)
     now = ledger.read(archive)
-    assert [r["modules"] for r in now if r["stage"] == "network"] == [{"heads": 0.5, "refinement": 1.5}, {"refinement": 1.0}]
+    assert [r["modules"] for r in now if r["stage"] == "network"] == [
+        {"heads": 0.5, "refinement": 1.5},
+        {"refinement": 1.0},
+    ]
     pq.write_table(pq.read_table(file).drop_columns("modules"), file)  # as it was written before modules were measured
     assert ledger.read(archive) == [{**r, "modules": None} for r in now]
     ledger.rebuild(archive)
@@ -121,11 +167,17 @@ def answer(code: str, capsys: pytest.CaptureFixture[str]) -> list[dict]:
     return eval(capsys.readouterr().out, {})
 
 
-def test_every_documented_query_answers_its_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_documented_query_answers_its_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     archive, _ = make_archive(tmp_path / "archive")
     now = datetime.now(UTC)
     log(archive, "a", failed("depth", 7, (now - timedelta(hours=30)).isoformat(timespec="milliseconds")))
-    log(archive, "b", failed("depth", 8, (now - timedelta(hours=6)).isoformat(timespec="milliseconds"), "the disk is full"))
+    log(
+        archive,
+        "b",
+        failed("depth", 8, (now - timedelta(hours=6)).isoformat(timespec="milliseconds"), "the disk is full"),
+    )
     ledger.rebuild(archive)
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
@@ -134,10 +186,19 @@ def test_every_documented_query_answers_its_question(tmp_path: Path, monkeypatch
     assert seconds[0] == {"stage": "depth", "sequence": "kick", "seconds_sum": 5.0, "seconds_count": 2}
     assert modules == [("refinement", 2.5), ("heads", 0.5)]
     assert [r["seconds"] for r in slowest[:4]] == [2.5] * 4
-    assert {(r["stage"], r["peak_rss_max"]) for r in memory} == {(s, 2**30) for s in ("depth", "frames", "network", "rendering", "survey")}
+    assert {(r["stage"], r["peak_rss_max"]) for r in memory} == {
+        (s, 2**30) for s in ("depth", "frames", "network", "rendering", "survey")
+    }
     assert [(r["partition"], r["error"], r["mended"]) for r in failures] == [(8, "the disk is full", False)]
 
 
 def test_the_docs_name_every_column() -> None:
     table = DOCS.read_text().partition("| column |")[2].partition("\n\n")[0]
-    assert tuple(re.findall(r"`(\w+)`", "\n".join(line.split("|")[1] for line in table.splitlines() if line.startswith("| `")))) == ledger.COLUMNS
+    assert (
+        tuple(
+            re.findall(
+                r"`(\w+)`", "\n".join(line.split("|")[1] for line in table.splitlines() if line.startswith("| `"))
+            )
+        )
+        == ledger.COLUMNS
+    )

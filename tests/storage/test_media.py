@@ -98,7 +98,11 @@ def test_orientation_is_honoured_as_by_opencv(tmp_path, orientation):
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.exr"])
 def test_cut_off_files_are_refused(tmp_path, name):
     rgb = RNG.integers(0, 256, (50, 70, 3), np.uint8)
-    path = write(tmp_path / name, rgb, "uint8") if not name.endswith("exr") else write(tmp_path / name, rgb.astype(np.float32), "float")
+    path = (
+        write(tmp_path / name, rgb, "uint8")
+        if not name.endswith("exr")
+        else write(tmp_path / name, rgb.astype(np.float32), "float")
+    )
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(SourceError, match=f"{name}.*damaged or cut off"):
@@ -118,5 +122,11 @@ def test_what_is_no_picture_is_refused(tmp_path):
 
 
 def test_importing_is_cheap():
-    code = "import posegaussian.storage.readers.images, posegaussian.storage.readers.video, posegaussian.storage.readers.sources, posegaussian.storage.importers.registry, sys; print([m for m in ('av', 'OpenImageIO', 'cv2', 'torch', 'numba') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    code = (
+        "import posegaussian.storage.readers.images, posegaussian.storage.readers.video,"
+        " posegaussian.storage.readers.sources, posegaussian.storage.importers.registry, sys; print([m for m in ('av',"
+        " 'OpenImageIO', 'cv2', 'torch', 'numba') if m in sys.modules])"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )

@@ -1,4 +1,5 @@
-"""Laws of places: a key leads below its folder or is refused; a name is one folder's; nothing is read through a link."""
+"""Laws of places: a key leads below its folder or is refused; a name is one folder's; nothing is read through a
+link."""
 
 from __future__ import annotations
 
@@ -9,11 +10,38 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from posegaussian.storage.files.names import Look, Unsafe, below, check_camera_names, files_below, folders_in, is_word, name_fault, parse_json, read_file
+from posegaussian.storage.files.names import (
+    Look,
+    Unsafe,
+    below,
+    check_camera_names,
+    files_below,
+    folders_in,
+    is_word,
+    name_fault,
+    parse_json,
+    read_file,
+)
 from posegaussian.storage.model.errors import CalibrationError
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=300)
-BAD_KEYS = ["", "/", "/etc/passwd", "..", ".", "a/..", "a/../b", "../a", "a//b", "a/", "./a", "a\\b", "a/\0", "a\nb", "\ud800"]
+BAD_KEYS = [
+    "",
+    "/",
+    "/etc/passwd",
+    "..",
+    ".",
+    "a/..",
+    "a/../b",
+    "../a",
+    "a//b",
+    "a/",
+    "./a",
+    "a\\b",
+    "a/\0",
+    "a\nb",
+    "\ud800",
+]
 
 
 @pytest.mark.parametrize("key", BAD_KEYS)
@@ -36,7 +64,9 @@ def test_whatever_a_key_is_its_place_lies_below(key: str) -> None:
 def test_places_that_are_there_and_that_are_not_yet(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a/f").write_text("x")
-    assert [below(tmp_path, k) for k in ("a", "a/f", "a/g/h", "b/c")] == [tmp_path / k for k in ("a", "a/f", "a/g/h", "b/c")]
+    assert [below(tmp_path, k) for k in ("a", "a/f", "a/g/h", "b/c")] == [
+        tmp_path / k for k in ("a", "a/f", "a/g/h", "b/c")
+    ]
     with pytest.raises(Unsafe, match="is a file, where the archive has a folder"):
         below(tmp_path, "a/f/g")
 
@@ -49,7 +79,12 @@ def test_links_and_pipes_on_the_way_are_refused_but_not_those_above(tmp_path: Pa
     (root / "dangling").symlink_to("nothing")
     (root / "up").symlink_to("..")
     os.mkfifo(root / "pipe")
-    for key, why in {"dangling": "symbolic link", "dangling/x": "symbolic link", "up/real": "symbolic link", "pipe": "neither a file nor a folder"}.items():
+    for key, why in {
+        "dangling": "symbolic link",
+        "dangling/x": "symbolic link",
+        "up/real": "symbolic link",
+        "pipe": "neither a file nor a folder",
+    }.items():
         with pytest.raises(Unsafe, match=why):
             below(root, key)
     with pytest.raises(Unsafe, match="symbolic link"):
@@ -88,7 +123,11 @@ def test_a_file_is_read_whole_or_refused(tmp_path: Path) -> None:
     (tmp_path / "l").symlink_to(file)
     os.mkfifo(tmp_path / "p")
     (tmp_path / "d").mkdir()
-    for name, why in {"l": "symbolic link", "p": "neither a file nor a folder", "d": "is a folder, where the archive has a file"}.items():
+    for name, why in {
+        "l": "symbolic link",
+        "p": "neither a file nor a folder",
+        "d": "is a folder, where the archive has a file",
+    }.items():
         with pytest.raises(Unsafe, match=why):
             read_file(tmp_path / name, 5)
     with pytest.raises(FileNotFoundError):
@@ -105,7 +144,28 @@ def test_names_of_cameras(name: str) -> None:
     check_camera_names([name])
 
 
-@pytest.mark.parametrize("name", ["", " ", ".", "..", ".hidden", "../../x", "/etc", "a/b", "a\\b", "C:", "a\nb", "a\x1b[31m", "\ud800", "x" * 101, "a*", None, 3])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        " ",
+        ".",
+        "..",
+        ".hidden",
+        "../../x",
+        "/etc",
+        "a/b",
+        "a\\b",
+        "C:",
+        "a\nb",
+        "a\x1b[31m",
+        "\ud800",
+        "x" * 101,
+        "a*",
+        None,
+        3,
+    ],
+)
 def test_names_that_no_camera_has(name: object) -> None:
     assert name_fault(name) is not None
     with pytest.raises(CalibrationError, match="cannot name a folder"):

@@ -9,22 +9,40 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, missing_files, receipt_file, remove_receipt, scan_receipts, write_receipt
+from posegaussian.storage.archive.receipts import (
+    Output,
+    Receipt,
+    ShardFile,
+    missing_files,
+    receipt_file,
+    remove_receipt,
+    scan_receipts,
+    write_receipt,
+)
 from posegaussian.storage.archive.store import Sequence
 from tests.storage.samples import make_sequence
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 word = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,7}", fullmatch=True)
 maybe = st.none() | st.integers(0, 99)
-plain = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | text, lambda v: st.lists(v, max_size=3) | st.dictionaries(text, v, max_size=3), max_leaves=6)
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | text,
+    lambda v: st.lists(v, max_size=3) | st.dictionaries(text, v, max_size=3),
+    max_leaves=6,
+)
 arrays = st.lists(word, min_size=1, max_size=3).map("/".join)
-keys = st.tuples(st.sampled_from("./"), st.lists(st.integers(0, 99).map(str), max_size=4)).map(lambda key: key[0].join(["c", *key[1]])) | st.sampled_from(["all.parquet", "p000012.parquet"])
+keys = st.tuples(st.sampled_from("./"), st.lists(st.integers(0, 99).map(str), max_size=4)).map(
+    lambda key: key[0].join(["c", *key[1]])
+) | st.sampled_from(["all.parquet", "p000012.parquet"])
 
 
 @st.composite
 def made_outputs(draw: st.DrawFn) -> Output:
     array = draw(arrays)
-    files = [ShardFile(f"{array}/{key}", draw(st.integers(0, 2**40)), draw(st.integers(0, 2**32 - 1))) for key in draw(st.lists(keys, max_size=3))]
+    files = [
+        ShardFile(f"{array}/{key}", draw(st.integers(0, 2**40)), draw(st.integers(0, 2**32 - 1)))
+        for key in draw(st.lists(keys, max_size=3))
+    ]
     return Output(array, draw(maybe), draw(text), tuple(files), draw(st.booleans()))
 
 
@@ -48,13 +66,22 @@ def test_json_and_back_is_the_identity(receipt: Receipt) -> None:
     assert Receipt.from_json(receipt.to_json()) == receipt
 
 
-def make_receipt(sequence: Sequence, stage: str = "depth", partition: int | None = 0, view: int | None = None, path: str | None = None, content: bytes = b"12345") -> Receipt:
+def make_receipt(
+    sequence: Sequence,
+    stage: str = "depth",
+    partition: int | None = 0,
+    view: int | None = None,
+    path: str | None = None,
+    content: bytes = b"12345",
+) -> Receipt:
     key = f"{stage}/x/c.{partition or 0}.{view or 0}"
     file = sequence.root / key
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
     output = Output(f"{stage}/x", view, "abc", (ShardFile(key, len(content), 7),))
-    return Receipt(stage, partition, view, path, "f" * 32, {"stage": stage}, (output,), ("a warning",), {"seconds": 1.5})
+    return Receipt(
+        stage, partition, view, path, "f" * 32, {"stage": stage}, (output,), ("a warning",), {"seconds": 1.5}
+    )
 
 
 @pytest.fixture
@@ -62,7 +89,14 @@ def sequence(tmp_path: Path) -> Sequence:
     return make_sequence(tmp_path)
 
 
-KEYS = [("survey", None, 0, None), ("frames", 0, 1, None), ("frames", 1, 1, None), ("depth", 0, None, None), ("rendering", 0, None, "orbit-1"), ("rendering", 0, None, "still-2")]
+KEYS = [
+    ("survey", None, 0, None),
+    ("frames", 0, 1, None),
+    ("frames", 1, 1, None),
+    ("depth", 0, None, None),
+    ("rendering", 0, None, "orbit-1"),
+    ("rendering", 0, None, "still-2"),
+]
 
 
 def test_every_task_has_a_file_of_its_own_and_a_scan_finds_all(sequence: Sequence) -> None:
@@ -95,7 +129,22 @@ def test_a_receipt_cut_at_any_byte_is_ignored(sequence: Sequence) -> None:
     assert len(list(scan_receipts(sequence))) == 2
 
 
-@pytest.mark.parametrize("content", [b"null", b"1", b'"text"', b"[]", b"{}", b'{"outputs": null}', b'{"outputs": [1]}', b'{"outputs": [], "warnings": [], "unknown": 1}', b"\0" * 100, b"\xff\xfe", b'{"outputs": {}, "warnings": null}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"null",
+        b"1",
+        b'"text"',
+        b"[]",
+        b"{}",
+        b'{"outputs": null}',
+        b'{"outputs": [1]}',
+        b'{"outputs": [], "warnings": [], "unknown": 1}',
+        b"\0" * 100,
+        b"\xff\xfe",
+        b'{"outputs": {}, "warnings": null}',
+    ],
+)
 def test_what_is_not_a_receipt_is_ignored(sequence: Sequence, content: bytes) -> None:
     whole = make_receipt(sequence)
     write_receipt(sequence, whole)

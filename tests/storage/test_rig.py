@@ -39,7 +39,9 @@ def test_conversions_of_pixel_centres_invert_each_other_and_move_half_a_pixel(se
     np.testing.assert_allclose(moved, np.broadcast_to(wanted, moved.shape), atol=1e-12)
     np.testing.assert_array_equal(k, before)
     points = rng.uniform(-100, 5000, (4, 5, 2))
-    np.testing.assert_allclose(points_to_integer_centres(points_from_integer_centres(points)), points, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        points_to_integer_centres(points_from_integer_centres(points)), points, rtol=0, atol=1e-12
+    )
 
 
 @QUICK
@@ -154,7 +156,15 @@ def test_a_path_keeps_its_name_while_its_cameras_stay() -> None:
     assert replace(make_path(), intrinsics=np.asfortranarray(make_path().intrinsics)).name == make_path().name
 
 
-@pytest.mark.parametrize(("field", "index", "value"), [("intrinsics", (2, 1, 0, 2), 20.5), ("world_to_camera", (0, 0, 2, 3), 3.5), ("size", (1, 1), 31), ("served", (1, 0), False)])
+@pytest.mark.parametrize(
+    ("field", "index", "value"),
+    [
+        ("intrinsics", (2, 1, 0, 2), 20.5),
+        ("world_to_camera", (0, 0, 2, 3), 3.5),
+        ("size", (1, 1), 31),
+        ("served", (1, 0), False),
+    ],
+)
 def test_a_path_is_renamed_when_any_camera_changes(field: str, index: tuple[int, ...], value: float) -> None:
     path = make_path()
     array = getattr(path, field).copy()
@@ -171,7 +181,10 @@ def test_standing_cameras_keep_their_name_over_any_frames_and_moving_ones_do_not
     moving = path.world_to_camera.copy()
     moving[2, 0, 0, 3] += 0.1
     moved = replace(path, world_to_camera=moving)
-    assert len({moved.name, moved.slice(slice(0, 2)).name, moved.slice(slice(1, 3)).name, moved.slice(slice(2, 3)).name}) == 4
+    assert (
+        len({moved.name, moved.slice(slice(0, 2)).name, moved.slice(slice(1, 3)).name, moved.slice(slice(2, 3)).name})
+        == 4
+    )
 
 
 def test_a_slice_of_a_path_holds_its_frames() -> None:

@@ -36,7 +36,11 @@ Outputs = dict[tuple[int | None, int | None], Output]
 def make_values(spec: ArraySpec, frames: int = FRAMES, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     lengths = spec.lengths({**SHAPE, "frame": frames})
-    return rng.normal(size=lengths).astype(np.float32) if spec.dtype == "float32" else rng.integers(0, 256, lengths).astype(spec.dtype)
+    return (
+        rng.normal(size=lengths).astype(np.float32)
+        if spec.dtype == "float32"
+        else rng.integers(0, 256, lengths).astype(spec.dtype)
+    )
 
 
 def write_all(sequence: Sequence, spec: ArraySpec, values: np.ndarray, frames: int = FRAMES) -> Outputs:
@@ -68,7 +72,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Sequence, dict[st
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.sampled_from(ALL), st.integers(0, FRAMES - 1), st.integers(1, FRAMES), st.integers(0, VIEWS - 1))
-def test_any_span_of_any_view_reads_what_was_written(written: tuple[Sequence, dict], spec: ArraySpec, start: int, length: int, view: int) -> None:
+def test_any_span_of_any_view_reads_what_was_written(
+    written: tuple[Sequence, dict], spec: ArraySpec, start: int, length: int, view: int
+) -> None:
     sequence, found = written
     values, outputs = found[spec.name]
     span = range(start, min(start + length, FRAMES))
@@ -213,7 +219,9 @@ def test_one_flipped_bit_anywhere_in_a_shard_is_noticed(damaged: tuple[Sequence,
         broken = bytearray(data)
         broken[place] ^= 1 << (place % 8)
         path.write_bytes(bytes(broken))
-        with pytest.raises(ShardCorrupt, match=r"depth/depth of sequence kick, frames 4\.\.7 \(counted from 0\), view 0"):
+        with pytest.raises(
+            ShardCorrupt, match=r"depth/depth of sequence kick, frames 4\.\.7 \(counted from 0\), view 0"
+        ):
             read_frames(sequence, DEPTH.name, outputs, GRID, range(4, 8), 0)
     path.write_bytes(data)
     np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, outputs, GRID, range(4, 8), 0), values[4:8, 0])
@@ -227,7 +235,9 @@ def test_a_shard_of_zeros_is_corrupt(damaged: tuple[Sequence, np.ndarray, Output
         read_frames(sequence, DEPTH.name, outputs, GRID, range(4), 0)
 
 
-def test_a_partition_without_a_receipt_is_missing_even_if_its_shard_is_there(damaged: tuple[Sequence, np.ndarray, Outputs]) -> None:
+def test_a_partition_without_a_receipt_is_missing_even_if_its_shard_is_there(
+    damaged: tuple[Sequence, np.ndarray, Outputs],
+) -> None:
     sequence, _, outputs = damaged
     del outputs[2, 0]
     with pytest.raises(ShardMissing, match="no finished partition 2"):
@@ -251,7 +261,14 @@ def test_a_table_is_read_as_written_and_known_by_its_content(tmp_path: Path) -> 
     assert pq.read_table(sequence.root / empty.files[0].key).schema.names == ["camera", "frame", "value"]
 
 
-@pytest.mark.parametrize("columns", [{"camera": ["a"], "frame": [0]}, {"frame": [0], "camera": ["a"], "value": [0.0]}, {"camera": ["a"], "frame": ["x"], "value": [0.0]}])
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"camera": ["a"], "frame": [0]},
+        {"frame": [0], "camera": ["a"], "value": [0.0]},
+        {"camera": ["a"], "frame": ["x"], "value": [0.0]},
+    ],
+)
 def test_a_table_that_is_not_as_declared_is_refused(tmp_path: Path, columns: dict) -> None:
     with pytest.raises(ValueError):
         write_table(make_sequence(tmp_path), TABLE, "orbit-1", 0, columns)

@@ -15,12 +15,28 @@ from hypothesis import strategies as st
 from posegaussian.storage.model.spec import FIXED_DIMS, ArraySpec, array_digest, canonical, digest, dim_length
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)
-leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(exclude_categories=["Cs"]), max_size=5)
-values = st.recursive(leaves, lambda v: st.lists(v, max_size=3) | st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), max_size=3), v, max_size=3), max_leaves=8)
+leaves = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(st.characters(exclude_categories=["Cs"]), max_size=5)
+)
+values = st.recursive(
+    leaves,
+    lambda v: (
+        st.lists(v, max_size=3)
+        | st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), max_size=3), v, max_size=3)
+    ),
+    max_leaves=8,
+)
 
 
 @QUICK
-@given(st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), max_size=4), values, max_size=6), st.randoms(use_true_random=False))
+@given(
+    st.dictionaries(st.text(st.characters(exclude_categories=["Cs"]), max_size=4), values, max_size=6),
+    st.randoms(use_true_random=False),
+)
 def test_the_order_of_a_mapping_does_not_matter(value: dict, random) -> None:
     items = list(value.items())
     random.shuffle(items)
@@ -52,22 +68,33 @@ def test_what_means_the_same_hashes_equally() -> None:
 
 
 def test_a_digest_is_the_same_in_another_process_with_another_hash_seed() -> None:
-    code = "import numpy as np; from posegaussian.storage.model.spec import digest; print(digest({'b': [1.5, -0.0, 'x'], 'a': np.arange(6.0).reshape(2, 3)}))"
+    code = (
+        "import numpy as np; from posegaussian.storage.model.spec import digest; print(digest({'b': [1.5, -0.0, 'x'],"
+        " 'a': np.arange(6.0).reshape(2, 3)}))"
+    )
     env = {**os.environ, "PYTHONHASHSEED": "12345"}
-    other = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout.strip()
+    other = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    ).stdout.strip()
     assert other == digest({"a": np.arange(6.0).reshape(2, 3), "b": [1.5, -0.0, "x"]})
     assert len(other) == 32
     assert set(other) <= set("0123456789abcdef")
 
 
-@pytest.mark.parametrize("value", [{1, 2}, object(), b"bytes", lambda: 0, [1, {2}], {"a": object()}, np.array([object()])])
+@pytest.mark.parametrize(
+    "value", [{1, 2}, object(), b"bytes", lambda: 0, [1, {2}], {"a": object()}, np.array([object()])]
+)
 def test_what_has_no_canonical_form_is_refused_rather_than_hashed_by_address(value: object) -> None:
     with pytest.raises(TypeError, match="canonical form"):
         digest(value)
 
 
 @QUICK
-@given(st.sampled_from(["uint8", "int64", "float16", "float32", "float64", "bool"]), st.lists(st.integers(0, 4), min_size=1, max_size=4), st.integers(0, 99))
+@given(
+    st.sampled_from(["uint8", "int64", "float16", "float32", "float64", "bool"]),
+    st.lists(st.integers(0, 4), min_size=1, max_size=4),
+    st.integers(0, 99),
+)
 def test_an_array_digest_ignores_the_memory_layout_only(dtype: str, shape: list[int], seed: int) -> None:
     a = np.random.default_rng(seed).integers(0, 2, shape).astype(dtype)
     padded = np.zeros([2 * n for n in shape], dtype)

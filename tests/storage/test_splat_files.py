@@ -1,4 +1,5 @@
-"""Splat files: real ones come back bit for bit, packed ones equal a plain decoding, foreign and broken ones are named."""
+"""Splat files: real ones come back bit for bit, packed ones equal a plain decoding, foreign and broken ones are
+named."""
 
 import math
 import os
@@ -25,7 +26,9 @@ def real(name: str) -> Path:
 
 def made(n: int = 7, degree: int = 2, seed: int = 0) -> Splats:
     rng = np.random.default_rng(seed)
-    return Splats(*(rng.normal(size=s).astype(np.float32) for s in ((n, 3), (n, 3), (n, 4), (n,), (n, (degree + 1) ** 2, 3))))
+    return Splats(
+        *(rng.normal(size=s).astype(np.float32) for s in ((n, 3), (n, 3), (n, 4), (n,), (n, (degree + 1) ** 2, 3)))
+    )
 
 
 def same(a: Splats, b: Splats) -> bool:
@@ -79,11 +82,20 @@ def test_what_is_written_is_read(tmp_path: Path, n: int, degree: int) -> None:
 def test_order_further_properties_and_comments_are_carried(tmp_path: Path) -> None:
     names = ["label", *reversed(NEEDED), "extra"]
     types = ["uchar", *["float"] * len(NEEDED), "double"]
-    table = np.zeros(3, [(n, {"uchar": "u1", "float": ">f4", "double": ">f8"}[t]) for n, t in zip(names, types, strict=True)])
+    table = np.zeros(
+        3, [(n, {"uchar": "u1", "float": ">f4", "double": ">f8"}[t]) for n, t in zip(names, types, strict=True)]
+    )
     rng = np.random.default_rng(1)
     for name in names:
         table[name] = rng.uniform(0, 200, 3)
-    path = ply(tmp_path / "x.ply", "format binary_big_endian 1.0", "comment made by hand", "element vertex 3", *(f"property {t} {n}" for n, t in zip(names, types, strict=True)), body=table.tobytes())
+    path = ply(
+        tmp_path / "x.ply",
+        "format binary_big_endian 1.0",
+        "comment made by hand",
+        "element vertex 3",
+        *(f"property {t} {n}" for n, t in zip(names, types, strict=True)),
+        body=table.tobytes(),
+    )
     read = read_splats(path)
     np.testing.assert_array_equal(read.splats.mean[:, 2], table["z"].astype(np.float32))
     write_splats(tmp_path / "y.ply", read.splats, read.carried)
@@ -93,20 +105,29 @@ def test_order_further_properties_and_comments_are_carried(tmp_path: Path) -> No
 
 
 def decoded_by_hand(path: Path, i: int) -> tuple[list[float], ...]:
-    """One Gaussian of a compressed file of chunk and vertex alone, by the format's description, with struct and no numpy."""
+    """One Gaussian of a compressed file of chunk and vertex alone, by the format's description, with struct and no
+    numpy."""
     raw = path.read_bytes()
     start = raw.index(b"end_header\n") + 11
-    chunks = next(int(line.split()[2]) for line in raw[:start].decode().splitlines() if line.startswith("element chunk"))
+    chunks = next(
+        int(line.split()[2]) for line in raw[:start].decode().splitlines() if line.startswith("element chunk")
+    )
     bounds = struct.unpack_from("<18f", raw, start + 72 * (i // 256))
     position, rotation, scale, color = struct.unpack_from("<4I", raw, start + 72 * chunks + 16 * i)
 
     def triple(v: int, at: int) -> list[float]:
-        return [bounds[at + k] + (bounds[at + 3 + k] - bounds[at + k]) * s for k, s in enumerate(((v >> 21) / 2047, (v >> 11 & 1023) / 1023, (v & 2047) / 2047))]
+        return [
+            bounds[at + k] + (bounds[at + 3 + k] - bounds[at + k]) * s
+            for k, s in enumerate(((v >> 21) / 2047, (v >> 11 & 1023) / 1023, (v & 2047) / 2047))
+        ]
 
     rest = [((rotation >> s & 1023) / 1023 - 0.5) * math.sqrt(2) for s in (20, 10, 0)]
     q = list(rest)
     q.insert(rotation >> 30, math.sqrt(max(0, 1 - sum(r * r for r in rest))))
-    dc = [(bounds[12 + k] + (bounds[15 + k] - bounds[12 + k]) * (color >> (24 - 8 * k) & 255) / 255 - 0.5) / SH0 for k in range(3)]
+    dc = [
+        (bounds[12 + k] + (bounds[15 + k] - bounds[12 + k]) * (color >> (24 - 8 * k) & 255) / 255 - 0.5) / SH0
+        for k in range(3)
+    ]
     return triple(position, 0), triple(scale, 6), q, dc, [(color & 255) / 255]
 
 
@@ -118,17 +139,40 @@ def test_a_compressed_file_equals_its_decoded_values(tmp_path: Path) -> None:
     for i in (*range(0, len(s), 997), 255, 256, len(s) - 1):
         mean, scale, q, dc, alpha = decoded_by_hand(source, i)
         # float32 of values up to 20
-        for found, expected in ((s.mean[i], mean), (s.log_scale[i], scale), (s.quaternion[i], q), (s.harmonics[i, 0], dc), (1 / (1 + np.exp(-s.opacity_logit[i])), alpha)):
+        for found, expected in (
+            (s.mean[i], mean),
+            (s.log_scale[i], scale),
+            (s.quaternion[i], q),
+            (s.harmonics[i, 0], dc),
+            (1 / (1 + np.exp(-s.opacity_logit[i])), alpha),
+        ):
             np.testing.assert_allclose(found, np.squeeze(expected), atol=2e-6)
     write_splats(tmp_path / "standard.ply", s)
     assert same(read_splats(tmp_path / "standard.ply").splats, s)
 
 
 def packed(path: Path, n: int = 3, chunks: int = 1, sh: int = 0, colors: bool = False, color: int = 0x80FF0080) -> Path:
-    bounds = [f"{end}_{axis}" for axis in ("x", "y", "z", "scale_x", "scale_y", "scale_z", *("rgb" if colors else "")) for end in ("min", "max")]
-    body = np.tile(np.array([-1, 3], "<f4"), len(bounds) // 2 * chunks).tobytes() + np.tile(np.array([2**32 - 1, 2 << 30, 0, color], "<u4"), n).tobytes() + bytes([0, 255, 127] * (sh // 3)) * n
+    bounds = [
+        f"{end}_{axis}"
+        for axis in ("x", "y", "z", "scale_x", "scale_y", "scale_z", *("rgb" if colors else ""))
+        for end in ("min", "max")
+    ]
+    body = (
+        np.tile(np.array([-1, 3], "<f4"), len(bounds) // 2 * chunks).tobytes()
+        + np.tile(np.array([2**32 - 1, 2 << 30, 0, color], "<u4"), n).tobytes()
+        + bytes([0, 255, 127] * (sh // 3)) * n
+    )
     higher = [f"element sh {n}", *(f"property uchar f_rest_{i}" for i in range(sh))] if sh else []
-    return ply(path, LITTLE, f"element chunk {chunks}", *(f"property float {b}" for b in bounds), f"element vertex {n}", *(f"property uint {p}" for p in PACKED), *higher, body=body)
+    return ply(
+        path,
+        LITTLE,
+        f"element chunk {chunks}",
+        *(f"property float {b}" for b in bounds),
+        f"element vertex {n}",
+        *(f"property uint {p}" for p in PACKED),
+        *higher,
+        body=body,
+    )
 
 
 def test_packed_values_at_their_ends(tmp_path: Path) -> None:
@@ -136,10 +180,14 @@ def test_packed_values_at_their_ends(tmp_path: Path) -> None:
     np.testing.assert_array_equal(s.mean, 3)
     np.testing.assert_array_equal(s.log_scale, -1)
     np.testing.assert_allclose(s.harmonics[0, 0], (np.array([128 / 255, 1, 0]) - 0.5) / SH0, atol=1e-6)
-    np.testing.assert_allclose(s.harmonics[0, 1:], np.array([[-4, -4, -4], [4, 4, 4], [-1 / 64, -1 / 64, -1 / 64]]), atol=1e-6)
+    np.testing.assert_allclose(
+        s.harmonics[0, 1:], np.array([[-4, -4, -4], [4, 4, 4], [-1 / 64, -1 / 64, -1 / 64]]), atol=1e-6
+    )
     assert s.quaternion[0, 2] == 0  # three components at -1/sqrt(2) leave nothing for the largest, and no NaN
     with_bounds = read_splats(packed(tmp_path / "c.ply", colors=True)).splats
-    np.testing.assert_allclose(with_bounds.harmonics[0, 0], (np.array([-1 + 4 * 128 / 255, 3, -1]) - 0.5) / SH0, rtol=1e-6)
+    np.testing.assert_allclose(
+        with_bounds.harmonics[0, 0], (np.array([-1 + 4 * 128 / 255, 3, -1]) - 0.5) / SH0, rtol=1e-6
+    )
     for alpha, logit in ((0, -OPAQUE), (255, OPAQUE)):
         s = read_splats(packed(tmp_path / "a.ply", color=alpha)).splats
         assert (s.opacity_logit == logit).all()
@@ -173,7 +221,13 @@ def test_broken_and_foreign_files_are_named_with_line_or_byte(tmp_path: Path) ->
     says(raw.replace(b"property float nx", b"property floaty"), "line 7")
     says(raw.replace(b"property float nx", b"proportion 1 1"), "line 7", "is expected")
     says(raw.replace(b"element vertex 5", b"element points 5"), "no element 'vertex'")
-    says(ply(tmp_path / "mesh.ply", LITTLE, "element vertex 0", "property float x", "element face 0", "property uchar n"), "lacks y, z", "a mesh")
+    says(
+        ply(
+            tmp_path / "mesh.ply", LITTLE, "element vertex 0", "property float x", "element face 0", "property uchar n"
+        ),
+        "lacks y, z",
+        "a mesh",
+    )
     says(raw.replace(b"property float f_dc_0", b"property int f_dc_0"), "f_dc_0 is int32", "float is expected")
     write_splats(whole, made(5, 1))
     says(whole.read_bytes().replace(b"f_rest_8\n", b"f_rust_8\n"), "8 properties f_rest_*", "0, 9, 24, 45")

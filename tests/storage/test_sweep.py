@@ -10,13 +10,24 @@ import pytest
 
 from posegaussian.storage.archive import deletion
 from posegaussian.storage.archive.lease import Lease
-from posegaussian.storage.archive.receipts import Output, Receipt, ReceiptKey, ShardFile, lease_file, missing_files, read_receipt, remove_receipt, write_receipt
+from posegaussian.storage.archive.receipts import (
+    Output,
+    Receipt,
+    ReceiptKey,
+    ShardFile,
+    lease_file,
+    missing_files,
+    read_receipt,
+    remove_receipt,
+    write_receipt,
+)
 from posegaussian.storage.archive.store import Sequence
 
 
 @pytest.fixture
 def sequence(tmp_path: Path) -> Sequence:
-    """Two arrays of one task, two partitions; files stand for shards, those of the one in folders as earlier versions made them."""
+    """Two arrays of one task, two partitions; files stand for shards, those of the one in folders as earlier
+    versions made them."""
     s = Sequence(tmp_path / "s")
     for partition in (0, 1):
         write_receipt(s, made(s, partition))
@@ -53,7 +64,9 @@ def test_dropping_marks_the_receipt_keeps_the_digest_and_frees_the_files(sequenc
     assert deletion.drop_outputs(sequence, receipt, {("a/one", 0)}) == after, "dropping again changes nothing"
 
 
-def test_the_receipt_says_dropped_before_the_first_file_goes(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_receipt_says_dropped_before_the_first_file_goes(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     receipt = on_disk(sequence, 0)
     assert receipt is not None
     monkeypatch.setattr(deletion, "_partition_folder", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
@@ -119,5 +132,7 @@ def test_strays_are_old_files_that_no_receipt_names(sequence: Sequence) -> None:
     for file in (sequence.root / "a").rglob("*"):
         os.utime(file, (then, then))
     assert list(deletion.strays(sequence, receipts, ["a/one", "a/two"])) == []
-    assert [p.relative_to(sequence.root).as_posix() for p in deletion.strays(sequence, receipts[:1], ["a/one", "a/two"])] == ["a/one/c/1/0/0", "a/two/c.1.0.0"]
+    assert [
+        p.relative_to(sequence.root).as_posix() for p in deletion.strays(sequence, receipts[:1], ["a/one", "a/two"])
+    ] == ["a/one/c/1/0/0", "a/two/c.1.0.0"]
     assert list(deletion.strays(sequence, receipts[:1], ["a/three"])) == []

@@ -48,7 +48,9 @@ part = st.none() | st.integers(0, 30)
 
 @QUICK
 @given(st.lists(st.integers(0, 40), unique=True, max_size=20).map(sorted), part, part, st.none() | st.integers(1, 7))
-def test_select_agrees_with_a_slow_reference(numbers: list[int], start: int | None, stop: int | None, stride: int | None) -> None:
+def test_select_agrees_with_a_slow_reference(
+    numbers: list[int], start: int | None, stop: int | None, stride: int | None
+) -> None:
     text = ":".join("" if p is None else str(p) for p in (start, stop, stride))
     first = start if start is not None else (numbers[0] if numbers else 0)
     allowed = {first + k * (stride or 1) for k in range(100)}
@@ -69,7 +71,9 @@ def test_two_parts_are_enough_and_pictures_numbered_from_one_keep_their_phase() 
     assert select(np.array([], dtype=np.int64), "0:5:2").tolist() == []
 
 
-@pytest.mark.parametrize("text", ["", "5", "a:b", "1.5:3", "0:9:0", "0:9:-1", "-1:5", "0:-5", "0:1:2:3", "0:x:2", "start:stop:stride"])
+@pytest.mark.parametrize(
+    "text", ["", "5", "a:b", "1.5:3", "0:9:0", "0:9:-1", "-1:5", "0:-5", "0:1:2:3", "0:x:2", "start:stop:stride"]
+)
 def test_a_fault_of_a_range_names_the_text(text: str) -> None:
     with pytest.raises(ValueError, match="range") as error:
         parse_range(text)

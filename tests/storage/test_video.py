@@ -31,7 +31,15 @@ def test_any_frames_are_the_frames_of_the_whole(tmp_path, monkeypatch, name, opt
     assert video.size == (32, 32)
     whole = list(video.read(range(60)))
     assert [counted(p) for p in whole] == list(range(60))
-    for numbers in ([0], [59], [13], [7, 8], [1, 20, 21, 40, 59], list(range(3, 60, 5)), [48, 49, 50, 51, 52, 53, 54, 55, 56]):
+    for numbers in (
+        [0],
+        [59],
+        [13],
+        [7, 8],
+        [1, 20, 21, 40, 59],
+        list(range(3, 60, 5)),
+        [48, 49, 50, 51, 52, 53, 54, 55, 56],
+    ):
         for n, picture in zip(numbers, video.read(numbers), strict=True):
             np.testing.assert_array_equal(picture, whole[n])
 
@@ -47,7 +55,9 @@ def test_indices_must_ascend_and_exist(tmp_path):
 
 def equation(y, u, v, kr, kb, full):
     """ITU-T H.273 (8.3.3-4): YCbCr to RGB from the luma weights."""
-    luma, cb, cr = (y / 255, (u - 128) / 255, (v - 128) / 255) if full else ((y - 16) / 219, (u - 128) / 224, (v - 128) / 224)
+    luma, cb, cr = (
+        (y / 255, (u - 128) / 255, (v - 128) / 255) if full else ((y - 16) / 219, (u - 128) / 224, (v - 128) / 224)
+    )
     red, blue = luma + 2 * (1 - kr) * cr, luma + 2 * (1 - kb) * cb
     green = (luma - kr * red - kb * blue) / (1 - kr - kb)
     return np.clip(255 * np.array([red, green, blue]), 0, 255)
@@ -136,7 +146,9 @@ def test_damaged_frames_are_refused_and_not_patched_up(tmp_path, textured):
     path, packets = textured
     data = bytearray(path.read_bytes())
     position, size = packets[6]
-    data[position + size // 2 : position + size // 2 + 16] = np.random.default_rng(1).integers(0, 255, 16, np.uint8).tobytes()
+    data[position + size // 2 : position + size // 2 + 16] = (
+        np.random.default_rng(1).integers(0, 255, 16, np.uint8).tobytes()
+    )
     (tmp_path / "bad.mp4").write_bytes(data)
     with pytest.raises(SourceError, match=r"of video .*bad\.mp4 cannot be decoded"):
         list(VideoFile(tmp_path / "bad.mp4").read(range(20)))

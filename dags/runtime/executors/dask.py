@@ -73,8 +73,16 @@ class _Workers:
             pools[CPU] = Pool(sum(w["nthreads"] for w in chosen.values()), 0, _limit(chosen))
         if gpu:
             devices = [int(w["resources"][GPU]) for w in gpu.values()]
-            pools[GPU] = Pool(sum(min(d, w["nthreads"]) for d, w in zip(devices, gpu.values(), strict=True)), max(devices), _limit(gpu))
-        return cls(pools, bool(cpu) and all(w["resources"].get(CPU, 0) >= 1 for w in cpu.values()), {CPU: frozenset(chosen), GPU: frozenset(gpu)})
+            pools[GPU] = Pool(
+                sum(min(d, w["nthreads"]) for d, w in zip(devices, gpu.values(), strict=True)),
+                max(devices),
+                _limit(gpu),
+            )
+        return cls(
+            pools,
+            bool(cpu) and all(w["resources"].get(CPU, 0) >= 1 for w in cpu.values()),
+            {CPU: frozenset(chosen), GPU: frozenset(gpu)},
+        )
 
 
 def _limit(workers: dict[str, Any]) -> int | None:
@@ -94,7 +102,8 @@ class _Flown:
 
 
 class DaskBackend:
-    """`posegaussian.dags.runtime.in_flight.Backend` over a Dask scheduler: a local cluster of our own, or one given by address."""
+    """`posegaussian.dags.runtime.in_flight.Backend` over a Dask scheduler: a local cluster of our own, or one given
+    by address."""
 
     def __init__(self, settings: RunSettings | None = None, archive: Path | None = None) -> None:
         """Start or reach the cluster.
@@ -138,13 +147,21 @@ class DaskBackend:
         if not self._workers.pools and self._unfit:
             raise ConfigError("\n".join(f"run.scheduler: {why}" for why in self._unfit.values()))
         if not self._workers.pools:
-            raise ConfigError(f"run.scheduler: {self._address} has no workers; start some with `dask worker {self._address}`")
+            raise ConfigError(
+                f"run.scheduler: {self._address} has no workers; start some with `dask worker {self._address}`"
+            )
 
     def _vet(self, addresses: list[str]) -> None:
         """Ask workers of others who they are; those that do not answer now are asked again at the next look."""
         said: dict[str, Any] = {}
         with suppress(OSError):  # of the scheduler itself: whether it is lost is told by `_connected`
-            said = self._client.run(introduce, str(self._archive) if self._archive else None, workers=addresses, on_error="return") if addresses else {}
+            said = (
+                self._client.run(
+                    introduce, str(self._archive) if self._archive else None, workers=addresses, on_error="return"
+                )
+                if addresses
+                else {}
+            )
         for address, answer in said.items():
             if isinstance(answer, Introduction):
                 if why := self._objection(f"worker {address} (process {answer.pid} on {answer.host})", answer):
@@ -154,15 +171,27 @@ class DaskBackend:
             elif isinstance(answer, OtherCode):
                 self._leave_out(address, f"worker {address}: {answer}")
             elif not isinstance(answer, OSError):
-                self._leave_out(address, f"worker {address} cannot run this version of posegaussian ({answer}); install the same version there")
+                self._leave_out(
+                    address,
+                    f"worker {address} cannot run this version of posegaussian ({answer}); install the same version"
+                    " there",
+                )
 
     def _objection(self, worker: str, answer: Introduction) -> str | None:
         if answer.digest != self._build.digest:
             return self._other_code(worker, answer.versions)
-        return None if answer.sees else f"{worker} does not see the archive {self._archive}; mount it there at the same path"
+        return (
+            None
+            if answer.sees
+            else f"{worker} does not see the archive {self._archive}; mount it there at the same path"
+        )
 
     def _other_code(self, worker: str, versions: dict[str, str]) -> str:
-        advice = "files were edited since the run began: run again" if self._cluster is not None else "install the same there and start the worker again"
+        advice = (
+            "files were edited since the run began: run again"
+            if self._cluster is not None
+            else "install the same there and start the worker again"
+        )
         return f"{worker} has other code or libraries than this run: {builds.differences(versions)}; {advice}"
 
     def _leave_out(self, address: str, why: str) -> None:
@@ -177,8 +206,15 @@ class DaskBackend:
 
     def _sentence(self) -> str:
         cpu, gpu = self._workers.pools.get(CPU), self._workers.pools.get(GPU)
-        placed = f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}" if gpu else "no worker has a GPU: rendering runs on the CPU workers"
-        return f"running on {self._address or 'this machine'} with {number(cpu.workers if cpu else 0, 'CPU worker')}; {placed}"
+        placed = (
+            f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}"
+            if gpu
+            else "no worker has a GPU: rendering runs on the CPU workers"
+        )
+        return (
+            f"running on {self._address or 'this machine'} with {number(cpu.workers if cpu else 0, 'CPU worker')};"
+            f" {placed}"
+        )
 
     @property
     def pools(self) -> dict[str, Pool]:
@@ -192,11 +228,14 @@ class DaskBackend:
         self._fit &= found.keys()
         if self._cluster is None:  # our own are asked by the tasks alone
             self._vet([a for a in found if a not in self._unfit and a not in self._fit])
-        self._workers = _Workers.of({a: w for a, w in found.items() if a not in self._unfit and (a in self._fit or self._cluster is not None)})
+        self._workers = _Workers.of(
+            {a: w for a, w in found.items() if a not in self._unfit and (a in self._fit or self._cluster is not None)}
+        )
         self._looked = time.monotonic()
 
     def _look_again(self) -> None:
-        """Workers come and go: give what cannot run any more to others. Raises SchedulerLost or OtherCode when those that are needed stay away."""
+        """Workers come and go: give what cannot run any more to others. Raises SchedulerLost or OtherCode when those
+        that are needed stay away."""
         if not (self._cluster is None or self._unfit) or time.monotonic() - self._looked < LOOK_AGAIN:
             return
         self._connected()
@@ -218,7 +257,9 @@ class DaskBackend:
         if self._unfit:
             raise OtherCode("no worker fits this run any more: " + "; ".join(self._unfit.values()))
         missing = " and no ".join(sorted({self.pool(order.gpu) for _, order in self._parked}))
-        raise SchedulerLost(f"{self._address} has had no {missing} worker {since}; what is done is kept, start workers and run again")
+        raise SchedulerLost(
+            f"{self._address} has had no {missing} worker {since}; what is done is kept, start workers and run again"
+        )
 
     def pool(self, gpu: int) -> str:
         """The GPU pool for what asks for a GPU, where there is one."""
@@ -228,7 +269,9 @@ class DaskBackend:
         """Room in a pool's window."""
         self._look_again()
         workers = self._workers.pools[pool].workers if pool in self._workers.pools else 1
-        taken = sum(f.pool == pool for f in self._tasks.values()) + sum(self.pool(order.gpu) == pool for _, order in self._parked)
+        taken = sum(f.pool == pool for f in self._tasks.values()) + sum(
+            self.pool(order.gpu) == pool for _, order in self._parked
+        )
         return workers * self._windows[pool].tasks - taken
 
     def _connected(self) -> None:
@@ -236,7 +279,10 @@ class DaskBackend:
         end = time.monotonic() + RECONNECTION
         while self._client.status != "running":
             if self._client.status not in ("connecting", "newly-created") or time.monotonic() > end:
-                raise SchedulerLost(f"the scheduler {self._address or 'of this machine'} does not answer any more; what is done is kept, run again")
+                raise SchedulerLost(
+                    f"the scheduler {self._address or 'of this machine'} does not answer any more; what is done is"
+                    " kept, run again"
+                )
             time.sleep(0.1)
 
     def submit(self, task: Task, order: Order) -> None:
@@ -247,7 +293,8 @@ class DaskBackend:
     def _place(self, task: Task, order: Order) -> None:
         """Hand a task to the scheduler for the workers of its pool; without any it waits for the next look.
 
-        Our own workers are told apart by resources alone while all of them fit: a worker that is started anew has a new address.
+        Our own workers are told apart by resources alone while all of them fit: a worker that is started anew has a new
+        address.
         """
         pool = self.pool(order.gpu)
         where = self._workers.addresses[pool] if self._cluster is None or self._unfit else frozenset[str]()
@@ -257,12 +304,21 @@ class DaskBackend:
         self._attempts += 1
         resources = {GPU: order.gpu} if pool == GPU else {CPU: 1} if self._workers.tagged else None
         key = f"{task.stage}-{order.terms.run}-{self._attempts:08d}"
-        future = self._client.submit(execute_packed, self._build.digest, pickle.dumps(order), key=key, pure=False, workers=sorted(where) or None, resources=resources)
+        future = self._client.submit(
+            execute_packed,
+            self._build.digest,
+            pickle.dumps(order),
+            key=key,
+            pure=False,
+            workers=sorted(where) or None,
+            resources=resources,
+        )
         self._tasks[future] = _Flown(task, order, pool, where)
         self._client.loop.add_callback(self._await, future)
 
     async def _await(self, future: Any) -> None:
-        """Fetch a result on the client's own thread as soon as it is there: asked for by `next_done`, one after the other, fetching took longer than the work around a task."""
+        """Fetch a result on the client's own thread as soon as it is there: asked for by `next_done`, one after the
+        other, fetching took longer than the work around a task."""
         try:
             outcome = await future
         except (Exception, asyncio.CancelledError) as e:
@@ -270,7 +326,8 @@ class DaskBackend:
         self._ended.put((future, outcome))
 
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
-        """The next finished future, its result or its error; raises SchedulerLost when nobody answers any more, OtherCode when no worker fits."""
+        """The next finished future, its result or its error; raises SchedulerLost when nobody answers any more,
+        OtherCode when no worker fits."""
         end = None if seconds is None else time.monotonic() + seconds
         while True:
             left = PATIENCE if end is None else min(PATIENCE, end - time.monotonic())
@@ -299,7 +356,8 @@ class DaskBackend:
         return _death(flown.order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
 
     def _refused(self, flown: _Flown, by: OtherCode) -> None:
-        """A worker is not of this build: the task goes to another one. Raises OtherCode when all of our own are like that."""
+        """A worker is not of this build: the task goes to another one. Raises OtherCode when all of our own are like
+        that."""
         who = f"worker {by.worker}"
         self._leave_out(by.worker, self._other_code(who, by.versions) if by.versions else f"{who}: {by}")
         self._look()
@@ -337,22 +395,35 @@ class DaskBackend:
 
 
 def _connect(to: Any, address: str | None) -> Any:
-    """A client of a cluster of our own, or of the scheduler at an address. Raises ConfigError when nobody answers there, or for tls:// without certificates."""
+    """A client of a cluster of our own, or of the scheduler at an address. Raises ConfigError when nobody answers
+    there, or for tls:// without certificates."""
     from distributed import Client, Security
 
-    for name in ("distributed", "distributed.client"):  # what is lost is told by the run, with its sentence; Dask's own report would say it again with a traceback
+    for name in (
+        "distributed",
+        "distributed.client",
+    ):  # what is lost is told by the run, with its sentence; Dask's own report would say it again with a traceback
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if address is not None and address.startswith("tls://"):
         try:
             context = Security().get_connection_args("client").get("ssl_context")
         except OSError as e:
-            raise ConfigError(f"run.scheduler: the certificates that Dask's configuration names in distributed.comm.tls cannot be read ({e})") from e
+            raise ConfigError(
+                "run.scheduler: the certificates that Dask's configuration names in distributed.comm.tls cannot be"
+                f" read ({e})"
+            ) from e
         if context is None:
-            raise ConfigError(f"run.scheduler: {address} needs certificates: name them in Dask's configuration, distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/runs.md shows")
+            raise ConfigError(
+                f"run.scheduler: {address} needs certificates: name them in Dask's configuration,"
+                " distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/runs.md shows"
+            )
     try:
         return Client(to, timeout="5s", set_as_default=False)
     except OSError as e:
-        raise ConfigError(f"run.scheduler: no scheduler answers at {address} ({e}); start one with `dask scheduler`, or use --scheduler local") from e
+        raise ConfigError(
+            f"run.scheduler: no scheduler answers at {address} ({e}); start one with `dask scheduler`, or use"
+            " --scheduler local"
+        ) from e
 
 
 def _death(order: Order) -> Failure:

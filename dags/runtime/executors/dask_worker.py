@@ -31,18 +31,23 @@ class Introduction:
 
 
 def introduce(archive: str | None) -> Introduction:
-    """Asked of a worker before it is given anything. Raises OtherCode when files it may have imported were edited since."""
+    """Asked of a worker before it is given anything. Raises OtherCode when files it may have imported were edited
+    since."""
     own = builds.here()
-    return Introduction(socket.gethostname(), os.getpid(), archive is None or Path(archive).is_dir(), own.digest, own.versions)
+    return Introduction(
+        socket.gethostname(), os.getpid(), archive is None or Path(archive).is_dir(), own.digest, own.versions
+    )
 
 
 def deaf() -> None:
-    """Have this worker ignore Ctrl-C: a terminal sends it to the workers too, and the driver alone decides what it means."""
+    """Have this worker ignore Ctrl-C: a terminal sends it to the workers too, and the driver alone decides what it
+    means."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def execute_packed(wanted: str, order: bytes) -> bytes:
-    """`execute` between pickles: as one piece of bytes an order is a message of one part; as an object Dask would send each of its arrays as a part of its own.
+    """`execute` between pickles: as one piece of bytes an order is a message of one part; as an object Dask would send
+    each of its arrays as a part of its own.
 
     Nothing is unpacked before the worker has compared its code and libraries with the run's. Raises OtherCode.
     """

@@ -18,7 +18,9 @@ class RunFailed(UserError):
     """A task failed; its traceback, where it is no error of the user, is a note of this one."""
 
 
-def run_here(plan: Plan, selection: Selection, threads: int = 1, after_each: Callable[[], None] | None = None) -> dict[Task, Receipt]:
+def run_here(
+    plan: Plan, selection: Selection, threads: int = 1, after_each: Callable[[], None] | None = None
+) -> dict[Task, Receipt]:
     """Run what is not fresh; the receipts of what ran.
 
     `after_each` is called after every task; what it raises ends the run, what is done is kept.

@@ -14,7 +14,9 @@ from posegaussian.storage.model.errors import SchedulerLost
 
 CONFIGURATION = {
     "distributed.scheduler.allowed-failures": 0,
-    "distributed.scheduler.worker-ttl": "30 minutes",  # a kernel that is being compiled may hold the interpreter for long
+    "distributed.scheduler.worker-ttl": (
+        "30 minutes"
+    ),  # a kernel that is being compiled may hold the interpreter for long
     "distributed.worker.daemon": True,
     "distributed.worker.memory.target": False,  # nothing is kept on workers that could be spilt,
     "distributed.worker.memory.spill": False,
@@ -26,7 +28,8 @@ CONFIGURATION = {
 
 
 ATTEMPTS = 3
-"""Times a cluster is started before it is given up: a worker may be killed while it starts, for memory or by accident."""
+"""Times a cluster is started before it is given up: a worker may be killed while it starts, for memory or by
+accident."""
 
 
 def start_local(settings: RunSettings) -> Any:
@@ -39,7 +42,10 @@ def start_local(settings: RunSettings) -> Any:
             return _start(settings)
         except (RuntimeError, OSError) as e:
             why = e
-    raise SchedulerLost(f"no workers could be started on this machine in {ATTEMPTS} attempts ({why}): they died while they started, perhaps for memory; use fewer run.workers, or --scheduler serial") from why
+    raise SchedulerLost(
+        f"no workers could be started on this machine in {ATTEMPTS} attempts ({why}): they died while they started,"
+        " perhaps for memory; use fewer run.workers, or --scheduler serial"
+    ) from why
 
 
 def _start(settings: RunSettings) -> Any:
@@ -49,17 +55,36 @@ def _start(settings: RunSettings) -> Any:
     # A failed task is reported by the run, with its sentence; Dask's own report would say it again with a traceback.
     common = {**threads.environment(settings.threads), "DASK_LOGGING__DISTRIBUTED": "critical"}
     dask.config.set({**CONFIGURATION, "distributed.nanny.pre-spawn-environ": {**common, **threads.allocator()}})
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # for good: while it closes, the cluster's own silence is over, and a late message ends in a traceback
-    os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:multiprocessing.resource_tracker")  # it counts what killed workers leave
+    logging.getLogger("distributed").setLevel(
+        logging.CRITICAL
+    )  # for good: while it closes, the cluster's own silence is over, and a late message ends in a traceback
+    os.environ.setdefault(
+        "PYTHONWARNINGS", "ignore::UserWarning:multiprocessing.resource_tracker"
+    )  # it counts what killed workers leave
     pools = local_pools(settings)
     devices = {f"cpu-{i}": None for i in range(cpu_workers(settings))} | gpu_workers(settings.gpus)
     spec: dict[str, Any] = {}
     for name, device in devices.items():
         pool = CPU if device is None else GPU
         environment = {**common, "CUDA_VISIBLE_DEVICES": device or ""}
-        options = {"name": name, "nthreads": 1, "memory_limit": pools[pool].ram, "resources": {pool: 1}, "env": environment, "dashboard": False, "silence_logs": logging.CRITICAL}
+        options = {
+            "name": name,
+            "nthreads": 1,
+            "memory_limit": pools[pool].ram,
+            "resources": {pool: 1},
+            "env": environment,
+            "dashboard": False,
+            "silence_logs": logging.CRITICAL,
+        }
         spec[name] = {"cls": Nanny, "options": options}
-    return SpecCluster(workers=spec, scheduler={"cls": Scheduler, "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}}, silence_logs=logging.CRITICAL)
+    return SpecCluster(
+        workers=spec,
+        scheduler={
+            "cls": Scheduler,
+            "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"},
+        },
+        silence_logs=logging.CRITICAL,
+    )
 
 
 def deafness() -> Any:

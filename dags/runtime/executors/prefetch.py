@@ -6,15 +6,18 @@ from collections import deque
 from math import ceil
 
 MOST = 8
-"""Tasks in flight for a worker at most, unless the setting asks for more: all of them are tried again when it is killed."""
+"""Tasks in flight for a worker at most, unless the setting asks for more: all of them are tried again when it is
+killed."""
 AHEAD = 0.05
-"""Seconds of work that should wait on a worker: orders and results reach it in batches 5 to 10 ms apart, at both ends."""
+"""Seconds of work that should wait on a worker: orders and results reach it in batches 5 to 10 ms apart, at both
+ends."""
 RECENT = 16
 """Tasks whose mean length counts."""
 
 
 class Window:
-    """Tasks in flight for each worker of a pool: few while tasks are long, more while they are shorter than their way to the worker."""
+    """Tasks in flight for each worker of a pool: few while tasks are long, more while they are shorter than their
+    way to the worker."""
 
     def __init__(self, least: int) -> None:
         """`least`: tasks in flight however long they take (`run.window`)."""

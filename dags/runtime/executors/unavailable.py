@@ -12,7 +12,8 @@ from posegaussian.storage.model.errors import SchedulerLost
 
 
 class UnreachedBackend:
-    """`posegaussian.dags.runtime.in_flight.Backend` of workers nobody can reach: asked for room it raises SchedulerLost."""
+    """`posegaussian.dags.runtime.in_flight.Backend` of workers nobody can reach: asked for room it raises
+    SchedulerLost."""
 
     def __init__(self, pools: Mapping[str, Pool], why: SchedulerLost) -> None:
         """`pools`: what its workers would have served."""

@@ -1,10 +1,10 @@
 """Correlation of two rectified feature maps along their rows, and look-ups in it.
 
-After RAFT-Stereo (Lipson et al. 2021): a pyramid of the products of every column with every column of the same row, read
-at 2 r + 1 places around the current match on every level. Four things differ, because each has been met as a fault:
-features are scaled by 1 / sqrt(C) before the product, which is float32 even under autocast; a level's cell is the mean of
-the columns that exist, whatever the width; a column is looked up at the centre of the cell that holds it; and where the
-volume would be large the products are made at the look-up instead.
+After RAFT-Stereo (Lipson et al. 2021): a pyramid of the products of every column with every column of the same row,
+read at 2 r + 1 places around the current match on every level. Four things differ, because each has been met as a
+fault: features are scaled by 1 / sqrt(C) before the product, which is float32 even under autocast; a level's cell is
+the mean of the columns that exist, whatever the width; a column is looked up at the centre of the cell that holds it;
+and where the volume would be large the products are made at the look-up instead.
 
 Columns are indices of the feature map, 0 the first; a match of column j lies at column j - disparity of the other view.
 """
@@ -17,7 +17,8 @@ import torch
 import torch.nn.functional as F
 
 VOLUME_BYTES = 256 * 2**20
-"""Above this the products are made at each look-up: slower, but less than 3 feature maps are kept, and not height x width^2.
+"""Above this the products are made at each look-up: slower, but less than 3 feature maps are kept, and not height x
+width^2.
 
 With gradients each look-up keeps 2 r + 2 maps a level, too: train on crops that fit.
 """
@@ -40,15 +41,26 @@ def exact(dtype: torch.dtype) -> torch.dtype:
 
 
 class Correlation:
-    """Scaled products of two feature maps [B, C, h, w] and [B, C, h, w'] along rows, on levels of 1, 2, 4, ... columns a cell.
+    """Scaled products of two feature maps [B, C, h, w] and [B, C, h, w'] along rows, on levels of 1, 2, 4, ... columns
+    a cell.
 
     Raises ValueError where the maps differ in batch, channels or height, or hold nothing, or where `levels` < 1 or
     `radius` < 0. Not checked: that they are finite.
     """
 
-    def __init__(self, first: torch.Tensor, second: torch.Tensor, levels: int, radius: int, budget: int = VOLUME_BYTES) -> None:
-        if first.ndim != 4 or second.ndim != 4 or first.shape[:3] != second.shape[:3] or 0 in (*first.shape, *second.shape):
-            raise ValueError(f"features of {tuple(first.shape)} and {tuple(second.shape)} do not correlate along rows; both must be [B, C, h, w], equal but for w, and not empty")
+    def __init__(
+        self, first: torch.Tensor, second: torch.Tensor, levels: int, radius: int, budget: int = VOLUME_BYTES
+    ) -> None:
+        if (
+            first.ndim != 4
+            or second.ndim != 4
+            or first.shape[:3] != second.shape[:3]
+            or 0 in (*first.shape, *second.shape)
+        ):
+            raise ValueError(
+                f"features of {tuple(first.shape)} and {tuple(second.shape)} do not correlate along rows; both must be"
+                " [B, C, h, w], equal but for w, and not empty"
+            )
         if levels < 1 or radius < 0:
             raise ValueError(f"a correlation of {levels} levels and radius {radius}; at least 1 level and radius 0")
         batch, channels, height, width = first.shape
@@ -68,12 +80,13 @@ class Correlation:
         return len(self.second) * (2 * self.radius + 1)
 
     def look_up(self, columns: torch.Tensor, coordinate_gradient: bool = False) -> torch.Tensor:
-        """Correlation [B, levels x (2 r + 1), h, w] around columns [B, 1, h, w] of the second map, between cells linearly.
+        """Correlation [B, levels x (2 r + 1), h, w] around columns [B, 1, h, w] of the second map, between cells
+        linearly.
 
         Level by level, -r to r cells about the place. A cell beside the map counts 0, which is what features that have
-        nothing to do with each other give: from the last cell the value falls linearly over one cell, and stays 0 however
-        far the column is off. With `coordinate_gradient` the gradient of the interpolation reaches the columns, else only
-        the features. A column that is not a number gives what is not a number.
+        nothing to do with each other give: from the last cell the value falls linearly over one cell, and stays 0
+        however far the column is off. With `coordinate_gradient` the gradient of the interpolation reaches the columns,
+        else only the features. A column that is not a number gives what is not a number.
         """
         if tuple(columns.shape) != self.shape:
             raise ValueError(f"columns of shape {tuple(columns.shape)} for a correlation of {self.shape}")
@@ -85,7 +98,8 @@ class Correlation:
     def _around(self, level: int, columns: torch.Tensor) -> torch.Tensor:
         """One level [B, 2 r + 1, h, w] about columns [B, h, w]."""
         width = self.second[level].shape[-1]
-        # The centre of cell i is at column 2^l i + (2^l - 1) / 2. Farther than the clamp all is 0 anyway, and the index stays small.
+        # The centre of cell i is at column 2^l i + (2^l - 1) / 2. Farther than the clamp all is 0 anyway, and the index
+        # stays small.
         place = ((columns - (2**level - 1) / 2) / 2**level).clamp(-self.radius - 2, width + self.radius + 1)
         left = place.detach().floor()
         part = (place - left)[:, None]
@@ -100,7 +114,9 @@ class Correlation:
         if self.volume is not None:
             return self.volume[level].gather(3, index.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
         second, shape = self.second[level], self.first.shape
-        return torch.stack([(self.first * second.gather(3, i[:, None].expand(shape))).sum(1) for i in index.unbind(1)], dim=1)
+        return torch.stack(
+            [(self.first * second.gather(3, i[:, None].expand(shape))).sum(1) for i in index.unbind(1)], dim=1
+        )
 
 
 def _cells(features: torch.Tensor, level: int) -> torch.Tensor:

@@ -42,7 +42,10 @@ class JointSkip(nn.Module):
         Raises ValueError where pose features are missing, or are given to a decoder built without them.
         """
         if (pose is not None) != (self.pose > 0):
-            raise ValueError(f"a joint skip of {self.pose} pose channels was given {'no' if pose is None else tuple(pose.shape)} pose features")
+            raise ValueError(
+                f"a joint skip of {self.pose} pose channels was given {'no' if pose is None else tuple(pose.shape)}"
+                " pose features"
+            )
         return self.join(torch.cat([image, depth] if pose is None else [image, depth, pose], dim=1))
 
 
@@ -52,7 +55,9 @@ class UpBlock(nn.Module):
     def __init__(self, coarse: int, skip: int, out: int, normalisation: Normalisation) -> None:
         """Channels of the coarse features, of the skip and of the result."""
         super().__init__()
-        self.enter = nn.Sequential(nn.Conv2d(coarse + skip, out, 3, padding=1), _normalised(normalisation, out), nn.ReLU(inplace=True))
+        self.enter = nn.Sequential(
+            nn.Conv2d(coarse + skip, out, 3, padding=1), _normalised(normalisation, out), nn.ReLU(inplace=True)
+        )
         self.refine = nn.Sequential(nn.Conv2d(out, out, 3, padding=1), _normalised(normalisation, out))
 
     def forward(self, coarse: torch.Tensor, skip: torch.Tensor) -> torch.Tensor:
@@ -63,29 +68,54 @@ class UpBlock(nn.Module):
 
 
 class Decoder(nn.Module):
-    """A U-Net decoder. Levels are counted from the finest: level 0 has the stem's resolution, the last one the fused features'."""
+    """A U-Net decoder. Levels are counted from the finest: level 0 has the stem's resolution, the last one the fused
+    features'."""
 
-    def __init__(self, fused: int, image: Sequence[int], depth: Sequence[int], pose: Sequence[int] | None, widths: Sequence[int], normalisation: Normalisation = "group") -> None:
-        """Channels of the fused features; per level, of the three encoders (pose 0: not on this level, None: on none) and of the decoder.
+    def __init__(
+        self,
+        fused: int,
+        image: Sequence[int],
+        depth: Sequence[int],
+        pose: Sequence[int] | None,
+        widths: Sequence[int],
+        normalisation: Normalisation = "group",
+    ) -> None:
+        """Channels of the fused features; per level, of the three encoders (pose 0: not on this level, None: on none)
+        and of the decoder.
 
         Raises ValueError where the numbers of levels differ.
         """
         super().__init__()
         poses = [0] * len(widths) if pose is None else list(pose)
         if not (len(image) == len(depth) == len(poses) == len(widths) >= 1):
-            raise ValueError(f"a decoder needs as many levels of every kind, got image {len(image)}, depth {len(depth)}, pose {len(poses)}, widths {len(widths)}")
-        self.skips = nn.ModuleList(JointSkip(i, d, p, w) for i, d, p, w in zip(image, depth, poses, widths, strict=True))
+            raise ValueError(
+                f"a decoder needs as many levels of every kind, got image {len(image)}, depth {len(depth)}, pose"
+                f" {len(poses)}, widths {len(widths)}"
+            )
+        self.skips = nn.ModuleList(
+            JointSkip(i, d, p, w) for i, d, p, w in zip(image, depth, poses, widths, strict=True)
+        )
         coarser = [*widths[1:], fused]
         self.blocks = nn.ModuleList(UpBlock(c, w, w, normalisation) for c, w in zip(coarser, widths, strict=True))
 
-    def forward(self, fused: torch.Tensor, image: Sequence[torch.Tensor], depth: Sequence[torch.Tensor], pose: Sequence[torch.Tensor | None] | None = None) -> Decoded:
-        """Decode fused features [B, C, h', w'] with the encoders' features of every level, finest first; pose None where a level has none.
+    def forward(
+        self,
+        fused: torch.Tensor,
+        image: Sequence[torch.Tensor],
+        depth: Sequence[torch.Tensor],
+        pose: Sequence[torch.Tensor | None] | None = None,
+    ) -> Decoded:
+        """Decode fused features [B, C, h', w'] with the encoders' features of every level, finest first; pose None
+        where a level has none.
 
         Raises ValueError where the number of maps is not the number of levels.
         """
         poses = [None] * len(self.skips) if pose is None else list(pose)
         if not (len(image) == len(depth) == len(poses) == len(self.skips)):
-            raise ValueError(f"a decoder of {len(self.skips)} levels was given {len(image)} image, {len(depth)} depth and {len(poses)} pose maps")
+            raise ValueError(
+                f"a decoder of {len(self.skips)} levels was given {len(image)} image, {len(depth)} depth and"
+                f" {len(poses)} pose maps"
+            )
         joints = [skip(*maps) for skip, *maps in zip(self.skips, image, depth, poses, strict=True)]
         x = fused
         for block, joint in zip(reversed(self.blocks), reversed(joints), strict=True):

@@ -1,8 +1,8 @@
 """The three encoders: of the picture, of the pose heatmaps, of a depth. One structure, three sets of weights.
 
-A 3x3 convolution, then six residual units of widths w1, w2, w2, w3, w3, w4 with squeeze-and-excitation (Hu et al. 2018).
-All levels are returned, finest first: they are the skips of the decoder, and the last is correlated.
-At the presets' widths the number of threads changes no byte where the last level has 4 x 4 cells or more; on fewer torch's
+A 3x3 convolution, then six residual units of widths w1, w2, w2, w3, w3, w4 with squeeze-and-excitation (Hu et al.
+2018). All levels are returned, finest first: they are the skips of the decoder, and the last is correlated. At the
+presets' widths the number of threads changes no byte where the last level has 4 x 4 cells or more; on fewer torch's
 convolutions round differently.
 """
 
@@ -21,7 +21,8 @@ SQUEEZE = 4
 HEATMAP_CELL = 4
 """Pixels a cell of the archive's heatmaps."""
 DOWN = {1: (3,), 2: (1, 3), 3: (1, 3, 5), 4: (1, 3, 4, 5)}
-"""Number of down-samplings after the stem -> the units, counted from 0, that do them: where the width grows, as far as there are such."""
+"""Number of down-samplings after the stem -> the units, counted from 0, that do them: where the width grows, as far
+as there are such."""
 
 
 def image_encoder(preset: Preset) -> Encoder:
@@ -37,7 +38,9 @@ def pose_encoder(preset: Preset, joints: int = 17) -> Encoder:
     if preset.pose_cell == 1:
         return Encoder.of(joints, preset)
     skipped = preset.pose_cell.bit_length() - 1
-    return Encoder(joints, preset.widths, 1, preset.stages - skipped, preset.normalisation, preset.residual, preset.downsampling)
+    return Encoder(
+        joints, preset.widths, 1, preset.stages - skipped, preset.normalisation, preset.residual, preset.downsampling
+    )
 
 
 def depth_encoder(preset: Preset, channels: int = 1) -> Encoder:
@@ -46,7 +49,8 @@ def depth_encoder(preset: Preset, channels: int = 1) -> Encoder:
 
 
 def heatmaps_on(heatmaps: torch.Tensor, cell: int) -> torch.Tensor:
-    """Heatmaps [B, J, h, w] of one cell per 4 px on a grid of one per `cell` px (a power of 2): means of areas, or bilinear where finer.
+    """Heatmaps [B, J, h, w] of one cell per 4 px on a grid of one per `cell` px (a power of 2): means of areas, or
+    bilinear where finer.
 
     Raises ValueError for another cell, or where h or w do not hold whole cells.
     """
@@ -59,7 +63,10 @@ def heatmaps_on(heatmaps: torch.Tensor, cell: int) -> torch.Tensor:
     times = cell // HEATMAP_CELL
     height, width = heatmaps.shape[-2:]
     if height % times or width % times:
-        raise ValueError(f"heatmaps of {height} x {width} cells of {HEATMAP_CELL} px do not divide into cells of {cell} px; the sides must be multiples of {times}")
+        raise ValueError(
+            f"heatmaps of {height} x {width} cells of {HEATMAP_CELL} px do not divide into cells of {cell} px; the"
+            f" sides must be multiples of {times}"
+        )
     return F.avg_pool2d(heatmaps, times)
 
 
@@ -71,18 +78,33 @@ class Encoder(nn.Module):
     strides: tuple[int, ...]
     """Cells of the input a cell, of the same levels."""
     lag: float
-    """Cells of the input by which features of the last level lie to the upper left of their cells' centres, in both directions."""
+    """Cells of the input by which features of the last level lie to the upper left of their cells' centres, in both
+    directions."""
 
     def __init__(
-        self, inputs: int, widths: tuple[int, int, int, int], stem_stride: int, stages: int, normalisation: Normalisation, residual: bool, downsampling: Downsampling
+        self,
+        inputs: int,
+        widths: tuple[int, int, int, int],
+        stem_stride: int,
+        stages: int,
+        normalisation: Normalisation,
+        residual: bool,
+        downsampling: Downsampling,
     ) -> None:
         super().__init__()
         down = DOWN[stages - (stem_stride == 2)]
         w1, w2, w3, w4 = widths
         sides = [w1, w1, w2, w2, w3, w3, w4]
         self.inputs = inputs
-        self.stem = nn.Sequential(*_reducing(inputs, w1, stem_stride == 2, downsampling), _normalisation(normalisation, w1), nn.ReLU(inplace=True))
-        self.units = nn.ModuleList(Unit(a, b, i in down, normalisation, residual, downsampling) for i, (a, b) in enumerate(itertools.pairwise(sides)))
+        self.stem = nn.Sequential(
+            *_reducing(inputs, w1, stem_stride == 2, downsampling),
+            _normalisation(normalisation, w1),
+            nn.ReLU(inplace=True),
+        )
+        self.units = nn.ModuleList(
+            Unit(a, b, i in down, normalisation, residual, downsampling)
+            for i, (a, b) in enumerate(itertools.pairwise(sides))
+        )
         self.ends = frozenset([*(i - 1 for i in down), 5])
         self.channels = tuple(sides[i + 1] for i in sorted(self.ends))
         self.strides = tuple(stem_stride * 2**i for i in range(len(self.channels)))
@@ -92,20 +114,33 @@ class Encoder(nn.Module):
     @classmethod
     def of(cls, inputs: int, preset: Preset) -> Encoder:
         """An encoder of `inputs` channels as the preset has them."""
-        return cls(inputs, preset.widths, preset.stem_stride, preset.stages, preset.normalisation, preset.residual, preset.downsampling)
+        return cls(
+            inputs,
+            preset.widths,
+            preset.stem_stride,
+            preset.stages,
+            preset.normalisation,
+            preset.residual,
+            preset.downsampling,
+        )
 
     def forward(self, x: torch.Tensor) -> list[torch.Tensor]:
         """[B, inputs, H, W] -> [B, channels[i], H / strides[i], W / strides[i]] for each level, finest first.
 
-        Strided convolutions leave features to the upper left of their cells' centres (`lag`), equally so in all views and
-        encoders. Raises ValueError where H or W is not a positive multiple of the last stride.
+        Strided convolutions leave features to the upper left of their cells' centres (`lag`), equally so in all views
+        and encoders. Raises ValueError where H or W is not a positive multiple of the last stride.
         """
         if x.ndim != 4 or x.shape[1] != self.inputs:
-            raise ValueError(f"an encoder of {self.inputs} channels was given {tuple(x.shape)}; [B, {self.inputs}, H, W]")
+            raise ValueError(
+                f"an encoder of {self.inputs} channels was given {tuple(x.shape)}; [B, {self.inputs}, H, W]"
+            )
         height, width = x.shape[-2:]
         stride = self.strides[-1]
         if height < stride or width < stride or height % stride or width % stride:
-            raise ValueError(f"a picture of {height} x {width} px (height x width) does not divide into cells of {stride} px; pad both sides to a multiple of {stride}")
+            raise ValueError(
+                f"a picture of {height} x {width} px (height x width) does not divide into cells of {stride} px; pad"
+                f" both sides to a multiple of {stride}"
+            )
         x = self.stem(x)
         levels = []
         for i, unit in enumerate(self.units):
@@ -118,7 +153,15 @@ class Encoder(nn.Module):
 class Unit(nn.Module):
     """Two 3x3 convolutions and a squeeze-and-excitation beside a shortcut; halves the resolution where `halves`."""
 
-    def __init__(self, inputs: int, outputs: int, halves: bool, normalisation: Normalisation, residual: bool, downsampling: Downsampling) -> None:
+    def __init__(
+        self,
+        inputs: int,
+        outputs: int,
+        halves: bool,
+        normalisation: Normalisation,
+        residual: bool,
+        downsampling: Downsampling,
+    ) -> None:
         super().__init__()
         # A pool comes first here, so that both convolutions are as cheap as behind a stride.
         self.pool = nn.AvgPool2d(2) if halves and downsampling == "pool" else nn.Identity()
@@ -131,7 +174,13 @@ class Unit(nn.Module):
         self.shortcut: nn.Module | None = None
         if residual:
             same = stride == 1 and inputs == outputs
-            self.shortcut = nn.Identity() if same else nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), _normalisation(normalisation, outputs))
+            self.shortcut = (
+                nn.Identity()
+                if same
+                else nn.Sequential(
+                    nn.Conv2d(inputs, outputs, 1, stride, bias=False), _normalisation(normalisation, outputs)
+                )
+            )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """[B, inputs, h, w] -> [B, outputs, h, w], h and w halved where the unit does so."""

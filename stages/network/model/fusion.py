@@ -3,15 +3,13 @@
 With P a 1x1 and W, Wg 3x3 convolutions, all learnt, and sigma the logistic function:
 
     concatenation   W [f, p]
-    attention       W (a * [f, p]), a per channel from the means of all (Hu et al. 2018), feature-wise as Zhang et al. 2021
-    gated           W (z * f + (1 - z) * P p), z = sigma(Wg [f, p])          (Arevalo et al. 2017)
-    addition        W (f + P p)
-    multiplication  W (f * (1 + P p))
-    weighted        W (w * f + (1 - w) * P p), w per channel
-    outer           W (f + P p) + Wg ((R f) (x) [p, 1]), R to a quarter of the width in each cell
+    attention       W (a * [f, p]), a per channel from the means of all (Hu et al. 2018), feature-wise as Zhang et al.
+    2021 gated           W (z * f + (1 - z) * P p), z = sigma(Wg [f, p])          (Arevalo et al. 2017) addition
+    W (f + P p) multiplication  W (f * (1 + P p)) weighted        W (w * f + (1 - w) * P p), w per channel outer
+    W (f + P p) + Wg ((R f) (x) [p, 1]), R to a quarter of the width in each cell
 
-P has no bias and the products keep a 1, so that heatmaps of zeros (nobody found) bring nothing and take nothing from the picture but a
-scale. Nothing is normalised or rectified behind W: the features are compared by their products.
+P has no bias and the products keep a 1, so that heatmaps of zeros (nobody found) bring nothing and take nothing from
+the picture but a scale. Nothing is normalised or rectified behind W: the features are compared by their products.
 """
 
 from __future__ import annotations
@@ -24,7 +22,8 @@ from posegaussian.stages.network.model.presets import GROUP, FusionKind, Preset
 
 
 def depth_fusion(preset: Preset, joints: int = 17) -> Fusion | ImageOnly:
-    """What makes the features that are correlated: of pictures and `joints` heatmaps, or of pictures alone where pose is not in the depth."""
+    """What makes the features that are correlated: of pictures and `joints` heatmaps, or of pictures alone where
+    pose is not in the depth."""
     width = preset.widths[-1]
     return FUSIONS[preset.fusion](width, joints) if "depth" in preset.pose_in else ImageOnly(width, joints)
 
@@ -37,11 +36,18 @@ class Fusion(nn.Module):
         self.image, self.pose = image, pose
 
     def forward(self, image: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
-        """Raises ValueError where the channels are not those declared or batch, height and width differ: nothing is broadcast."""
+        """Raises ValueError where the channels are not those declared or batch, height and width differ: nothing is
+        broadcast."""
         if image.ndim != 4 or pose.ndim != 4 or image.shape[1] != self.image or pose.shape[1] != self.pose:
-            raise ValueError(f"image {tuple(image.shape)} and pose {tuple(pose.shape)} do not fuse; [B, {self.image}, h, w] and [B, {self.pose}, h, w]")
+            raise ValueError(
+                f"image {tuple(image.shape)} and pose {tuple(pose.shape)} do not fuse; [B, {self.image}, h, w] and [B,"
+                f" {self.pose}, h, w]"
+            )
         if image.shape[0] != pose.shape[0] or image.shape[2:] != pose.shape[2:]:
-            raise ValueError(f"image {tuple(image.shape)} and pose {tuple(pose.shape)} differ in batch, height or width; bring the pose to the image's grid first")
+            raise ValueError(
+                f"image {tuple(image.shape)} and pose {tuple(pose.shape)} differ in batch, height or width; bring the"
+                " pose to the image's grid first"
+            )
         return self.fuse(image, pose)
 
     def fuse(self, image: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
@@ -120,7 +126,9 @@ class WeightedAverage(_Projected):
 
     def fuse(self, image: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
         """W (w * f + (1 - w) * P p); w begins at a half."""
-        return self.out(torch.lerp(self.project(pose).to(image.dtype), image, torch.sigmoid(self.weight).to(image.dtype)))
+        return self.out(
+            torch.lerp(self.project(pose).to(image.dtype), image, torch.sigmoid(self.weight).to(image.dtype))
+        )
 
 
 class Gated(_Projected):

@@ -1,7 +1,8 @@
-"""The heads: what the network would change of the analytic prior, pixel by pixel. What they say is float32 (float64 stays).
+"""The heads: what the network would change of the analytic prior, pixel by pixel. What they say is float32 (float64
+stays).
 
-Every head predicts a residual: outputs of 0 give the prior itself, and the last convolutions begin at 0. Numbers are kept
-in range by `limited`, whose slope falls like 1/x^2 and never to 0, so that no pixel is ever lost to training.
+Every head predicts a residual: outputs of 0 give the prior itself, and the last convolutions begin at 0. Numbers are
+kept in range by `limited`, whose slope falls like 1/x^2 and never to 0, so that no pixel is ever lost to training.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ FACING = 0.05
 
 
 class Prior(NamedTuple):
-    """The analytic prior of a batch of pictures, as the gaussians stage makes it; 0 in every map where there is no surface."""
+    """The analytic prior of a batch of pictures, as the gaussians stage makes it; 0 in every map where there is no
+    surface."""
 
     disparity: torch.Tensor
     """[B, 1, h, w] px of the rectified pair."""
@@ -61,7 +63,8 @@ class Maps(NamedTuple):
 
 
 def limited(x: torch.Tensor, limit: float = LIMIT) -> torch.Tensor:
-    """Bounded: limit x / (limit + |x|): slope 1 at 0, within (-limit, limit), slope (limit / (limit + |x|))^2 everywhere."""
+    """Bounded: limit x / (limit + |x|): slope 1 at 0, within (-limit, limit), slope (limit / (limit + |x|))^2
+    everywhere."""
     return limit * x / (limit + x.abs())
 
 
@@ -85,8 +88,8 @@ def learned_scale(x: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
 def learned_opacity(x: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
     """[B, 2, h, w] in 0..1: sigmoid(logit(prior) + limited(x)), 0 where the prior is.
 
-    x of 2 channels changes the opacity face-on and at grazing angle each for itself; x of 1 channel makes an opacity that is
-    the same from everywhere, a change of the prior's face-on value.
+    x of 2 channels changes the opacity face-on and at grazing angle each for itself; x of 1 channel makes an opacity
+    that is the same from everywhere, a change of the prior's face-on value.
     """
     prior = opacity if x.shape[1] == 2 else opacity[:, :1].expand_as(opacity)
     odds = torch.logit(prior.clamp(1e-4, 1 - 1e-4))
@@ -94,15 +97,16 @@ def learned_opacity(x: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
 
 
 def seen_opacity(opacity: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
-    """[B, 1, h, w]: c face_on + (1 - c) grazing, c [B, 1, h, w] the cosine between normal and ray to the camera; 0 from behind."""
+    """[B, 1, h, w]: c face_on + (1 - c) grazing, c [B, 1, h, w] the cosine between normal and ray to the camera; 0
+    from behind."""
     return torch.where(cosine > 0, cosine * opacity[:, :1] + (1 - cosine) * opacity[:, 1:2], 0)
 
 
 def learned_normal(x: torch.Tensor, normal: torch.Tensor, rays: torch.Tensor) -> torch.Tensor:
     """[B, 3, h, w] unit normals of x [B, 3, h, w]: (x0, x1, growth(x2)) in the prior's tangent frame.
 
-    They lie within 90 degrees of the prior's, so that their blend never vanishes, and are turned to face the camera where
-    the cosine to `rays` [B, 3, h, w], unit, from the camera, would be under `FACING`. 0 where the prior is 0.
+    They lie within 90 degrees of the prior's, so that their blend never vanishes, and are turned to face the camera
+    where the cosine to `rays` [B, 3, h, w], unit, from the camera, would be under `FACING`. 0 where the prior is 0.
     """
     ahead, there = _standing(normal)
     first, second = (torch.stack(t, dim=1) for t in tangents(*ahead.unbind(dim=1)))
@@ -121,7 +125,8 @@ def _standing(normal: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def quaternion_of(normal: torch.Tensor) -> torch.Tensor:
-    """[B, 4, h, w] unit (w, x, y, z) of the rotation whose columns are (tangents(normal), normal); 0 where the normal is.
+    """[B, 4, h, w] unit (w, x, y, z) of the rotation whose columns are (tangents(normal), normal); 0 where the normal
+    is.
 
     (-ny, 1 - nz, 0, nx) / sqrt(2 - 2 nz): the smallest rotation from (0, 0, -1) to n after half a turn about x.
     """
@@ -132,7 +137,8 @@ def quaternion_of(normal: torch.Tensor) -> torch.Tensor:
 
 
 def normal_of(rotation: torch.Tensor) -> torch.Tensor:
-    """[B, 3, h, w] the Gaussian's third axis, camera axes: a normal as it is, or the last column of a quaternion's rotation (w, x, y, z)."""
+    """[B, 3, h, w] the Gaussian's third axis, camera axes: a normal as it is, or the last column of a quaternion's
+    rotation (w, x, y, z)."""
     if rotation.shape[1] == 3:
         return rotation
     w, x, y, z = rotation.unbind(dim=1)
@@ -140,20 +146,31 @@ def normal_of(rotation: torch.Tensor) -> torch.Tensor:
 
 
 def learned_quaternion(x: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
-    """[B, 4, h, w] unit: the prior's rotation times the one of (growth(x0), x1, x2, x3), which is under half a turn and never 0."""
+    """[B, 4, h, w] unit: the prior's rotation times the one of (growth(x0), x1, x2, x3), which is under half a turn
+    and never 0."""
     a, b, c, d = quaternion_of(normal).unbind(dim=1)
     step = torch.cat([growth(x[:, :1]), limited(x[:, 1:])], dim=1)
     w, i, j, k = (step / torch.sqrt((step * step).sum(dim=1, keepdim=True))).unbind(dim=1)
-    return torch.stack([a * w - b * i - c * j - d * k, a * i + b * w + c * k - d * j, a * j - b * k + c * w + d * i, a * k + b * j - c * i + d * w], dim=1)
+    return torch.stack(
+        [
+            a * w - b * i - c * j - d * k,
+            a * i + b * w + c * k - d * j,
+            a * j - b * k + c * w + d * i,
+            a * k + b * j - c * i + d * w,
+        ],
+        dim=1,
+    )
 
 
 def blend_directions(prior: torch.Tensor, learned: torch.Tensor, confidence: torch.Tensor) -> torch.Tensor:
-    """[B, 3, h, w] the weighted sum of two unit normals, renormalised; the prior itself at a confidence of 0 and where they cancel, 0 where both are 0."""
+    """[B, 3, h, w] the weighted sum of two unit normals, renormalised; the prior itself at a confidence of 0 and
+    where they cancel, 0 where both are 0."""
     return torch.where(confidence > 0, unit((1 - confidence) * prior + confidence * learned, prior), prior)
 
 
 def blend_quaternions(prior: torch.Tensor, learned: torch.Tensor, confidence: torch.Tensor) -> torch.Tensor:
-    """[B, 4, h, w] the same of unit quaternions, the learned one taken with the sign of the prior's hemisphere (q and -q are one rotation)."""
+    """[B, 4, h, w] the same of unit quaternions, the learned one taken with the sign of the prior's hemisphere (q
+    and -q are one rotation)."""
     product = (prior * learned).sum(dim=1, keepdim=True)
     return blend_directions(prior, torch.where(product < 0, -learned, learned), confidence)
 
@@ -168,25 +185,49 @@ def blend(prior: Prior, learned: Maps) -> Maps:
         rotation = blend_quaternions(quaternion_of(prior.normal), learned.rotation, c)
     else:
         rotation = blend_directions(prior.normal, learned.rotation, c)
-    disparity, scale, opacity = ((1 - c) * p + c * n for p, n in ((prior.disparity, learned.disparity), (prior.scale, learned.scale), (prior.opacity, learned.opacity)))
+    disparity, scale, opacity = (
+        (1 - c) * p + c * n
+        for p, n in (
+            (prior.disparity, learned.disparity),
+            (prior.scale, learned.scale),
+            (prior.opacity, learned.opacity),
+        )
+    )
     return Maps(disparity, scale, rotation, opacity, c)
 
 
 class Heads(nn.Module):
-    """Heads, each a 3x3 convolution, ReLU and a 1x1 convolution; with `upscale` 2 a pixel shuffle brings them to full resolution.
+    """Heads, each a 3x3 convolution, ReLU and a 1x1 convolution; with `upscale` 2 a pixel shuffle brings them to full
+    resolution.
 
-    The paper's five of scale, rotation, opacity, depth and confidence, and one that says at every pixel how much of the refinement's
-    move, which is known a cell at a time, is taken.
+    The paper's five of scale, rotation, opacity, depth and confidence, and one that says at every pixel how much of the
+    refinement's move, which is known a cell at a time, is taken.
     """
 
-    def __init__(self, channels: int, rotation: RotationKind = "normal", opacity: Literal[1, 2] = 2, upscale: int = 1, reach: float = 2.0, hidden: int = 32) -> None:
+    def __init__(
+        self,
+        channels: int,
+        rotation: RotationKind = "normal",
+        opacity: Literal[1, 2] = 2,
+        upscale: int = 1,
+        reach: float = 2.0,
+        hidden: int = 32,
+    ) -> None:
         """Heads over decoder features of so many channels.
 
-        `upscale` is the stem's stride, `reach` the most that the disparity may move, px, `hidden` the width of every head.
+        `upscale` is the stem's stride, `reach` the most that the disparity may move, px, `hidden` the width of every
+        head.
         """
         super().__init__()
         self.rotation, self.upscale, self.reach = rotation, upscale, reach
-        outputs = {"move": 1, "disparity": 1, "scale": 3, "rotation": 3 if rotation == "normal" else 4, "opacity": opacity, "confidence": 1}
+        outputs = {
+            "move": 1,
+            "disparity": 1,
+            "scale": 3,
+            "rotation": 3 if rotation == "normal" else 4,
+            "opacity": opacity,
+            "confidence": 1,
+        }
         # The 3x3 convolutions of all heads as one: six times the channels cost less than six passes over the picture.
         self.first = nn.Conv2d(channels, len(outputs) * hidden, 3, padding=1)
         self.last = nn.ModuleDict({name: pointwise(hidden, n * upscale**2) for name, n in outputs.items()})
@@ -196,37 +237,53 @@ class Heads(nn.Module):
             nn.init.constant_(bias, CONFIDENCE_BIAS if name == "confidence" else 0.0)
 
     def numbers(self, features: torch.Tensor) -> dict[str, torch.Tensor]:
-        """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale]; `learned` gives it its meaning.
+        """What each head says, [B, n, h, w] float32 at full resolution, of features [B, C, h / upscale, w / upscale];
+        `learned` gives it its meaning.
 
         The layers that say it are float32 even under autocast.
         """
         hidden = torch.relu_(self.first(features)).chunk(len(self.last), dim=1)
         with torch.autocast(features.device.type, enabled=False):
-            return {name: shuffled(last(h.to(exact(h.dtype))), self.upscale) for (name, last), h in zip(self.last.items(), hidden, strict=True)}
+            return {
+                name: shuffled(last(h.to(exact(h.dtype))), self.upscale)
+                for (name, last), h in zip(self.last.items(), hidden, strict=True)
+            }
 
     def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
-        """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from the camera.
+        """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from
+        the camera.
 
         Raises ValueError where the resolutions do not meet.
         """
         height, width = prior.normal.shape[-2:]
         if (features.shape[-2] * self.upscale, features.shape[-1] * self.upscale) != (height, width):
-            raise ValueError(f"features of {tuple(features.shape[-2:])} pixels with upscale {self.upscale} do not give the prior's {height} x {width}")
+            raise ValueError(
+                f"features of {tuple(features.shape[-2:])} pixels with upscale {self.upscale} do not give the prior's"
+                f" {height} x {width}"
+            )
         return learned(self.numbers(features), prior, rays, self.reach)
 
 
 def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tensor, reach: float) -> Maps:
-    """The learned maps that the heads' numbers stand for, not yet blended; `reach` as in `Heads`. 0 where the prior has no surface."""
+    """The learned maps that the heads' numbers stand for, not yet blended; `reach` as in `Heads`. 0 where the prior
+    has no surface."""
     with torch.autocast(prior.normal.device.type, enabled=False):
         x = numbers["rotation"]
         rotation = learned_normal(x, prior.normal, rays) if x.shape[1] == 3 else learned_quaternion(x, prior.normal)
         disparity, confidence = prior.disparity + limited(numbers["disparity"], reach), trust(numbers["confidence"])
-        maps = (disparity, learned_scale(numbers["scale"], prior.scale), rotation, learned_opacity(numbers["opacity"], prior.opacity), confidence)
+        maps = (
+            disparity,
+            learned_scale(numbers["scale"], prior.scale),
+            rotation,
+            learned_opacity(numbers["opacity"], prior.opacity),
+            confidence,
+        )
         return Maps(*(torch.where(prior.surface, m, 0) for m in maps))
 
 
 def moved(numbers: Mapping[str, torch.Tensor], move: torch.Tensor, reach: float) -> torch.Tensor:
-    """Learned change of the disparity [B, 1, h, w], px: a share of the refinement's move [B, 1, h, w], and the head's own."""
+    """Learned change of the disparity [B, 1, h, w], px: a share of the refinement's move [B, 1, h, w], and the
+    head's own."""
     return torch.sigmoid(limited(numbers["move"])) * move + limited(numbers["disparity"], reach)
 
 

@@ -1,8 +1,8 @@
 """The whole network: encoders, fusion, recurrent refinement of the disparity, decoder and heads.
 
     pictures, heatmaps -> features -> correlation -> D(1) ... D(T)  (stages/network/model/refine.py)
-    a third view's picture and heatmaps -> features, looked up by warping in each step, where the preset has `further_views`
-    D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
+    a third view's picture and heatmaps -> features, looked up by warping in each step, where the preset has
+    `further_views` D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
 
 Everything it says is relative to the analytic start: heads of 0 and a confidence of 0 give the start itself.
 """
@@ -27,7 +27,8 @@ from posegaussian.stages.network.model.refine import DepthRefinement
 from posegaussian.stages.network.model.warping import in_cells
 
 OF_DEPTH = EVIDENCE + 3
-"""Channels the depth encoder sees: the relief, the move from the start, the refinement's own trust, and the evidence."""
+"""Channels the depth encoder sees: the relief, the move from the start, the refinement's own trust, and the
+evidence."""
 Timer = Callable[[str], AbstractContextManager[None]]
 """Name of a module -> a context that measures it."""
 
@@ -37,7 +38,8 @@ class Prediction:
     """What the network says of B directions."""
 
     disparities: list[torch.Tensor]
-    """[B, 1, H, W] px after each step of refinement, the last one the best (only that one where no more was asked for)."""
+    """[B, 1, H, W] px after each step of refinement, the last one the best (only that one where no more was asked
+    for)."""
     trust: torch.Tensor
     """[B, 1, H, W] 0..1 of the refinement in its last step over the start."""
     numbers: dict[str, torch.Tensor]
@@ -68,19 +70,36 @@ class PoseGaussianNetwork(nn.Module):
         self.fusion = depth_fusion(preset, joints)
         # The start's finest detail, a cell of the features at a time: nothing of it is lost before the context sees it.
         self.beside = nn.Conv2d((EVIDENCE + 1) * preset.stride**2, preset.widths[1], 3, padding=1)
-        self.refinement = DepthRefinement(last, preset.hidden, preset.correlation_levels, preset.correlation_radius, preset.stride, preset.further_views, beside=preset.widths[1])
+        self.refinement = DepthRefinement(
+            last,
+            preset.hidden,
+            preset.correlation_levels,
+            preset.correlation_radius,
+            preset.stride,
+            preset.further_views,
+            beside=preset.widths[1],
+        )
         self.pose = pose_encoder(preset, joints) if "decoder" in preset.pose_in else None
         self.depth = depth_encoder(preset, OF_DEPTH)
         channels = self.image.channels
         poses = () if self.pose is None else self.pose.channels
         self.finer = len(channels) - len(poses)
-        self.decoder = Decoder(last + preset.hidden, channels, channels, (*[0] * self.finer, *poses), channels, preset.normalisation)
-        self.heads = Heads(channels[0], preset.rotation_head, 2 if preset.opacity_head == "facing" else 1, preset.stem_stride, hidden=channels[0])
+        self.decoder = Decoder(
+            last + preset.hidden, channels, channels, (*[0] * self.finer, *poses), channels, preset.normalisation
+        )
+        self.heads = Heads(
+            channels[0],
+            preset.rotation_head,
+            2 if preset.opacity_head == "facing" else 1,
+            preset.stem_stride,
+            hidden=channels[0],
+        )
 
     def forward(self, views: Views, iterations: int, only_last: bool = False, timer: Timer | None = None) -> Prediction:
         """Refine the start of every direction in `iterations` steps and decode.
 
-        H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are not, for
+        H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are
+        not, for
         `iterations` < 1, and for a third view that the preset does not have.
         """
         clock = timer or (lambda name: nullcontext())
@@ -98,7 +117,16 @@ class PoseGaussianNetwork(nn.Module):
                 further = [self._further(views.third)]
         with clock("refinement"):
             told = unshuffled(torch.cat([relief(start, known), seen], dim=1), self.preset.stride)
-            refined = self.refinement(fused, others(fused), views.start, views.coding, iterations, further, only_last=only_last, beside=torch.relu(self.beside(told)))
+            refined = self.refinement(
+                fused,
+                others(fused),
+                views.start,
+                views.coding,
+                iterations,
+                further,
+                only_last=only_last,
+                beside=torch.relu(self.beside(told)),
+            )
         pose = None
         if self.pose is not None:
             with clock("pose encoder"):
@@ -109,21 +137,33 @@ class PoseGaussianNetwork(nn.Module):
             shown = torch.cat([relief(last, known), (move / RELIEF).clamp(-2, 2), refined.confidence, seen], dim=1)
             depth = self.depth(shown.detach())
         with clock("decoder"):
-            decoded = self.decoder(torch.cat([fused, refined.state], dim=1), levels, depth, [*[None] * self.finer, *(pose or ())])
+            decoded = self.decoder(
+                torch.cat([fused, refined.state], dim=1), levels, depth, [*[None] * self.finer, *(pose or ())]
+            )
         with clock("heads"):
             numbers = self.heads.numbers(decoded.features)
             share = trust(numbers["confidence"])
             change = moved(numbers, move, self.heads.reach)
             disparity = torch.where(known, start + share * change, torch.nan)
-        return Prediction(refined.disparities, refined.confidence, numbers, change, disparity, decoded.joint, None if pose is None else pose[-1])
+        return Prediction(
+            refined.disparities,
+            refined.confidence,
+            numbers,
+            change,
+            disparity,
+            decoded.joint,
+            None if pose is None else pose[-1],
+        )
 
     def _further(self, third: Third) -> tuple[torch.Tensor, torch.Tensor]:
-        """Features [2 P, C, h, w] of the third view of every direction's pair, and the projection of cells to its cells [2 P, 3, 4]."""
+        """Features [2 P, C, h, w] of the third view of every direction's pair, and the projection of cells to its
+        cells [2 P, 3, 4]."""
         features = self.fusion(self.image(third.color)[-1], heatmaps_on(third.heatmaps, self.preset.stride))
         return features.repeat_interleave(2, dim=0), in_cells(third.projection, self.preset.stride, self.image.lag)
 
     def last_layers(self) -> list[nn.Parameter]:
-        """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of the start."""
+        """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of
+        the start."""
         update = self.refinement.update
         ends: list[nn.Module] = [*self.heads.last.values(), update.delta, update.mask, self.refinement.confidence]
         return [p for end in ends for p in list(end.parameters())[-2:]]

@@ -1,4 +1,5 @@
-"""What the network is shown: both views of rectified pairs on one grid, with the start of their disparity and what speaks for it."""
+"""What the network is shown: both views of rectified pairs on one grid, with the start of their disparity and what
+speaks for it."""
 
 from __future__ import annotations
 
@@ -47,23 +48,31 @@ class SourceView:
 
 @dataclass(frozen=True, eq=False)
 class Third:
-    """A further view of each of P pairs, on a window of its own pixels, as `posegaussian.stages.network.third_view` cuts it."""
+    """A further view of each of P pairs, on a window of its own pixels, as `posegaussian.stages.network.third_view`
+    cuts it."""
 
     color: torch.Tensor
     """[P, 3, H, W] sRGB 0..1, premultiplied; the size is its own."""
     heatmaps: torch.Tensor
     """[P, J, H / 4, W / 4]."""
     projection: torch.Tensor
-    """[2 P, 3, 4] float64 from the window's pixels of every direction's first view to these, see `warping.projection`; zeros: there is no third view."""
+    """[2 P, 3, 4] float64 from the window's pixels of every direction's first view to these, see
+    `warping.projection`; zeros: there is no third view."""
 
     def none(self, pairs: int) -> Third:
         """That of so many pairs without a third view, in the same size."""
-        return Third(*(x.new_zeros(n * pairs, *x.shape[1:]) for x, n in ((self.color, 1), (self.heatmaps, 1), (self.projection, 2))))
+        return Third(
+            *(
+                x.new_zeros(n * pairs, *x.shape[1:])
+                for x, n in ((self.color, 1), (self.heatmaps, 1), (self.projection, 2))
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """A batch of directions of rectified pairs: 2 i and 2 i + 1 are the two views of pair i, each the other's other view."""
+    """A batch of directions of rectified pairs: 2 i and 2 i + 1 are the two views of pair i, each the other's other
+    view."""
 
     color: torch.Tensor
     """[B, 3, H, W] sRGB 0..1, premultiplied."""
@@ -95,7 +104,11 @@ class Views:
     def to(self, device: torch.device) -> Views:
         """The same on a device; coding and projections stay where they are, their numbers are few."""
         color, heatmaps, start, confidence, cover = (getattr(self, name).to(device) for name in MAPS)
-        third = None if self.third is None else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
+        third = (
+            None
+            if self.third is None
+            else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
+        )
         return Views(color, heatmaps, start, confidence, cover, self.coding, third)
 
     @property
@@ -109,7 +122,13 @@ def others(values: torch.Tensor) -> torch.Tensor:
     return values.reshape(-1, 2, *values.shape[1:]).flip(1).reshape(values.shape)
 
 
-def rectified_pair(pair: RectifiedPair, views: tuple[SourceView, SourceView], windows: tuple[Window, Window], depths: tuple[float, float] | None = None, joints: int = 17) -> Views:
+def rectified_pair(
+    pair: RectifiedPair,
+    views: tuple[SourceView, SourceView],
+    windows: tuple[Window, Window],
+    depths: tuple[float, float] | None = None,
+    joints: int = 17,
+) -> Views:
     """Both views of a pair on windows of equal size, multiples of 4 px wide and high and of equal rows.
 
     depths: nearest and farthest depth, metres, that can come out; None: a tenth beyond those of both starts.
@@ -121,18 +140,30 @@ def rectified_pair(pair: RectifiedPair, views: tuple[SourceView, SourceView], wi
     return Views(color, heatmaps, start, confidence, cover, Coding.of(directions, near, far))
 
 
-def _on_window(pair: RectifiedPair, which: int, window: Window, other: Window, view: SourceView, joints: int) -> tuple[np.ndarray, ...]:
+def _on_window(
+    pair: RectifiedPair, which: int, window: Window, other: Window, view: SourceView, joints: int
+) -> tuple[np.ndarray, ...]:
     """Color, heatmaps, start, confidence and cover of one view, channels first, float32."""
     x, y, _ = places(pair, which, window)
     color, cover = colors_at(view, x, y)
     disparity = start_on(pair, which, window, other, view.depth)
     confidence = cv2.remap(view.confidence.astype(np.float32), x, y, cv2.INTER_NEAREST)
-    source, _ = pair.source_pixels(which, pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL + np.array(window[:2]))
-    return color, heatmaps_at(view, source, joints), disparity[None], np.where(np.isnan(disparity), 0, confidence)[None], cover[None]
+    source, _ = pair.source_pixels(
+        which,
+        pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL + np.array(window[:2]),
+    )
+    return (
+        color,
+        heatmaps_at(view, source, joints),
+        disparity[None],
+        np.where(np.isnan(disparity), 0, confidence)[None],
+        cover[None],
+    )
 
 
 def colors_at(view: SourceView, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Premultiplied colour [3, H, W] and cover [H, W] of a view at places x, y [H, W] as `cv2.remap` takes them; black beside its picture."""
+    """Premultiplied colour [3, H, W] and cover [H, W] of a view at places x, y [H, W] as `cv2.remap` takes them;
+    black beside its picture."""
     cover = cv2.remap(view.mask, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255
     color = cv2.remap(view.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255 * cover[..., None]
     return np.moveaxis(color, -1, 0), cover
@@ -142,20 +173,25 @@ def heatmaps_at(view: SourceView, pixels: np.ndarray, joints: int) -> np.ndarray
     """[J, H / 4, W / 4] float32 of a view at pixels [H / 4, W / 4, 2] of its own; zeros without joints."""
     if view.heatmaps is None:
         return np.zeros((joints, *pixels.shape[:2]), np.float32)
-    x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(pixels / HEATMAP_CELL).astype(np.float32), -1, 0))
+    x, y = (
+        np.ascontiguousarray(m)
+        for m in np.moveaxis(points_to_integer_centres(pixels / HEATMAP_CELL).astype(np.float32), -1, 0)
+    )
     return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in view.heatmaps])
 
 
 @lru_cache(maxsize=8)
 def places(pair: RectifiedPair, which: int, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a window's pixels lie in their source picture: x, y [H, W] float32 for `cv2.remap`, and source depth per rectified depth [H, W]."""
+    """Where a window's pixels lie in their source picture: x, y [H, W] float32 for `cv2.remap`, and source depth per
+    rectified depth [H, W]."""
     source, ratio = pair.source_pixels(which, pixel_centres(window[2:]) + np.array(window[:2]))
     x, y = (np.ascontiguousarray(m) for m in np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0))
     return x, y, ratio
 
 
 def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, depth: np.ndarray) -> np.ndarray:
-    """Disparity [H, W] float32 between windows, px, of a source depth map [h, w] m at the nearest pixel; NaN where that is 0 or beside the picture."""
+    """Disparity [H, W] float32 between windows, px, of a source depth map [h, w] m at the nearest pixel; NaN where
+    that is 0 or beside the picture."""
     x, y, ratio = places(pair, which, window)
     found = cv2.remap(depth, x, y, cv2.INTER_NEAREST)
     known = (found > 0) & (ratio > 0)
@@ -165,8 +201,11 @@ def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, dep
     return np.where(known, disparity, np.nan).astype(np.float32)
 
 
-def _depths(pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows: tuple[Window, Window]) -> tuple[float, float]:
-    """A tenth before the nearest and behind the farthest depth of both starts; around the subject's distance where there is none."""
+def _depths(
+    pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows: tuple[Window, Window]
+) -> tuple[float, float]:
+    """A tenth before the nearest and behind the farthest depth of both starts; around the subject's distance where
+    there is none."""
     shift = windows[0][0] - windows[1][0]
     found = [pair.depth(s * (m[2] + s * shift)) for s, m in ((1, maps[0]), (-1, maps[1]))]
     depths = np.concatenate([d[np.isfinite(d)] for d in found])
@@ -176,8 +215,9 @@ def _depths(pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows
 
 
 def evidence(views: Views) -> torch.Tensor:
-    """What speaks for the start [B, 5, H, W] float32: whether it is, its confidence, the mask, how much the other picture differs at the match, and how
-    far the other view's own start disagrees there (1: `APART` px; 2 where it has none).
+    """What speaks for the start [B, 5, H, W] float32: whether it is, its confidence, the mask, how much the other
+    picture differs at the match, and how far the other view's own start disagrees there (1: `APART` px; 2 where it has
+    none).
     """
     with torch.no_grad(), torch.autocast(views.start.device.type, enabled=False):
         known = views.known
@@ -187,17 +227,29 @@ def evidence(views: Views) -> torch.Tensor:
         apart = (found[:, :3] - views.color.float()).abs().mean(1, keepdim=True)
         opposite = sampled(torch.where(torch.isfinite(back), back, torch.nan), start, nearest=True)
         disagreement = torch.where(torch.isfinite(opposite), ((start + opposite).abs() / APART).clamp(max=2), 2)
-        return torch.cat([known.float(), views.confidence.float(), views.cover.float(), torch.where(known, apart, 0), torch.where(known, disagreement, 0)], dim=1)
+        return torch.cat(
+            [
+                known.float(),
+                views.confidence.float(),
+                views.cover.float(),
+                torch.where(known, apart, 0),
+                torch.where(known, disagreement, 0),
+            ],
+            dim=1,
+        )
 
 
 def sampled(values: torch.Tensor, disparity: torch.Tensor, nearest: bool = False) -> torch.Tensor:
-    """Values [B, C, H, W] of the other view at the match of each pixel under a disparity [B, 1, H, W], px; the rim's beyond the rim."""
+    """Values [B, C, H, W] of the other view at the match of each pixel under a disparity [B, 1, H, W], px; the rim's
+    beyond the rim."""
     batch, _, height, width = disparity.shape
     rows, columns = (torch.arange(n, dtype=torch.float32, device=values.device) + 0.5 for n in (height, width))
     x = columns - disparity[:, 0]
     y = rows[:, None].expand(batch, height, width)
     grid = torch.stack([2 * x / width - 1, 2 * y / height - 1], dim=-1)
-    return F.grid_sample(values, grid, mode="nearest" if nearest else "bilinear", padding_mode="border", align_corners=False)
+    return F.grid_sample(
+        values, grid, mode="nearest" if nearest else "bilinear", padding_mode="border", align_corners=False
+    )
 
 
 def relief(disparity: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
@@ -208,7 +260,8 @@ def relief(disparity: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
 
 
 def windows(pair: RectifiedPair, inside: tuple[np.ndarray, np.ndarray], multiple: int) -> tuple[Window, Window] | None:
-    """Windows of equal size and rows around what is wanted of both views, [h, w] bool each; None where one of them wants nothing.
+    """Windows of equal size and rows around what is wanted of both views, [h, w] bool each; None where one of them
+    wants nothing.
 
     Sides are multiples of `multiple` px; a window may reach beyond the rectified frame, where pictures are black.
     """

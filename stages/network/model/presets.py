@@ -58,7 +58,8 @@ class Preset:
     opacity_head: OpacityHead = "facing"
     """2 channels, seen face-on and at grazing angle, or 1."""
     pose_cell: int = 4
-    """Pixels a cell of the heatmaps that the pose encoder sees: 4 as they are stored, or 1 as in the paper; levels finer than that have no pose."""
+    """Pixels a cell of the heatmaps that the pose encoder sees: 4 as they are stored, or 1 as in the paper; levels
+    finer than that have no pose."""
     further_views: bool = False
     """Whether a third view is looked up by warping, beside the rows of the pair."""
 
@@ -74,16 +75,24 @@ class Preset:
         if max(*self.widths, self.hidden, self.correlation_levels, self.correlation_radius) > WIDEST:
             raise ValueError(f"preset {self.name}: a width, level or radius is beyond {WIDEST}")
         if self.hidden < 1 or self.correlation_levels < 1 or self.correlation_radius < 0:
-            raise ValueError(f"preset {self.name}: hidden {self.hidden}, correlation_levels {self.correlation_levels}, correlation_radius {self.correlation_radius}; at least 1, 1 and 0")
+            raise ValueError(
+                f"preset {self.name}: hidden {self.hidden}, correlation_levels {self.correlation_levels},"
+                f" correlation_radius {self.correlation_radius}; at least 1, 1 and 0"
+            )
         kinds: tuple[tuple[str, object], ...] = (
             ("fusion", FusionKind), ("normalisation", Normalisation), ("downsampling", Downsampling),
             ("scale_head", ScaleHead), ("rotation_head", RotationHead), ("opacity_head", OpacityHead),
         )  # fmt: skip
         for name, kind in kinds:
             if getattr(self, name) not in get_args(kind):
-                raise ValueError(f"preset {self.name}: {name} is {getattr(self, name)!r}; one of {', '.join(get_args(kind))}")
+                raise ValueError(
+                    f"preset {self.name}: {name} is {getattr(self, name)!r}; one of {', '.join(get_args(kind))}"
+                )
         if unknown := self.pose_in - set(get_args(PosePlace)):
-            raise ValueError(f"preset {self.name}: pose_in holds {', '.join(sorted(unknown))}; any of {', '.join(get_args(PosePlace))}")
+            raise ValueError(
+                f"preset {self.name}: pose_in holds {', '.join(sorted(unknown))}; any of"
+                f" {', '.join(get_args(PosePlace))}"
+            )
 
     def as_json(self) -> str:
         """Everything, as text that `from_json` reads."""
@@ -111,7 +120,8 @@ class Cost:
     parameters: float
     """Numbers learnt."""
     gflop: dict[int, float]
-    """{side of the picture, px: 10^9 operations}, one rectified pair in both directions, 8 iterations; a multiply-add is 2."""
+    """{side of the picture, px: 10^9 operations}, one rectified pair in both directions, 8 iterations; a
+    multiply-add is 2."""
 
 
 PRESETS: dict[str, Preset] = {
@@ -129,4 +139,5 @@ FURTHER_COSTS: dict[str, Cost] = {
     "base": Cost(864, {256: 3.3, 384: 7.4, 512: 13.1}),
     "fast": Cost(576, {256: 0.85, 384: 1.9, 512: 3.4}),
 }
-"""What `further_views` adds, a third view as large as the pair's; looking its features up, which is no product of matrices, not counted."""
+"""What `further_views` adds, a third view as large as the pair's; looking its features up, which is no product of
+matrices, not counted."""

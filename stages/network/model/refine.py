@@ -2,7 +2,8 @@
 
     D(t) = limit(D(t-1) + delta(state(t))),  t = 1 ... T
 
-starting from the disparity that geometry gave. T is chosen at each call: the first T results do not depend on what follows.
+starting from the disparity that geometry gave. T is chosen at each call: the first T results do not depend on what
+follows.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class Refined:
     """What the refinement gives for B directions; H, W are the size of the start in px."""
 
     disparities: list[torch.Tensor]
-    """[B, 1, H, W] px after each step, first to last (only the last where no more was asked for), within the coding's bounds."""
+    """[B, 1, H, W] px after each step, first to last (only the last where no more was asked for), within the
+    coding's bounds."""
     confidence: torch.Tensor
     """[B, 1, H, W] in 0..1: trust in the last disparity over the start."""
     state: torch.Tensor
@@ -37,12 +39,22 @@ class Refined:
 class DepthRefinement(nn.Module):
     """Features of both views of a rectified pair and a start -> disparities and a confidence.
 
-    channels: of the features; hidden: width of the recurrence; levels, radius: of the correlation; factor: px a feature cell;
-    further_views: whether other cameras than the pair's are looked up, too, by warping; beside: channels that the context
-    reads beside the first view's features.
+    channels: of the features; hidden: width of the recurrence; levels, radius: of the correlation; factor: px a feature
+    cell;
+    further_views: whether other cameras than the pair's are looked up, too, by warping; beside: channels that the
+    context reads beside the first view's features.
     """
 
-    def __init__(self, channels: int, hidden: int, levels: int, radius: int, factor: int, further_views: bool = False, beside: int = 0) -> None:
+    def __init__(
+        self,
+        channels: int,
+        hidden: int,
+        levels: int,
+        radius: int,
+        factor: int,
+        further_views: bool = False,
+        beside: int = 0,
+    ) -> None:
         super().__init__()
         self.levels, self.radius, self.factor, self.hidden = levels, radius, factor, hidden
         taps = 2 * radius + 1
@@ -69,14 +81,18 @@ class DepthRefinement(nn.Module):
 
         first, second: features [B, C, h, w] and [B, C, h, w'] of the rectified views, in either order of the pair.
         start: [B, 1, H, W] px, NaN where nothing is known; h = ceil(H / factor), w = ceil(W / factor).
-        others: (features [B, C, h", w"], `warping.projection` [B, 3, 4] from cells of the first rectified view) of further views.
+        others: (features [B, C, h", w"], `warping.projection` [B, 3, 4] from cells of the first rectified view) of
+        further views.
         only_last: up-sample the last step only, as inference wants it.
-        beside: [B, beside, h, w] what else is known about the first view's cells, where the refinement was built with it.
+        beside: [B, beside, h, w] what else is known about the first view's cells, where the refinement was built with
+        it.
 
-        On the CPU results are the same bytes on one thread and on several for B >= 2, as the two directions of a pair are. A
-        single direction of tiny maps (up to 20480 values) may differ by 1e-6 px: torch chooses its convolutions by that.
+        On the CPU results are the same bytes on one thread and on several for B >= 2, as the two directions of a pair
+        are. A single direction of tiny maps (up to 20480 values) may differ by 1e-6 px: torch chooses its convolutions
+        by that.
 
-        Raises ValueError for `iterations` < 1, for sizes that do not fit, and for further views that the network was not built for.
+        Raises ValueError for `iterations` < 1, for sizes that do not fit, and for further views that the network was
+        not built for.
         """
         self._check(first, start, iterations, others)
         correlation = Correlation(first, second, self.levels, self.radius)
@@ -96,8 +112,16 @@ class DepthRefinement(nn.Module):
         fine = _cut(upsample(torch.cat([self.factor * disparity, trust], dim=1), self.update.weights(state)), start)
         return Refined([*found, coding.limit(fine[:, :1])], fine[:, 1:].clamp(0, 1), state)
 
-    def _seen(self, correlation: Correlation, first: torch.Tensor, disparity: torch.Tensor, coding: Coding, others: Sequence[tuple[torch.Tensor, torch.Tensor]]) -> torch.Tensor:
-        """Correlation [B, K, h, w] about a disparity, cells, with that of the further views at the same disparities behind it."""
+    def _seen(
+        self,
+        correlation: Correlation,
+        first: torch.Tensor,
+        disparity: torch.Tensor,
+        coding: Coding,
+        others: Sequence[tuple[torch.Tensor, torch.Tensor]],
+    ) -> torch.Tensor:
+        """Correlation [B, K, h, w] about a disparity, cells, with that of the further views at the same disparities
+        behind it."""
         found = correlation.look_up(columns_of(disparity))
         if not self.further_views:
             return found
@@ -105,15 +129,26 @@ class DepthRefinement(nn.Module):
         hypotheses = torch.stack([coding.depth(self.factor * (disparity - s))[:, 0] for s in steps], dim=1)
         return torch.cat([found, *warped_correlation(first, list(others), hypotheses)], dim=1)
 
-    def _fine(self, disparity: torch.Tensor, weights: torch.Tensor, coding: Coding, start: torch.Tensor) -> torch.Tensor:
+    def _fine(
+        self, disparity: torch.Tensor, weights: torch.Tensor, coding: Coding, start: torch.Tensor
+    ) -> torch.Tensor:
         return coding.limit(_cut(self.factor * upsample(disparity, weights), start))
 
-    def _check(self, first: torch.Tensor, start: torch.Tensor, iterations: int, others: Sequence[tuple[torch.Tensor, torch.Tensor]]) -> None:
+    def _check(
+        self,
+        first: torch.Tensor,
+        start: torch.Tensor,
+        iterations: int,
+        others: Sequence[tuple[torch.Tensor, torch.Tensor]],
+    ) -> None:
         if iterations < 1:
             raise ValueError(f"{iterations} steps of refinement; at least 1 (without any, use the start itself)")
         cells = tuple(-(-s // self.factor) for s in start.shape[2:])
         if start.ndim != 4 or start.shape[1] != 1 or (start.shape[0], *cells) != (first.shape[0], *first.shape[2:]):
-            raise ValueError(f"a start of {tuple(start.shape)} px for features of {tuple(first.shape)}; at {self.factor} px a cell it must be [{first.shape[0]}, 1, H, W] with cells {tuple(first.shape[2:])}, not {cells}")
+            raise ValueError(
+                f"a start of {tuple(start.shape)} px for features of {tuple(first.shape)}; at {self.factor} px a cell"
+                f" it must be [{first.shape[0]}, 1, H, W] with cells {tuple(first.shape[2:])}, not {cells}"
+            )
         if others and not self.further_views:
             raise ValueError(f"{len(others)} further views for a network of pairs; build it with further_views=True")
 

@@ -15,19 +15,28 @@ NEAREST = 1e-3
 """A point nearer than this to the plane of the other camera, or behind it, is not seen, metres."""
 
 
-def projection(intrinsics: np.ndarray, world_to_camera: np.ndarray, other_intrinsics: np.ndarray, other_world_to_camera: np.ndarray, stride: int = 1) -> torch.Tensor:
+def projection(
+    intrinsics: np.ndarray,
+    world_to_camera: np.ndarray,
+    other_intrinsics: np.ndarray,
+    other_world_to_camera: np.ndarray,
+    stride: int = 1,
+) -> torch.Tensor:
     """[3, 4] float64: (u z, v z, z, 1) of a cell of one view -> (u' z', v' z', z') of the other's cells.
 
-    Intrinsics [3, 3] in px and poses [4, 4] in metres, as in the archive; one cell is `stride` x `stride` px, and (u, v)
-    are in the project's convention, where the centre of the first cell is (0.5, 0.5): it scales without an offset.
+    Intrinsics [3, 3] in px and poses [4, 4] in metres, as in the archive; one cell is `stride` x `stride` px, and (u,
+    v) are in the project's convention, where the centre of the first cell is (0.5, 0.5): it scales without an offset.
     """
     back = np.eye(4)
     back[:3, :3] = np.linalg.inv(intrinsics)
-    return in_cells(torch.from_numpy(other_intrinsics @ (other_world_to_camera @ np.linalg.inv(world_to_camera))[:3] @ back), stride)
+    return in_cells(
+        torch.from_numpy(other_intrinsics @ (other_world_to_camera @ np.linalg.inv(world_to_camera))[:3] @ back), stride
+    )
 
 
 def in_cells(pixels: torch.Tensor, stride: int, lag: float = 0.0) -> torch.Tensor:
-    """A `projection` [..., 3, 4] of pixels as one of cells of `stride` px, whose features lie `lag` px to the upper left of the cells' centres.
+    """A `projection` [..., 3, 4] of pixels as one of cells of `stride` px, whose features lie `lag` px to the upper
+    left of the cells' centres.
 
     A projection of zeros, by which nothing is seen, stays one.
     """
@@ -64,8 +73,11 @@ def warp(features: torch.Tensor, depth: torch.Tensor, to_other: torch.Tensor) ->
         return found * held[:, :, None], held
 
 
-def warped_correlation(first: torch.Tensor, others: list[tuple[torch.Tensor, torch.Tensor]], depth: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean product over the views that see each hypothesis [B, N, h, w], scaled by 1 / sqrt(C), and the share of views that do.
+def warped_correlation(
+    first: torch.Tensor, others: list[tuple[torch.Tensor, torch.Tensor]], depth: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean product over the views that see each hypothesis [B, N, h, w], scaled by 1 / sqrt(C), and the share of views
+    that do.
 
     first: features [B, C, h, w]; others: (features, projection) of each further view, as `warp` takes them;
     depth: [B, N, h, w] metres. Both results are 0 where no view sees the hypothesis, and without views.

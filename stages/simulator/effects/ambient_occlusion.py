@@ -19,17 +19,22 @@ class AmbientOcclusion(EffectParams):
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
-    return above(evidence.params.strength, bound, f"hidden sky dims what it would light, by {evidence.params.strength:.0%}")
+    return above(
+        evidence.params.strength, bound, f"hidden sky dims what it would light, by {evidence.params.strength:.0%}"
+    )
 
 
 def apply(lit: np.ndarray, vertices: np.ndarray, normals: np.ndarray, tris: np.ndarray, params: Any) -> np.ndarray:
-    """Lit [V, 1 + lights] with the share of the sky that reaches each vertex: the cosine-weighted mean over directions."""
+    """Lit [V, 1 + lights] with the share of the sky that reaches each vertex: the cosine-weighted mean over
+    directions."""
     from posegaussian.stages.simulator.render.shadow_maps import reached
 
     n = params.directions
     k = np.arange(n) + 0.5
     z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
-    towards = np.stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z], axis=1)  # a spiral of equal areas
+    towards = np.stack(
+        [np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z], axis=1
+    )  # a spiral of equal areas
     total, seen = np.zeros(len(vertices)), np.zeros(len(vertices))
     for d in towards:
         cosine = np.maximum(normals @ d, 0.0)

@@ -19,7 +19,11 @@ class BackgroundRoom(EffectParams):
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
-    return above(evidence.params.side, bound, f"the subject stands in a room of {evidence.params.side:g} x {evidence.params.side:g} m")
+    return above(
+        evidence.params.side,
+        bound,
+        f"the subject stands in a room of {evidence.params.side:g} x {evidence.params.side:g} m",
+    )
 
 
 def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:

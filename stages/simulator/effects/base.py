@@ -1,4 +1,5 @@
-"""What an effect of a scene declares, and how it is decided: the contract's `Effect`, with its settings and where it acts."""
+"""What an effect of a scene declares, and how it is decided: the contract's `Effect`, with its settings and where it
+acts."""
 
 from __future__ import annotations
 
@@ -10,7 +11,23 @@ from pydantic import Field
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Params
 
-Phase = Literal["rig", "calibration", "times", "meshes", "cloth", "shutter", "rows", "light", "gloss", "background", "optics", "sensor", "file", "mask", "joints"]
+Phase = Literal[
+    "rig",
+    "calibration",
+    "times",
+    "meshes",
+    "cloth",
+    "shutter",
+    "rows",
+    "light",
+    "gloss",
+    "background",
+    "optics",
+    "sensor",
+    "file",
+    "mask",
+    "joints",
+]
 
 
 class EffectParams(Params):
@@ -48,7 +65,8 @@ class SceneEffect:
     apply: str
     """`module:function`; what it is given depends on the phase (`take.py`)."""
     milliseconds: float
-    """What it costs a picture of 512 x 512 px, alone, by `python -m benchmarks.effects_time`; light is shared by the eight cameras of a frame."""
+    """What it costs a picture of 512 x 512 px, alone, by `python -m benchmarks.effects_time`; light is shared by the
+    eight cameras of a frame."""
 
     @property
     def name(self) -> str:
@@ -80,7 +98,13 @@ def ruled(effect: SceneEffect, params: Any, evidence: SceneEvidence) -> Ruling:
     assert measured is not None
     if params.switch == "auto":
         return Ruling(effect, params, measured)
-    return Ruling(effect, params, Decision(params.switch == "on", measured.measured, bound, f"the scene switches it {params.switch}; {measured.reason}"))
+    return Ruling(
+        effect,
+        params,
+        Decision(
+            params.switch == "on", measured.measured, bound, f"the scene switches it {params.switch}; {measured.reason}"
+        ),
+    )
 
 
 def above(measured: float, bound: float, sentence: str) -> Decision:
@@ -89,5 +113,6 @@ def above(measured: float, bound: float, sentence: str) -> Decision:
 
 
 def generator(seed: int, name: str, *where: int) -> np.random.Generator:
-    """Random numbers of one effect at one place (frame, view, ...), whatever else is simulated and in whatever order."""
+    """Random numbers of one effect at one place (frame, view, ...), whatever else is simulated and in whatever
+    order."""
     return np.random.default_rng([seed, *name.encode(), *where])

@@ -1,4 +1,5 @@
-"""A calibration is a measurement: the cameras that are written down are turned and moved a little against those that filmed."""
+"""A calibration is a measurement: the cameras that are written down are turned and moved a little against those that
+filmed."""
 
 from __future__ import annotations
 
@@ -16,13 +17,20 @@ from posegaussian.storage.model.cameras import Rig, rigid
 class CalibrationError(EffectParams):
     """How far off the cameras are."""
 
-    pixels: float = Field(0.3, ge=0, le=100, description="px a point is off in the picture, standard deviation a direction, by the wrong rotation.")
+    pixels: float = Field(
+        0.3,
+        ge=0,
+        le=100,
+        description="px a point is off in the picture, standard deviation a direction, by the wrong rotation.",
+    )
     metres: float = Field(0.0, ge=0, le=1, description="Standard deviation of each camera's place.")
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     p = evidence.params
-    return above(max(p.pixels, 1000 * p.metres), bound, f"calibrations are off by {p.pixels:g} px and {1000 * p.metres:g} mm")
+    return above(
+        max(p.pixels, 1000 * p.metres), bound, f"calibrations are off by {p.pixels:g} px and {1000 * p.metres:g} mm"
+    )
 
 
 def apply(rig: Rig, params: Any, seed: int) -> Rig:

@@ -1,4 +1,5 @@
-"""No two cameras are set alike: each multiplies the light by a gain of its own, and each channel by a white balance of its own."""
+"""No two cameras are set alike: each multiplies the light by a gain of its own, and each channel by a white balance
+of its own."""
 
 from __future__ import annotations
 
@@ -20,7 +21,11 @@ class CameraGain(EffectParams):
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     p = evidence.params
-    return above(float(np.hypot(p.exposure, p.white_balance)), bound, f"cameras differ by {p.exposure:g} stops, their channels by {p.white_balance:g}")
+    return above(
+        float(np.hypot(p.exposure, p.white_balance)),
+        bound,
+        f"cameras differ by {p.exposure:g} stops, their channels by {p.white_balance:g}",
+    )
 
 
 def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""Loose cloth lags behind the body and swings back: each point follows the acceleration it would feel, as far as its slack allows."""
+"""Loose cloth lags behind the body and swings back: each point follows the acceleration it would feel, as far as its
+slack allows."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ def _no_cloth(evidence: SceneEvidence) -> str | None:
 
 
 def apply(now: np.ndarray, before: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """now, before [V, 3] vertices at the moment and `lag` seconds earlier; slack [V] metres. Each lags by at most its slack."""
+    """now, before [V, 3] vertices at the moment and `lag` seconds earlier; slack [V] metres. Each lags by at most
+    its slack."""
     behind = before - now
     length = np.linalg.norm(behind, axis=1)
     reach = slack * np.tanh(length / np.maximum(slack, 1e-9))

@@ -30,7 +30,10 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
     focus = params.focus or shot.axis_distance
     depth = np.where(shot.first_depth > 0, shot.first_depth, 6.0)
-    return spread(np.ascontiguousarray(light), (shot.focal * params.aperture * np.abs(1.0 / depth - 1.0 / focus) / 2.0).astype(np.float32))
+    return spread(
+        np.ascontiguousarray(light),
+        (shot.focal * params.aperture * np.abs(1.0 / depth - 1.0 / focus) / 2.0).astype(np.float32),
+    )
 
 
 EFFECT = SceneEffect(

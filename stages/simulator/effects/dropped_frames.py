@@ -23,7 +23,9 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 
 def apply(times: np.ndarray, valid: np.ndarray, params: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Times [F, V] s as they are; valid [F, V] without the dropped ones; the first frame of every camera stays."""
-    drawn = np.array([[generator(seed, "dropped_frames", f, v).random() for v in range(valid.shape[1])] for f in range(len(valid))])
+    drawn = np.array(
+        [[generator(seed, "dropped_frames", f, v).random() for v in range(valid.shape[1])] for f in range(len(valid))]
+    )
     kept = drawn >= params.share
     kept[0] = True
     return times, valid & kept

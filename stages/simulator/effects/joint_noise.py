@@ -1,4 +1,5 @@
-"""A pose estimator is off by some pixels, more where a joint is hidden; it misses joints, and now and then finds one elsewhere."""
+"""A pose estimator is off by some pixels, more where a joint is hidden; it misses joints, and now and then finds one
+elsewhere."""
 
 from __future__ import annotations
 
@@ -21,7 +22,11 @@ class JointNoise(EffectParams):
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     p = evidence.params
-    return above(max(p.pixels, p.dropouts, p.outliers), bound, f"joints are off by {p.pixels:g} px, {p.dropouts:.0%} are missed and {p.outliers:.0%} are elsewhere")
+    return above(
+        max(p.pixels, p.dropouts, p.outliers),
+        bound,
+        f"joints are off by {p.pixels:g} px, {p.dropouts:.0%} are missed and {p.outliers:.0%} are elsewhere",
+    )
 
 
 def apply(joints: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:

@@ -18,7 +18,9 @@ class Jpeg(EffectParams):
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
-    return above(100 - evidence.params.quality, bound, f"pictures were stored as JPEG of quality {evidence.params.quality}")
+    return above(
+        100 - evidence.params.quality, bound, f"pictures were stored as JPEG of quality {evidence.params.quality}"
+    )
 
 
 def apply(color: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:

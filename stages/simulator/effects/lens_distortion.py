@@ -1,4 +1,5 @@
-"""Glass bends rays: a point at radius r from the axis is pictured at r (1 + k1 r^2 + k2 r^4) and off-axis by p1, p2 (Brown-Conrady)."""
+"""Glass bends rays: a point at radius r from the axis is pictured at r (1 + k1 r^2 + k2 r^4) and off-axis by p1, p2
+(Brown-Conrady)."""
 
 from __future__ import annotations
 

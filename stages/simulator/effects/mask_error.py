@@ -15,13 +15,19 @@ class MaskError(EffectParams):
     """How wrong."""
 
     grow: float = Field(0.0, ge=-50, le=50, description="px the outline is moved outwards; negative: inwards.")
-    wobble: float = Field(0.0, ge=0, le=50, description="Standard deviation of that along the outline, px, over patches of 24 px.")
+    wobble: float = Field(
+        0.0, ge=0, le=50, description="Standard deviation of that along the outline, px, over patches of 24 px."
+    )
     holes: int = Field(0, ge=0, le=100, description="Missing patches of 6 px radius a mask.")
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     p = evidence.params
-    return above(max(abs(p.grow), p.wobble, float(p.holes > 0)), bound, f"outlines are off by {p.grow:g} px and vary by {p.wobble:g} px, with {p.holes} holes a mask")
+    return above(
+        max(abs(p.grow), p.wobble, float(p.holes > 0)),
+        bound,
+        f"outlines are off by {p.grow:g} px and vary by {p.wobble:g} px, with {p.holes} holes a mask",
+    )
 
 
 def apply(mask: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
@@ -32,7 +38,9 @@ def apply(mask: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
         return mask
     random = generator(seed, "mask_error", shot.frame, shot.view)
     inside = (mask > 127).astype(np.uint8)
-    far = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    far = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - cv2.distanceTransform(
+        1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
     far -= 0.5 * np.sign(far)
     shift = np.full(mask.shape, params.grow, dtype=np.float32)
     if params.wobble:

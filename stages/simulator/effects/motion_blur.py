@@ -25,7 +25,9 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 
 def apply(params: Any, interval: float) -> np.ndarray:
     """[n] seconds around the middle of the exposure, evenly over it."""
-    return (np.arange(params.moments) + 0.5) / params.moments * params.shutter * interval - 0.5 * params.shutter * interval
+    return (
+        np.arange(params.moments) + 0.5
+    ) / params.moments * params.shutter * interval - 0.5 * params.shutter * interval
 
 
 EFFECT = SceneEffect(

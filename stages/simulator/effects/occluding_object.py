@@ -21,7 +21,9 @@ class OccludingObject(EffectParams):
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
     p = evidence.params
-    return above(p.radius, bound, f"a post of {2 * p.radius:g} x {p.height:g} m stands at ({p.position[0]:g}, {p.position[1]:g})")
+    return above(
+        p.radius, bound, f"a post of {2 * p.radius:g} x {p.height:g} m stands at ({p.position[0]:g}, {p.position[1]:g})"
+    )
 
 
 def apply(params: Any, seed: int) -> Any:
@@ -31,17 +33,34 @@ def apply(params: Any, seed: int) -> Any:
 
     n = 48
     angle = 2 * np.pi * np.arange(n) / n
-    ring = np.stack([params.position[0] + params.radius * np.cos(angle), params.position[1] + params.radius * np.sin(angle)], axis=1)
+    ring = np.stack(
+        [params.position[0] + params.radius * np.cos(angle), params.position[1] + params.radius * np.sin(angle)], axis=1
+    )
     levels = np.linspace(0.0, params.height, 9)
-    points = np.concatenate([np.column_stack([ring, np.full(n, z)]) for z in levels] + [[[*params.position, params.height]]])
+    points = np.concatenate(
+        [np.column_stack([ring, np.full(n, z)]) for z in levels] + [[[*params.position, params.height]]]
+    )
     grid = np.arange(n * len(levels)).reshape(-1, n)
     a, b, c, d = grid[:-1], np.roll(grid[:-1], -1, axis=1), grid[1:], np.roll(grid[1:], -1, axis=1)
     top = np.stack([grid[-1], np.roll(grid[-1], -1), np.full(n, len(points) - 1)], axis=-1)
-    tris = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (b, d, c))] + [top]).astype(np.int32)
+    tris = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (b, d, c))] + [top]).astype(
+        np.int32
+    )
     paint = Texture(np.full((1, 1, 3), 0.22, np.float32) * np.array([1.0, 0.8, 0.45], np.float32), 0.04)
     still = np.zeros((len(points), 4))
     still[:, 0] = 1.0
-    return Still(Mesh(points, tris, np.full((len(tris), 3, 2), 0.5, np.float32), np.zeros(len(tris), np.int32), (paint,), np.zeros((len(points), 4), np.int64), still, np.zeros(len(points))))
+    return Still(
+        Mesh(
+            points,
+            tris,
+            np.full((len(tris), 3, 2), 0.5, np.float32),
+            np.zeros(len(tris), np.int32),
+            (paint,),
+            np.zeros((len(points), 4), np.int64),
+            still,
+            np.zeros(len(points)),
+        )
+    )
 
 
 EFFECT = SceneEffect(

@@ -13,7 +13,12 @@ from posegaussian.stages.simulator.effects.base import EffectParams, SceneEffect
 class RollingShutter(EffectParams):
     """How slowly."""
 
-    readout: float = Field(0.5, gt=0, le=1, description="Share of the frame interval from the first row to the last; the middle row is in time.")
+    readout: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="Share of the frame interval from the first row to the last; the middle row is in time.",
+    )
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:

@@ -41,8 +41,13 @@ def apply(params: Any, seed: int) -> Any:
     from posegaussian.stages.simulator.subjects.actors import Performer
 
     random, allowed = generator(seed, "second_person"), casting(seed)
-    who, what = (names[int(random.integers(len(names)))] for names in (_others(n, main) for n, main in zip((allowed.subjects, allowed.outfits), cast(seed), strict=True)))
-    return Performer(who, what, params.motion, 1.0, 0.4, random.uniform(-1, 1, 4), params.heading, tuple(params.position))
+    who, what = (
+        names[int(random.integers(len(names)))]
+        for names in (_others(n, main) for n, main in zip((allowed.subjects, allowed.outfits), cast(seed), strict=True))
+    )
+    return Performer(
+        who, what, params.motion, 1.0, 0.4, random.uniform(-1, 1, 4), params.heading, tuple(params.position)
+    )
 
 
 EFFECT = SceneEffect(

@@ -18,7 +18,9 @@ _SLOPE = 255 * 1.055 / 2.4 * _MID_GREY ** (1 / 2.4 - 1)
 class SensorNoise(EffectParams):
     """The sensor."""
 
-    electrons: float = Field(6000.0, gt=0, le=1e7, description="Electrons that white gives in one exposure; fewer are noisier.")
+    electrons: float = Field(
+        6000.0, gt=0, le=1e7, description="Electrons that white gives in one exposure; fewer are noisier."
+    )
     read: float = Field(6.0, ge=0, le=1e5, description="Standard deviation of reading, electrons.")
 
 
@@ -32,7 +34,8 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 
 
 def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
-    """Light [h, w, 3] linear with shot and read noise; the photon count's Poisson law is taken as a normal one of the same variance."""
+    """Light [h, w, 3] linear with shot and read noise; the photon count's Poisson law is taken as a normal one of
+    the same variance."""
     random = generator(seed, "sensor_noise", shot.frame, shot.view)
     variance = np.maximum(light, 0.0) / params.electrons + (params.read / params.electrons) ** 2
     return light + np.sqrt(variance).astype(np.float32) * random.standard_normal(light.shape, dtype=np.float32)

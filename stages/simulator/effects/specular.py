@@ -1,4 +1,5 @@
-"""Skin, leather and smooth cloth mirror a share of the lamps; where that shows depends on where the camera stands (Blinn-Phong)."""
+"""Skin, leather and smooth cloth mirror a share of the lamps; where that shows depends on where the camera stands
+(Blinn-Phong)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,11 @@ class Specular(EffectParams):
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
-    return above(evidence.params.strength, bound, f"surfaces shine {evidence.params.strength:g} times as much as dry skin and cotton")
+    return above(
+        evidence.params.strength,
+        bound,
+        f"surfaces shine {evidence.params.strength:g} times as much as dry skin and cotton",
+    )
 
 
 def apply(gloss: np.ndarray, params: Any) -> np.ndarray:

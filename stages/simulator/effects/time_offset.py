@@ -14,7 +14,9 @@ from posegaussian.stages.simulator.effects.base import EffectParams, SceneEffect
 class TimeOffset(EffectParams):
     """How far apart."""
 
-    frames: float = Field(0.3, ge=0, le=100, description="Standard deviation of every camera's delay, in frame intervals.")
+    frames: float = Field(
+        0.3, ge=0, le=100, description="Standard deviation of every camera's delay, in frame intervals."
+    )
 
 
 def _decide(evidence: SceneEvidence, bound: float) -> Decision:
@@ -25,7 +27,9 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 def apply(times: np.ndarray, valid: np.ndarray, params: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Times [F, V] s with each camera's delay; valid as it is."""
     interval = times[1, 0] - times[0, 0] if len(times) > 1 else 1 / 30
-    delay = np.array([generator(seed, "time_offset", v).normal() for v in range(times.shape[1])]) * params.frames * interval
+    delay = (
+        np.array([generator(seed, "time_offset", v).normal() for v in range(times.shape[1])]) * params.frames * interval
+    )
     return times + delay, valid
 
 

@@ -1,4 +1,5 @@
-"""Light that comes in at an angle a is dimmed by cos(a)^4 and by the lens's rim; here, a share that grows with the radius squared."""
+"""Light that comes in at an angle a is dimmed by cos(a)^4 and by the lens's rim; here, a share that grows with the
+radius squared."""
 
 from __future__ import annotations
 

@@ -23,7 +23,11 @@ def flat_textures(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     pictures = [t.albedo for t in mesh.textures]
     starts = np.cumsum([0, *(p.shape[0] * p.shape[1] for p in pictures)])
     info = np.array([[s, p.shape[1], p.shape[0]] for s, p in zip(starts, pictures, strict=False)], dtype=np.int64)
-    return np.concatenate([p.reshape(-1, 3) for p in pictures]), info, np.array([[t.gloss, t.exponent] for t in mesh.textures])
+    return (
+        np.concatenate([p.reshape(-1, 3) for p in pictures]),
+        info,
+        np.array([[t.gloss, t.exponent] for t in mesh.textures]),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -48,9 +52,9 @@ def shade(
 ) -> np.ndarray:  # fmt: skip
     """[h S, w S, 3] float32 linear light of every sample; 0 where there is nothing.
 
-    index from `rasterize`; p [V, 3] picture and depth of the vertices; normals [V, 3] unit, world; lit [V, 1 + n] share of
-    the sky and of each light that reaches a vertex; eye [3] the camera's centre. Diffuse light is E = sky ((1 + n_z) / 2) +
-    ground ((1 - n_z) / 2) + sum_l power_l max(0, n l); a highlight (Blinn-Phong) is added where `shiny`.
+    index from `rasterize`; p [V, 3] picture and depth of the vertices; normals [V, 3] unit, world; lit [V, 1 + n] share
+    of the sky and of each light that reaches a vertex; eye [3] the camera's centre. Diffuse light is E = sky ((1 + n_z)
+    / 2) + ground ((1 - n_z) / 2) + sum_l power_l max(0, n l); a highlight (Blinn-Phong) is added where `shiny`.
     """
     h, w = index.shape
     out = np.zeros((h, w, 3), dtype=np.float32)
@@ -70,15 +74,31 @@ def shade(
             x2 = eye[2] - (s0 * vertices[a, 2] + s1 * vertices[b, 2] + s2 * vertices[c, 2])
             length = max(1e-12, math.sqrt(n0 * n0 + n1 * n1 + n2 * n2))
             # inside a sleeve or a collar the cloth's other side is seen
-            f0 = (vertices[b, 1] - vertices[a, 1]) * (vertices[c, 2] - vertices[a, 2]) - (vertices[b, 2] - vertices[a, 2]) * (vertices[c, 1] - vertices[a, 1])
-            f1 = (vertices[b, 2] - vertices[a, 2]) * (vertices[c, 0] - vertices[a, 0]) - (vertices[b, 0] - vertices[a, 0]) * (vertices[c, 2] - vertices[a, 2])
-            f2 = (vertices[b, 0] - vertices[a, 0]) * (vertices[c, 1] - vertices[a, 1]) - (vertices[b, 1] - vertices[a, 1]) * (vertices[c, 0] - vertices[a, 0])
+            f0 = (vertices[b, 1] - vertices[a, 1]) * (vertices[c, 2] - vertices[a, 2]) - (
+                vertices[b, 2] - vertices[a, 2]
+            ) * (vertices[c, 1] - vertices[a, 1])
+            f1 = (vertices[b, 2] - vertices[a, 2]) * (vertices[c, 0] - vertices[a, 0]) - (
+                vertices[b, 0] - vertices[a, 0]
+            ) * (vertices[c, 2] - vertices[a, 2])
+            f2 = (vertices[b, 0] - vertices[a, 0]) * (vertices[c, 1] - vertices[a, 1]) - (
+                vertices[b, 1] - vertices[a, 1]
+            ) * (vertices[c, 0] - vertices[a, 0])
             if f0 * x0 + f1 * x1 + f2 * x2 < 0.0:
                 length = -length
             n0, n1, n2 = n0 / length, n1 / length, n2 / length
             k = layer[t]
-            _texel(texels, info[k, 0], info[k, 1], info[k, 2], s0 * uv[t, 0, 0] + s1 * uv[t, 1, 0] + s2 * uv[t, 2, 0], s0 * uv[t, 0, 1] + s1 * uv[t, 1, 1] + s2 * uv[t, 2, 1], albedo)
-            light = (s0 * lit[a, 0] + s1 * lit[b, 0] + s2 * lit[c, 0]) * (sky * 0.5 * (1.0 + n2) + ground * 0.5 * (1.0 - n2))
+            _texel(
+                texels,
+                info[k, 0],
+                info[k, 1],
+                info[k, 2],
+                s0 * uv[t, 0, 0] + s1 * uv[t, 1, 0] + s2 * uv[t, 2, 0],
+                s0 * uv[t, 0, 1] + s1 * uv[t, 1, 1] + s2 * uv[t, 2, 1],
+                albedo,
+            )
+            light = (s0 * lit[a, 0] + s1 * lit[b, 0] + s2 * lit[c, 0]) * (
+                sky * 0.5 * (1.0 + n2) + ground * 0.5 * (1.0 - n2)
+            )
             mirrored = 0.0
             for m in range(len(lights)):
                 facing = n0 * lights[m, 0] + n1 * lights[m, 1] + n2 * lights[m, 2]
@@ -102,10 +122,14 @@ SRGB = np.where(_FINE <= 0.0031308, 12.92 * _FINE, 1.055 * np.power(_FINE, 1 / 2
 
 
 @njit(cache=True, nogil=True)
-def averaged(light: np.ndarray, index: np.ndarray, own: int, samples: int, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples to pixels: [h, w, 3] float32 sRGB 0..1 premultiplied, [h, w] share covered by anything, and by the first `own` triangles.
+def averaged(
+    light: np.ndarray, index: np.ndarray, own: int, samples: int, table: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples to pixels: [h, w, 3] float32 sRGB 0..1 premultiplied, [h, w] share covered by anything, and by the first
+    `own` triangles.
 
-    light [h S, w S, 3] linear; index [h S, w S] from `rasterize`. Each sample is encoded first: the project blends in sRGB.
+    light [h S, w S, 3] linear; index [h S, w S] from `rasterize`. Each sample is encoded first: the project blends in
+    sRGB.
     """
     h, w = index.shape[0] // samples, index.shape[1] // samples
     color = np.zeros((h, w, 3), dtype=np.float32)

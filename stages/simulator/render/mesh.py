@@ -44,7 +44,8 @@ class Mesh:
 
 @njit(cache=True, nogil=True)
 def skin(vertices: np.ndarray, bones: np.ndarray, weights: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """[V, 3] vertices in the world by linear blend skinning: sum_k w_k (R_k x + t_k). motion [B, 4, 4] rest to world."""
+    """[V, 3] vertices in the world by linear blend skinning: sum_k w_k (R_k x + t_k). motion [B, 4, 4] rest to
+    world."""
     out = np.zeros_like(vertices)
     for v in range(len(vertices)):
         for k in range(4):
@@ -53,7 +54,9 @@ def skin(vertices: np.ndarray, bones: np.ndarray, weights: np.ndarray, motion: n
                 continue
             m = motion[bones[v, k]]
             for r in range(3):
-                out[v, r] += w * (m[r, 0] * vertices[v, 0] + m[r, 1] * vertices[v, 1] + m[r, 2] * vertices[v, 2] + m[r, 3])
+                out[v, r] += w * (
+                    m[r, 0] * vertices[v, 0] + m[r, 1] * vertices[v, 1] + m[r, 2] * vertices[v, 2] + m[r, 3]
+                )
     return out
 
 
@@ -76,8 +79,9 @@ def joined(meshes: list[Mesh]) -> Mesh:
 def clipped(inside: np.ndarray, tris: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The part of some triangles where a field is positive, cut along straight lines.
 
-    inside [V] values of the field at the vertices; tris [T, 3]. Returns tris [N, 3] whose vertices index a list of blends;
-    parents [N] the triangle each came from; corners [N, 3, 3] the shares of the parent's corners at each new corner.
+    inside [V] values of the field at the vertices; tris [T, 3]. Returns tris [N, 3] whose vertices index a list of
+    blends; parents [N] the triangle each came from; corners [N, 3, 3] the shares of the parent's corners at each new
+    corner.
     """
     f = inside[tris]
     out_corners, out_parent = [], []

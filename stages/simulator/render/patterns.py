@@ -1,6 +1,7 @@
 """Cloth, skin and hair as solid textures: colour follows from the place on the body at rest, so no seam shows.
 
-Every pattern fades over about 3 mm, the finest noise has cells of 6 mm: at 512 px and two samples a side nothing aliases.
+Every pattern fades over about 3 mm, the finest noise has cells of 6 mm: at 512 px and two samples a side nothing
+aliases.
 """
 
 from __future__ import annotations
@@ -77,20 +78,37 @@ def _face(x: float, y: float, z: float, marks: np.ndarray) -> tuple[float, float
     s = marks[3, 0]
     dx, dy, dz = (x - marks[0, 0]) * s, (y - marks[0, 1]) * s, (z - marks[0, 2]) * s
     lips = (1.0 - _step((dy / 0.023) ** 2 + ((dz + 0.042) / 0.0085) ** 2, 1.0, 0.8)) * _step(dx, -0.035, 0.01)
-    cheeks = 0.5 * (math.exp(-((abs(dy) - 0.04) ** 2 + (dz + 0.005) ** 2) / 0.0005) + math.exp(-(dy * dy + dz * dz) / 0.00025)) * _step(dx, -0.07, 0.02)
+    cheeks = (
+        0.5
+        * (math.exp(-((abs(dy) - 0.04) ** 2 + (dz + 0.005) ** 2) / 0.0005) + math.exp(-(dy * dy + dz * dz) / 0.00025))
+        * _step(dx, -0.07, 0.02)
+    )
     brows = 0.0
     for e in (1, 2):
         ey, ez = (y - marks[e, 1]) * s, (z - marks[e, 2]) * s
-        brows = max(brows, (1.0 - _step((ey / 0.021) ** 2 + ((ez - 0.020 + 4.0 * ey * ey) / 0.0042) ** 2, 1.0, 0.7)) * _step(dx, -0.06, 0.01))
+        brows = max(
+            brows,
+            (1.0 - _step((ey / 0.021) ** 2 + ((ez - 0.020 + 4.0 * ey * ey) / 0.0042) ** 2, 1.0, 0.7))
+            * _step(dx, -0.06, 0.01),
+        )
     return cheeks, lips, brows
 
 
 @njit(cache=True, nogil=True)
-def paint(pattern: int, colors: np.ndarray, scale: float, marks: np.ndarray, points: np.ndarray, tris: np.ndarray, uv: np.ndarray, index: np.ndarray) -> np.ndarray:
+def paint(
+    pattern: int,
+    colors: np.ndarray,
+    scale: float,
+    marks: np.ndarray,
+    points: np.ndarray,
+    tris: np.ndarray,
+    uv: np.ndarray,
+    index: np.ndarray,
+) -> np.ndarray:
     """[n, n, 3] float32 linear albedo of a layer's texture; texels outside every triangle are 0.
 
-    colors [3, 3] linear; points [V, 3] at rest; uv [3 T, 3] places in the texture in texels with depth 1, three a triangle;
-    index [n, n] triangle of every texel.
+    colors [3, 3] linear; points [V, 3] at rest; uv [3 T, 3] places in the texture in texels with depth 1, three a
+    triangle; index [n, n] triangle of every texel.
     """
     n = len(index)
     out = np.zeros((n, n, 3), dtype=np.float32)
@@ -103,7 +121,11 @@ def paint(pattern: int, colors: np.ndarray, scale: float, marks: np.ndarray, poi
             corner[0], corner[1], corner[2] = 3 * t, 3 * t + 1, 3 * t + 2
             s0, s1, s2 = shares(uv, corner, j + 0.5, i + 0.5)
             a, b, c = points[tris[t, 0]], points[tris[t, 1]], points[tris[t, 2]]
-            x, y, z = s0 * a[0] + s1 * b[0] + s2 * c[0], s0 * a[1] + s1 * b[1] + s2 * c[1], s0 * a[2] + s1 * b[2] + s2 * c[2]
+            x, y, z = (
+                s0 * a[0] + s1 * b[0] + s2 * c[0],
+                s0 * a[1] + s1 * b[1] + s2 * c[1],
+                s0 * a[2] + s1 * b[2] + s2 * c[2],
+            )
             if pattern == EYE:
                 e = 1 if y > marks[0, 1] else 2
                 d = math.sqrt((y - marks[e, 1]) ** 2 + (z - marks[e, 2]) ** 2) * marks[3, 0]
@@ -124,7 +146,8 @@ def paint(pattern: int, colors: np.ndarray, scale: float, marks: np.ndarray, poi
 
 @njit(cache=True, nogil=True)
 def _spread(picture: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fill texels outside every triangle from their neighbours, one ring, so that filtering at a border mixes nothing foreign."""
+    """Fill texels outside every triangle from their neighbours, one ring, so that filtering at a border mixes
+    nothing foreign."""
     out, filled = picture.copy(), index.copy()
     n = len(index)
     for i in range(n):
@@ -145,7 +168,16 @@ def _spread(picture: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndar
     return out, filled
 
 
-def texture(pattern: int, colors: np.ndarray, scale: float, marks: np.ndarray, points: np.ndarray, tris: np.ndarray, uv: np.ndarray, size: int) -> np.ndarray:
+def texture(
+    pattern: int,
+    colors: np.ndarray,
+    scale: float,
+    marks: np.ndarray,
+    points: np.ndarray,
+    tris: np.ndarray,
+    uv: np.ndarray,
+    size: int,
+) -> np.ndarray:
     """[size, size, 3] float32 linear albedo of one layer. points [V, 3] at rest, tris [T, 3], uv [T, 3, 2] in 0..1."""
     corners = np.ones((3 * len(tris), 3))
     corners[:, 0] = uv[..., 0].reshape(-1) * size

@@ -1,9 +1,10 @@
-"""A z-buffer rasterizer: which triangle a ray through a point of the picture meets first, and how far along the optical axis.
+"""A z-buffer rasterizer: which triangle a ray through a point of the picture meets first, and how far along the optical
+axis.
 
 Pictures follow the project's pixel centres: sample (i, j) of a picture with S samples a side lies at ((j + 0.5) / S,
-(i + 0.5) / S) px. A mesh may lie in any order: an edge is evaluated from its lower vertex index to its higher one, so two
-triangles that share it leave no gap and no order decides; of two triangles at the same depth the one with the lower vertex
-indices is seen. Triangles that reach behind `NEAR` are left out whole.
+(i + 0.5) / S) px. A mesh may lie in any order: an edge is evaluated from its lower vertex index to its higher one, so
+two triangles that share it leave no gap and no order decides; of two triangles at the same depth the one with the lower
+vertex indices is seen. Triangles that reach behind `NEAR` are left out whole.
 """
 
 from __future__ import annotations
@@ -48,10 +49,11 @@ def _before(a: np.ndarray, b: np.ndarray) -> bool:
 
 @njit(cache=True, nogil=True)
 def rasterize(p: np.ndarray, tris: np.ndarray, width: int, height: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Depth [h S, w S] float64 (inf = none) and index [h S, w S] int32 (-1 = none) of the first triangle at every sample.
+    """Depth [h S, w S] float64 (inf = none) and index [h S, w S] int32 (-1 = none) of the first triangle at every
+    sample.
 
-    p [V, 3] (u px, v px, depth m) of the vertices; tris [T, 3] int32. Both sides of a triangle are seen. The depth is that
-    of the triangle's plane at the sample.
+    p [V, 3] (u px, v px, depth m) of the vertices; tris [T, 3] int32. Both sides of a triangle are seen. The depth is
+    that of the triangle's plane at the sample.
     """
     w, h = width * samples, height * samples
     depth = np.full((h, w), np.inf)
@@ -86,7 +88,8 @@ def rasterize(p: np.ndarray, tris: np.ndarray, width: int, height: int, samples:
 
 @njit(cache=True, nogil=True)
 def vertex_normals(vertices: np.ndarray, tris: np.ndarray) -> np.ndarray:
-    """[V, 3] unit normals: the area-weighted mean of the triangles around each vertex; (0, 0, 1) where there is none."""
+    """[V, 3] unit normals: the area-weighted mean of the triangles around each vertex; (0, 0, 1) where there is
+    none."""
     out = np.zeros_like(vertices)
     for t in range(len(tris)):
         a, b, c = tris[t, 0], tris[t, 1], tris[t, 2]
@@ -108,7 +111,8 @@ def vertex_normals(vertices: np.ndarray, tris: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def flat_normals(camera: np.ndarray, tris: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """[h, w, 3] float32 unit normals of the triangles seen, in camera axes and facing the camera; 0 where there is none.
+    """[h, w, 3] float32 unit normals of the triangles seen, in camera axes and facing the camera; 0 where there is
+    none.
 
     camera [V, 3] vertices in the camera's frame; index [h, w] from `rasterize`.
     """

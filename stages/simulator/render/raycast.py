@@ -1,7 +1,7 @@
 """First hits of rays on ellipsoids and round cones, in closed form.
 
-A primitive lives in the rest frame of its bone; rays are carried there by a rigid motion, which leaves the ray parameter
-as it is. Rays have camera direction (x, y, 1), so the parameter *is* the depth along the optical axis.
+A primitive lives in the rest frame of its bone; rays are carried there by a rigid motion, which leaves the ray
+parameter as it is. Rays have camera direction (x, y, 1), so the parameter *is* the depth along the optical axis.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def round_cone_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     """Parameter at which the ray o + t d enters a round cone, or inf.
 
     With axis w, length L, s = (ra - rb) / L and c² = 1 - s², the lateral surface is c² |q|² = y² - 2 s ra y + ra² for
-    q = p - a and y = q·w in [ra s, L + rb s]. Its two end discs lie inside the balls, so the first entry of the union is
-    the smallest entry of the three pieces.
+    q = p - a and y = q·w in [ra s, L + rb s]. Its two end discs lie inside the balls, so the first entry of the union
+    is the smallest entry of the three pieces.
     """
     wx, wy, wz = g[3] - g[0], g[4] - g[1], g[5] - g[2]
     length = math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -60,7 +60,9 @@ def round_cone_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     od = qx * d[0] + qy * d[1] + qz * d[2]
     oo = qx * qx + qy * qy + qz * qz
     y0, dy = qx * wx + qy * wy + qz * wz, d[0] * wx + d[1] * wy + d[2] * wz
-    best = min(_ball_entry(dd, od, oo, ra), _ball_entry(dd, od - length * dy, oo - 2.0 * length * y0 + length * length, rb))
+    best = min(
+        _ball_entry(dd, od, oo, ra), _ball_entry(dd, od - length * dy, oo - 2.0 * length * y0 + length * length, rb)
+    )
     s = (ra - rb) / length
     c2 = 1.0 - s * s
     a = c2 * dd - dy * dy
@@ -126,7 +128,8 @@ def _carried(rotation: np.ndarray, point: np.ndarray, shift: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True)
 def bounds(kind: int, g: np.ndarray, to_camera: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """[4] (x0, y0, x1, y1) in normalised picture coordinates that hold the whole primitive; infinite when it is not in front.
+    """[4] (x0, y0, x1, y1) in normalised picture coordinates that hold the whole primitive; infinite when it is not in
+    front.
 
     `to_camera` [3, 3] and `shift` [3] carry rest coordinates to camera coordinates.
     """
@@ -150,8 +153,17 @@ def _samples(low: float, high: float, focal: float, principal: float, sub: int, 
 
 
 @njit(cache=True, nogil=True)
-def cast(kinds: np.ndarray, geometry: np.ndarray, rotation: np.ndarray, shift: np.ndarray, k: np.ndarray, size: tuple[int, int], sub: int) -> tuple[np.ndarray, np.ndarray]:
-    """First hits of one camera: depth [h·sub, w·sub] float64 in metres (inf: none) and primitive [h·sub, w·sub] int16 (-1: none).
+def cast(
+    kinds: np.ndarray,
+    geometry: np.ndarray,
+    rotation: np.ndarray,
+    shift: np.ndarray,
+    k: np.ndarray,
+    size: tuple[int, int],
+    sub: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """First hits of one camera: depth [h·sub, w·sub] float64 in metres (inf: none) and primitive [h·sub, w·sub] int16
+    (-1: none).
 
     kinds [P], geometry [P, 8]; rotation [P, 3, 3] and shift [P, 3] carry rest coordinates of each primitive to camera
     coordinates; k [3, 3] intrinsics in our pixel centres without skew; size (width, height). Sample (i, j) of a picture

@@ -12,7 +12,8 @@ from posegaussian.stages.simulator.render.texture import noise
 
 @njit(cache=True, nogil=True)
 def room_light(centre: np.ndarray, directions: np.ndarray, side: float, ceiling: float) -> np.ndarray:
-    """[h, w, 3] float32 linear light of the room's inside along rays; directions [h, w, 3] in the world, centre [3] inside."""
+    """[h, w, 3] float32 linear light of the room's inside along rays; directions [h, w, 3] in the world, centre [3]
+    inside."""
     h, w = directions.shape[:2]
     out = np.empty((h, w, 3), dtype=np.float32)
     for i in range(h):
@@ -26,12 +27,20 @@ def room_light(centre: np.ndarray, directions: np.ndarray, side: float, ceiling:
                 t = (wall - centre[k]) / d
                 if 0.0 < t < best:
                     best, axis = t, k
-            x, y, z = centre[0] + best * directions[i, j, 0], centre[1] + best * directions[i, j, 1], centre[2] + best * directions[i, j, 2]
+            x, y, z = (
+                centre[0] + best * directions[i, j, 0],
+                centre[1] + best * directions[i, j, 1],
+                centre[2] + best * directions[i, j, 2],
+            )
             if axis == 2:
                 if z < 0.5 * ceiling:
                     plank = math.floor(y / 0.14)
                     grain = noise(x / 0.5 + 7.7 * plank, y / 0.03, 0.5) - 0.5
-                    tone = 0.8 + 0.35 * (noise(plank * 3.1, math.floor(x / 1.3 + 0.37 * plank) * 2.3, 1.5) - 0.5) + 0.3 * grain
+                    tone = (
+                        0.8
+                        + 0.35 * (noise(plank * 3.1, math.floor(x / 1.3 + 0.37 * plank) * 2.3, 1.5) - 0.5)
+                        + 0.3 * grain
+                    )
                     if y / 0.14 - plank < 0.03:
                         tone *= 0.5
                     far = math.sqrt(x * x + y * y)
@@ -42,7 +51,9 @@ def room_light(centre: np.ndarray, directions: np.ndarray, side: float, ceiling:
                     out[i, j, 0], out[i, j, 1], out[i, j, 2] = 0.5 + 0.5 * lamp, 0.5 + 0.5 * lamp, 0.48 + 0.5 * lamp
                 continue
             u = y if axis == 0 else x
-            tone = 0.9 + 0.12 * (noise(u / 0.8, z / 0.8, 3.0 * axis) - 0.5) + 0.04 * (noise(u / 0.05, z / 0.05, 9.0) - 0.5)
+            tone = (
+                0.9 + 0.12 * (noise(u / 0.8, z / 0.8, 3.0 * axis) - 0.5) + 0.04 * (noise(u / 0.05, z / 0.05, 9.0) - 0.5)
+            )
             r, g, b = 0.42 * tone, 0.44 * tone, 0.42 * tone
             if z < 0.10:
                 r, g, b = 0.12, 0.10, 0.09

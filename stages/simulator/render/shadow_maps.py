@@ -18,8 +18,8 @@ SLACK = 0.012
 def reached(vertices: np.ndarray, normals: np.ndarray, tris: np.ndarray, towards: np.ndarray, size: int) -> np.ndarray:
     """[V] share 0..1 of parallel light from direction `towards` [3] (unit) that reaches each vertex.
 
-    vertices [V, 3] metres, normals [V, 3] unit; `size` is the side of the depth picture in texels. The share is the bilinear
-    mean of four comparisons, which softens the shadow's edge over one texel.
+    vertices [V, 3] metres, normals [V, 3] unit; `size` is the side of the depth picture in texels. The share is the
+    bilinear mean of four comparisons, which softens the shadow's edge over one texel.
     """
     helper = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     right = np.cross(helper, towards)

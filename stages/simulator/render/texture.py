@@ -58,7 +58,9 @@ def fabric(p: np.ndarray, material: int) -> float:
     value = 0.0
     for n in range(CELLS.shape[0]):
         shift = 17.3 * n + 5.1 * material
-        value += WEIGHTS[n] * (noise(p[0] / CELLS[n] + shift, p[1] / CELLS[n] - shift, p[2] / CELLS[n] + 0.5 * shift) - 0.5)
+        value += WEIGHTS[n] * (
+            noise(p[0] / CELLS[n] + shift, p[1] / CELLS[n] - shift, p[2] / CELLS[n] + 0.5 * shift) - 0.5
+        )
     # The sum of octaves rarely leaves the middle third of its range; spread it, and clip what is left.
     return min(max(5.0 * value, -1.0), 1.0)
 
@@ -114,7 +116,18 @@ def light(n: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def shade(depth: np.ndarray, hit: np.ndarray, kinds: np.ndarray, geometry: np.ndarray, materials: np.ndarray, to_world: np.ndarray, rotation: np.ndarray, shift: np.ndarray, k: np.ndarray, sub: int) -> tuple[np.ndarray, np.ndarray]:
+def shade(
+    depth: np.ndarray,
+    hit: np.ndarray,
+    kinds: np.ndarray,
+    geometry: np.ndarray,
+    materials: np.ndarray,
+    to_world: np.ndarray,
+    rotation: np.ndarray,
+    shift: np.ndarray,
+    k: np.ndarray,
+    sub: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """Box-filtered colour [h, w, 3] and coverage [h, w], float64 in 0..1, from the samples of `raycast.cast`.
 
     to_world [P, 3, 3] turns rest normals of each primitive into world normals; the rest as in `cast`. Colour is

@@ -34,7 +34,17 @@ class Actor(Protocol):
 class Performer:
     """A baked, dressed person who does something."""
 
-    def __init__(self, subject: str, outfit: str, motion: str, speed: float, phase: float, style: np.ndarray, heading: float = 0.0, position: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        subject: str,
+        outfit: str,
+        motion: str,
+        speed: float,
+        phase: float,
+        style: np.ndarray,
+        heading: float = 0.0,
+        position: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         self.body, self.mesh = load_body(subject), dressed(subject, outfit)
         self._motion, self._speed, self._phase, self._style = motion, speed, phase, style
         self._place = np.eye(4)
@@ -67,7 +77,9 @@ class Still:
 
     def vertices(self, time: float) -> np.ndarray:
         """[V, 3] in the world, metres."""
-        return self.mesh.vertices @ turn("z", math.radians(self.degrees * time)).T if self.degrees else self.mesh.vertices
+        return (
+            self.mesh.vertices @ turn("z", math.radians(self.degrees * time)).T if self.degrees else self.mesh.vertices
+        )
 
     def joints(self, time: float) -> None:
         """Nobody knows the joints of a scan."""

@@ -64,7 +64,11 @@ class Body:
             near = (self.vertices - first) @ a / np.linalg.norm(a)
             far = np.linalg.norm(a) + (self.vertices - second) @ b / np.linalg.norm(b)
             # one bone after the other, changing over where the two measures agree: at the bend
-            limb = np.where(self.bone(side + chain[0]) > self.bone(side + chain[1], side + chain[2]), np.minimum(near, np.linalg.norm(a)), np.maximum(far, np.linalg.norm(a)))
+            limb = np.where(
+                self.bone(side + chain[0]) > self.bone(side + chain[1], side + chain[2]),
+                np.minimum(near, np.linalg.norm(a)),
+                np.maximum(far, np.linalg.norm(a)),
+            )
             out = np.where(share > 0.5, limb, out)
         return out
 
@@ -89,7 +93,10 @@ def load_body(name: str) -> Body:
     """A baked subject. Raises KeyError for a name that has no file."""
     file = FOLDER / f"{name}.npz"
     if not file.is_file():
-        raise KeyError(f"no baked subject {name!r}; there are {', '.join(sorted(f.stem for f in FOLDER.glob('*.npz') if f.stem != 'body'))}")
+        raise KeyError(
+            f"no baked subject {name!r}; there are"
+            f" {', '.join(sorted(f.stem for f in FOLDER.glob('*.npz') if f.stem != 'body'))}"
+        )
     shared, own = np.load(FOLDER / "body.npz"), np.load(file)
     weights = np.zeros((len(shared["bones"]), len(BONES)))
     np.put_along_axis(weights, shared["bones"].astype(np.int64), shared["weights"] / 255.0, axis=1)

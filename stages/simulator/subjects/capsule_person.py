@@ -59,12 +59,15 @@ def look_at(centre: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def ring(views: int, size: int, held_out: int) -> Rig:
-    """Rig of `views` cameras evenly around the person, cam00 in front, and `held_out` ones in gaps spread over the ring.
+    """Rig of `views` cameras evenly around the person, cam00 in front, and `held_out` ones in gaps spread over the
+    ring.
 
     Raises ValueError when there are no views or more held-out cameras than gaps.
     """
     if views < 1 or not 0 <= held_out <= views:
-        raise ValueError(f"{views} views and {held_out} held-out cameras: at least one view, and at most one held-out camera a gap")
+        raise ValueError(
+            f"{views} views and {held_out} held-out cameras: at least one view, and at most one held-out camera a gap"
+        )
     turns = [*range(views), *(k * views // held_out + 0.5 for k in range(held_out))]
     angles = 2.0 * math.pi * np.array(turns) / views
     centres = np.stack([RADIUS * np.cos(angles), RADIUS * np.sin(angles), np.full(len(angles), CAMERA_HEIGHT)], axis=1)
@@ -80,7 +83,9 @@ def samples_per_side(size: int) -> int:
     return max(2, min(8, math.ceil(640 / size)))
 
 
-def render(bones: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray, size: tuple[int, int], samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def render(
+    bones: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray, size: tuple[int, int], samples: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """One picture of a posed person: color [h, w, 3] uint8, mask [h, w] uint8, depth [h, w] float32 at pixel centres.
 
     bones [B, 4, 4] rest to world; intrinsics [3, 3] px in our pixel centres, no distortion; world_to_camera [4, 4];
@@ -97,7 +102,9 @@ def render(bones: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarra
     return np.rint(255.0 * color).astype(np.uint8), np.rint(255.0 * cover).astype(np.uint8), depth.astype(np.float32)
 
 
-def capture_person(views: int = 8, size: int = 48, frames: int = 6, held_out: int = 2, motion: str = "wave") -> PersonCapture:
+def capture_person(
+    views: int = 8, size: int = 48, frames: int = 6, held_out: int = 2, motion: str = "wave"
+) -> PersonCapture:
     """Film the person with a ring of cameras at 2.4 m and held-out ones in the middle between neighbours.
 
     size: side of the square pictures, px; motion: stand, wave or kick. Raises ValueError for an unknown motion and for
@@ -113,6 +120,8 @@ def capture_person(views: int = 8, size: int = 48, frames: int = 6, held_out: in
         joints3d[f, :, :3] = joints_at(bones)
         for v in range(n):
             joints2d[f, v, :, :2] = project(joints3d[f, :, :3], rig.intrinsics[v], rig.world_to_camera[v])[0]
-            color[f, v], mask[f, v], depth[f, v] = render(bones, rig.intrinsics[v], rig.world_to_camera[v], (size, size), samples_per_side(size))
+            color[f, v], mask[f, v], depth[f, v] = render(
+                bones, rig.intrinsics[v], rig.world_to_camera[v], (size, size), samples_per_side(size)
+            )
     roles = Views(rig.names, tuple(range(views)), tuple(range(views, n)))
     return PersonCapture(rig, roles, color, mask, depth, joints2d, joints3d, FRAME_RATE)

@@ -1,4 +1,5 @@
-"""Dressing a baked body: garments, shoes and hair are shells over the skin, cut along smooth hems; skin below is left out.
+"""Dressing a baked body: garments, shoes and hair are shells over the skin, cut along smooth hems; skin below is left
+out.
 
 A shell is the skin's own surface, smoothed until it no longer follows every muscle, pushed out along its normals, never
 closer to the skin than a few millimetres. A field that is positive inside says how far it reaches.
@@ -28,8 +29,10 @@ TUCK = 0.03
 WAIST = 0.09
 """Metres that trousers reach up under the hem of a top."""
 
+
 def _smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: int) -> np.ndarray:
-    """Laplacian smoothing over the vertices with weight > 0; each moves by `weight` of the way to its neighbours' mean."""
+    """Laplacian smoothing over the vertices with weight > 0; each moves by `weight` of the way to its neighbours'
+    mean."""
     own = edges[(weight[edges] > 0).all(axis=1)]
     a, b = np.concatenate([own[:, 0], own[:, 1]]), np.concatenate([own[:, 1], own[:, 0]])
     count = np.maximum(np.bincount(a, minlength=len(values)), 1)[:, None]
@@ -45,8 +48,11 @@ def _noise(points: np.ndarray, cell: float, shift: float) -> np.ndarray:
     return np.array([noise(x + shift, y, z) for x, y, z in points / cell]) - 0.5
 
 
-def _shell(body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrinkles: float, follows: np.ndarray | float = 1.0) -> np.ndarray:
-    """[V, 3] the skin smoothed and pushed out by `offset` metres, where it `follows` (0..1) nowhere nearer than a third of it."""
+def _shell(
+    body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrinkles: float, follows: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """[V, 3] the skin smoothed and pushed out by `offset` metres, where it `follows` (0..1) nowhere nearer than a
+    third of it."""
     region = (inside > -0.06).astype(np.float64)
     smooth = _smoothed(body.vertices, body.edges, 0.5 * region, rounds)
     used = body.tris[(inside[body.tris] > -0.08).any(axis=1)]
@@ -79,7 +85,16 @@ def _cut(body: Body, vertices: np.ndarray, inside: np.ndarray, layer: Texture, s
 
     uv = np.einsum("nij,njk->nik", corners, body.uv[parent]).astype(np.float32)
     bones, weights = _strongest(blend(body.weights))
-    return Mesh(blend(vertices), back.reshape(-1, 3).astype(np.int32), uv, np.zeros(len(parent), np.int32), (layer,), bones, weights, blend(slack[:, None])[:, 0])
+    return Mesh(
+        blend(vertices),
+        back.reshape(-1, 3).astype(np.int32),
+        uv,
+        np.zeros(len(parent), np.int32),
+        (layer,),
+        bones,
+        weights,
+        blend(slack[:, None])[:, 0],
+    )
 
 
 def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,9 +116,36 @@ def _marks(body: Body) -> np.ndarray:
     return np.stack([*body.joints[:3], [0.064 / apart, 0.0, 0.0]])
 
 
-def _painted(body: Body, mesh: Mesh, pattern: str, colors: tuple[Rgb, Rgb, Rgb], scale: float, gloss: float, exponent: float = 20.0, texels: int = TEXELS) -> Mesh:
-    picture = texture(PATTERNS.index(pattern), np.stack([linear(c) for c in colors]), scale, _marks(body), mesh.vertices, mesh.tris, mesh.uv, texels)
-    return Mesh(mesh.vertices, mesh.tris, mesh.uv, mesh.layer, (Texture(picture, gloss, exponent),), mesh.bones, mesh.weights, mesh.slack)
+def _painted(
+    body: Body,
+    mesh: Mesh,
+    pattern: str,
+    colors: tuple[Rgb, Rgb, Rgb],
+    scale: float,
+    gloss: float,
+    exponent: float = 20.0,
+    texels: int = TEXELS,
+) -> Mesh:
+    picture = texture(
+        PATTERNS.index(pattern),
+        np.stack([linear(c) for c in colors]),
+        scale,
+        _marks(body),
+        mesh.vertices,
+        mesh.tris,
+        mesh.uv,
+        texels,
+    )
+    return Mesh(
+        mesh.vertices,
+        mesh.tris,
+        mesh.uv,
+        mesh.layer,
+        (Texture(picture, gloss, exponent),),
+        mesh.bones,
+        mesh.weights,
+        mesh.slack,
+    )
 
 
 BLANK = Texture(np.zeros((1, 1, 3), np.float32))
@@ -132,7 +174,9 @@ def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
     belly = np.clip((body.pivot("chest")[2] - body.vertices[:, 2]) / 0.25, 0.0, 1.0) * (body.arms < 0.3)
     offset = garment.loose * (1.0 + 0.6 * belly + 0.2 * reach) + 0.003
     # where trousers are underneath there is less room to swing
-    over = np.clip((body.pivot("left_thigh")[2] + 0.06 + WAIST - body.vertices[:, 2]) / 0.04, 0.0, 1.0) * (body.arms < 0.3)
+    over = np.clip((body.pivot("left_thigh")[2] + 0.06 + WAIST - body.vertices[:, 2]) / 0.04, 0.0, 1.0) * (
+        body.arms < 0.3
+    )
     slack = offset * np.clip(0.3 + belly, 0.0, 1.0) * (1.0 - 0.7 * over)
     vertices = _shell(body, inside, offset, 34, 0.5 * garment.loose)
     return _cut(body, vertices, inside, BLANK, slack), inside
@@ -160,14 +204,20 @@ def _hair(body: Body, look: Look) -> tuple[Mesh, np.ndarray]:
     brow = (eye[2] - ear[2]) / size + 0.060
     back = {"short": -0.035, "bob": -0.085, "long": -0.19}[look.style]
     side = {"short": 0.030, "bob": -0.045, "long": -0.10}[look.style]
-    line = np.interp(p[:, 0], [-0.12, -0.045, -0.012, 0.022, 0.045, front - 0.03, front + 0.02], [back, back, side, 0.045 if look.style == "short" else 0.035, 0.055, brow, brow + 0.01])
+    line = np.interp(
+        p[:, 0],
+        [-0.12, -0.045, -0.012, 0.022, 0.045, front - 0.03, front + 0.02],
+        [back, back, side, 0.045 if look.style == "short" else 0.035, 0.055, brow, brow + 0.01],
+    )
     head = body.bone("head", "neck", *(("chest",) if look.style == "long" else ())) > 0.5
     inside = np.where(head, (p[:, 2] - line) * size, -1.0)
     inside[-EYE_VERTICES:] = -1.0
     if look.style == "long":
         inside = np.where(np.abs(p[:, 1]) > 0.085 + 0.1 * (p[:, 2] > -0.02), -1.0, inside)
     thick = {"short": 0.014, "bob": 0.028, "long": 0.026}[look.style]
-    offset = np.minimum(thick, 0.003 + 0.55 * np.maximum(inside, 0.0)) + 0.006 * _noise(body.vertices, 0.035, 3.0) * (inside > 0.01)
+    offset = np.minimum(thick, 0.003 + 0.55 * np.maximum(inside, 0.0)) + 0.006 * _noise(body.vertices, 0.035, 3.0) * (
+        inside > 0.01
+    )
     # hair lies over the ears, not along their folds
     ears = np.minimum(*(np.linalg.norm(body.vertices - e, axis=1) for e in body.joints[3:5])) / size < 0.055
     vertices = _shell(body, inside, offset, 8 if look.style == "short" else 30, 0.0, 1.0 - 1.0 * ears)
@@ -176,7 +226,16 @@ def _hair(body: Body, look: Look) -> tuple[Mesh, np.ndarray]:
 
 def _without(mesh: Mesh, hidden: np.ndarray) -> Mesh:
     """The mesh less the triangles marked; vertices stay."""
-    return Mesh(mesh.vertices, mesh.tris[~hidden], mesh.uv[~hidden], mesh.layer[~hidden], mesh.textures, mesh.bones, mesh.weights, mesh.slack)
+    return Mesh(
+        mesh.vertices,
+        mesh.tris[~hidden],
+        mesh.uv[~hidden],
+        mesh.layer[~hidden],
+        mesh.textures,
+        mesh.bones,
+        mesh.weights,
+        mesh.slack,
+    )
 
 
 def _skin(body: Body, look: Look, covered: np.ndarray) -> list[Mesh]:
@@ -190,7 +249,10 @@ def _skin(body: Body, look: Look, covered: np.ndarray) -> list[Mesh]:
     low = balls.uv.min(axis=(0, 1))
     # in the body's atlas an iris has two texels
     balls = dataclasses.replace(balls, uv=(balls.uv - low) / (balls.uv.max(axis=(0, 1)) - low))
-    lips, brows = (int(0.82 * r), int(0.58 * g), int(0.60 * b)), tuple(int(0.6 * c + 0.08 * s) for c, s in zip(look.hair, look.skin, strict=True))
+    lips, brows = (
+        (int(0.82 * r), int(0.58 * g), int(0.60 * b)),
+        tuple(int(0.6 * c + 0.08 * s) for c, s in zip(look.hair, look.skin, strict=True)),
+    )
     return [
         _painted(body, _without(whole, eyes | hidden), "skin", (look.skin, lips, brows), 0.1, 0.035, 12.0),  # type: ignore[arg-type]
         _painted(body, balls, "eye", ((206, 202, 198), (84, 62, 44), (10, 10, 12)), 0.1, 0.10, 80.0, 128),
@@ -209,12 +271,19 @@ def _assembled(body: Body, look: Look, clothes: Outfit) -> Mesh:
     lower, in_lower = _lower(body, clothes.lower)
     hair, in_hair = _hair(body, look)
     covered = np.maximum.reduce([in_upper, in_lower, _foot_field(body), in_hair])
-    uppers, soles = (Texture(np.broadcast_to(linear(c), (1, 1, 3)).astype(np.float32), g, 30.0) for c, g in ((clothes.shoes, 0.08), (clothes.sole, 0.03)))
+    uppers, soles = (
+        Texture(np.broadcast_to(linear(c), (1, 1, 3)).astype(np.float32), g, 30.0)
+        for c, g in ((clothes.shoes, 0.08), (clothes.sole, 0.03))
+    )
     return joined(
         [
             *_skin(body, look, covered),
-            _painted(body, upper, clothes.upper.pattern, clothes.upper.colors, clothes.upper.scale, clothes.upper.gloss),
-            _painted(body, lower, clothes.lower.pattern, clothes.lower.colors, clothes.lower.scale, clothes.lower.gloss),
+            _painted(
+                body, upper, clothes.upper.pattern, clothes.upper.colors, clothes.upper.scale, clothes.upper.gloss
+            ),
+            _painted(
+                body, lower, clothes.lower.pattern, clothes.lower.colors, clothes.lower.scale, clothes.lower.gloss
+            ),
             shoes(body, uppers, soles),
             _painted(body, hair, "hair", (look.hair,) * 3, 0.1, 0.06, 25.0),
         ]

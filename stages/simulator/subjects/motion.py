@@ -31,7 +31,11 @@ BONES: tuple[tuple[str, str | None, tuple[float, float, float]], ...] = (
 def _mirrored() -> tuple[tuple[str, str | None, np.ndarray], ...]:
     out = [(n, p, np.array(j)) for n, p, j in BONES]
     flip = np.array([1.0, -1.0, 1.0])
-    right = [(n.replace("left", "right"), p and p.replace("left", "right"), j * flip) for n, p, j in out if n.startswith("left")]
+    right = [
+        (n.replace("left", "right"), p and p.replace("left", "right"), j * flip)
+        for n, p, j in out
+        if n.startswith("left")
+    ]
     return (*out, *right)
 
 
@@ -72,7 +76,12 @@ def _parts() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             flipped[4] *= 1.0 if kind == ELLIPSOID else -1.0
             rows.append((kind, bone.replace("left", "right"), m, flipped))
     index = {n: i for i, n in enumerate(BONE_NAMES)}
-    return np.array([r[0] for r in rows]), np.array([index[r[1]] for r in rows]), np.array([r[2] for r in rows]), np.array([r[3] for r in rows])
+    return (
+        np.array([r[0] for r in rows]),
+        np.array([index[r[1]] for r in rows]),
+        np.array([r[2] for r in rows]),
+        np.array([r[3] for r in rows]),
+    )
 
 
 KINDS, PART_BONES, MATERIALS, GEOMETRY = _parts()
@@ -85,7 +94,11 @@ _JOINTS: tuple[tuple[str, np.ndarray], ...] = (
     ("head", EYES[1]),
     ("head", _EARS[0]),
     ("head", _EARS[1]),
-    *((f"{side}_{bone}", _PIVOT[f"{side}_{bone}"]) for bone in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot") for side in ("left", "right")),
+    *(
+        (f"{side}_{bone}", _PIVOT[f"{side}_{bone}"])
+        for bone in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+        for side in ("left", "right")
+    ),
 )
 JOINT_BONES = np.array([BONE_NAMES.index(b) for b, _ in _JOINTS])
 JOINTS = np.array([p for _, p in _JOINTS])

@@ -1,7 +1,7 @@
 """How a baked body moves: where its limbs point at a time, from which every bone's rigid motion follows.
 
-Limbs are given as directions in the frame of chest or pelvis, so that every build takes the same pose. The body is moved up
-or down until its lower sole stands on the ground, z = 0.
+Limbs are given as directions in the frame of chest or pelvis, so that every build takes the same pose. The body is
+moved up or down until its lower sole stands on the ground, z = 0.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class Pose:
 def _down(forwards: float, outwards: float, side: str) -> np.ndarray:
     """Direction of a limb that hangs, swung forwards and outwards by radians."""
     sign = 1.0 if side == "left_" else -1.0
-    return np.array([math.sin(forwards) * math.cos(outwards), sign * math.sin(outwards), -math.cos(forwards) * math.cos(outwards)])
+    return np.array(
+        [math.sin(forwards) * math.cos(outwards), sign * math.sin(outwards), -math.cos(forwards) * math.cos(outwards)]
+    )
 
 
 def _wavelike(t: float, period: float, shift: float = 0.0) -> float:
@@ -96,8 +98,14 @@ def _kick(t: float, style: np.ndarray) -> Pose:
     p.limbs["right_thigh"], p.limbs["right_shin"] = _down(swing, 0.06, "right_"), _down(swing - knee, 0.04, "right_")
     p.limbs["left_thigh"], p.limbs["left_shin"] = _down(0.12 - 0.05 * go, 0.06, "left_"), _down(-0.16, 0.04, "left_")
     p.turns["right_foot"] = turn("y", 0.35 * go)
-    p.limbs["left_upper_arm"], p.limbs["left_forearm"] = _down(0.7 * swing + 0.1, 0.45, "left_"), _down(0.7 * swing + 0.55, 0.30, "left_")
-    p.limbs["right_upper_arm"], p.limbs["right_forearm"] = _down(-0.5 * swing, 0.38, "right_"), _down(-0.4 * swing + 0.35, 0.28, "right_")
+    p.limbs["left_upper_arm"], p.limbs["left_forearm"] = (
+        _down(0.7 * swing + 0.1, 0.45, "left_"),
+        _down(0.7 * swing + 0.55, 0.30, "left_"),
+    )
+    p.limbs["right_upper_arm"], p.limbs["right_forearm"] = (
+        _down(-0.5 * swing, 0.38, "right_"),
+        _down(-0.4 * swing + 0.35, 0.28, "right_"),
+    )
     p.turns["pelvis"] = turn("y", -0.12 * go)
     p.turns["chest"] = turn("y", 0.10 * go) @ turn("z", 0.25 * go)
     return p
@@ -115,8 +123,14 @@ def _spin(t: float, style: np.ndarray) -> Pose:
 
 def _crossed_arms(t: float, style: np.ndarray) -> Pose:
     p, sway = _stand(t, style), _wavelike(t, 2.8)
-    p.limbs["left_upper_arm"], p.limbs["right_upper_arm"] = _down(0.55 + 0.03 * sway, -0.12, "left_"), _down(0.72 + 0.03 * sway, -0.08, "right_")
-    p.limbs["left_forearm"], p.limbs["right_forearm"] = np.array([0.30, -0.93, 0.02]), np.array([0.36, 0.90, 0.22 + 0.03 * sway])
+    p.limbs["left_upper_arm"], p.limbs["right_upper_arm"] = (
+        _down(0.55 + 0.03 * sway, -0.12, "left_"),
+        _down(0.72 + 0.03 * sway, -0.08, "right_"),
+    )
+    p.limbs["left_forearm"], p.limbs["right_forearm"] = (
+        np.array([0.30, -0.93, 0.02]),
+        np.array([0.36, 0.90, 0.22 + 0.03 * sway]),
+    )
     p.turns["chest"] = turn("z", 0.22 * sway) @ turn("y", 0.03)
     p.turns["head"] = turn("z", 0.25 * _wavelike(t, 2.8, 0.15))
     return p
@@ -127,7 +141,10 @@ def _crouch(t: float, style: np.ndarray) -> Pose:
     for side in SIDES:
         p.limbs[side + "thigh"] = _down(0.05 + 1.45 * low, 0.10 + 0.28 * low, side)
         p.limbs[side + "shin"] = _down(-0.05 - 0.62 * low, 0.06 + 0.06 * low, side)
-        p.limbs[side + "upper_arm"], p.limbs[side + "forearm"] = _down(0.05 + 0.75 * low, 0.16, side), _down(0.25 + 1.25 * low, 0.04, side)
+        p.limbs[side + "upper_arm"], p.limbs[side + "forearm"] = (
+            _down(0.05 + 0.75 * low, 0.16, side),
+            _down(0.25 + 1.25 * low, 0.04, side),
+        )
         p.turns[side + "foot"] = turn("y", 0.0)
     p.turns["pelvis"], p.turns["chest"] = turn("y", 0.40 * low), turn("y", 0.22 * low)
     p.turns["neck"] = turn("y", -0.35 * low)
@@ -141,7 +158,10 @@ def _throw(t: float, style: np.ndarray) -> Pose:
     p.limbs["right_upper_arm"] = _down(-0.4 * reach + 1.5 * (forth - home), 0.17 + 1.5 * (back - forth), "right_")
     p.limbs["right_forearm"] = _down(0.25 + 1.9 * back - 0.6 * forth - 1.3 * home, 0.3 * reach, "right_")
     p.limbs["left_upper_arm"] = _down(0.9 * (back - forth), 0.3, "left_")
-    p.limbs["left_thigh"], p.limbs["left_shin"] = _down(0.4 * forth * (1 - home), 0.07, "left_"), _down(0.1 * forth, 0.05, "left_")
+    p.limbs["left_thigh"], p.limbs["left_shin"] = (
+        _down(0.4 * forth * (1 - home), 0.07, "left_"),
+        _down(0.1 * forth, 0.05, "left_"),
+    )
     p.turns["chest"] = turn("z", -0.5 * (back - forth) + 0.4 * (forth - home))
     return p
 
@@ -164,7 +184,8 @@ def _least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def bones_at(body: Body, motion: str, time: float, style: np.ndarray) -> np.ndarray:
-    """[B, 4, 4] rest to world of every bone at a time in seconds; the lower sole stands at z = 0, the pelvis above the origin.
+    """[B, 4, 4] rest to world of every bone at a time in seconds; the lower sole stands at z = 0, the pelvis above the
+    origin.
 
     Raises KeyError for an unknown motion.
     """
@@ -193,7 +214,9 @@ def _half_way(rotation: np.ndarray) -> np.ndarray:
     angle = math.acos(min(1.0, max(-1.0, 0.5 * (np.trace(rotation) - 1.0))))
     if angle < 1e-9:
         return np.eye(3)
-    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]) / (2.0 * math.sin(angle))
+    axis = np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    ) / (2.0 * math.sin(angle))
     a = min(angle, math.pi / 4)
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + math.sin(a) * k + (1.0 - math.cos(a)) * k @ k

@@ -25,7 +25,12 @@ def shoes(body: Body, upper: Texture, sole: Texture) -> Mesh:
     c, d = grid[1:, :], np.roll(grid[1:, :], -1, axis=1)
     one = np.concatenate([np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([b, d, c], axis=-1).reshape(-1, 3)])
     column = np.concatenate([np.tile(np.arange(around), count - 1)] * 2)
-    ends = [[grid[row, 0], *pair] for row in (0, count - 1) for k in range(1, around - 1) for pair in [grid[row, [k, k + 1] if row else [k + 1, k]]]]
+    ends = [
+        [grid[row, 0], *pair]
+        for row in (0, count - 1)
+        for k in range(1, around - 1)
+        for pair in [grid[row, [k, k + 1] if row else [k + 1, k]]]
+    ]
     tris = np.concatenate([one, np.array(ends)])
     # the first TOP points of a section lie on the upper, the last four go round the sole
     is_sole = np.concatenate([column >= TOP - 1, np.tile(np.arange(1, around - 1) >= TOP - 1, 2)])
@@ -35,7 +40,9 @@ def shoes(body: Body, upper: Texture, sole: Texture) -> Mesh:
     index = np.argsort(-weights, axis=1, kind="stable")[:, :4]
     best = np.take_along_axis(weights, index, axis=1)
     uv = np.full((len(tris), 3, 2), 0.5, dtype=np.float32)
-    return Mesh(points, tris, uv, layer, (upper, sole), index, best / best.sum(axis=1, keepdims=True), np.zeros(len(points)))
+    return Mesh(
+        points, tris, uv, layer, (upper, sole), index, best / best.sum(axis=1, keepdims=True), np.zeros(len(points))
+    )
 
 
 def _loft(body: Body, side: str) -> tuple[np.ndarray, int, np.ndarray]:
@@ -62,8 +69,15 @@ def _loft(body: Body, side: str) -> tuple[np.ndarray, int, np.ndarray]:
     tall = np.sin(angle) ** 0.65
     # a tall section narrows towards the ankle; the sole stands out by 3 mm
     narrow = 1.0 - 0.22 * np.clip((ceiling[:, None] - 0.05) / 0.05, 0.0, 1.0) * tall[None]
-    sections_s = np.concatenate([half[:, None] * wide * narrow, (half + 0.003)[:, None] * np.array([-1.0, -0.97, 0.97, 1.0])], axis=1) + middle[:, None]
-    sections_z = np.concatenate([0.002 + ceiling[:, None] * tall, np.tile([0.001, -SOLE, -SOLE, 0.001], (SLICES, 1))], axis=1)
+    sections_s = (
+        np.concatenate(
+            [half[:, None] * wide * narrow, (half + 0.003)[:, None] * np.array([-1.0, -0.97, 0.97, 1.0])], axis=1
+        )
+        + middle[:, None]
+    )
+    sections_z = np.concatenate(
+        [0.002 + ceiling[:, None] * tall, np.tile([0.001, -SOLE, -SOLE, 0.001], (SLICES, 1))], axis=1
+    )
     xy = at[:, None, None] * ahead + sections_s[..., None] * across
     points = np.concatenate([xy, sections_z[..., None]], axis=-1).reshape(-1, 3)
     weights = np.zeros((len(points), len(BONES)))

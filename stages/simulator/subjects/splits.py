@@ -47,7 +47,9 @@ def cast(seed: int, person: str = "auto", outfit: str = "auto") -> tuple[str, st
     """(subject, outfit) of a scene; `auto` follows from the seed so that 16 seeds in a row show every pair."""
     allowed = casting(seed)
     n, m = len(allowed.subjects), len(allowed.outfits)
-    return (allowed.subjects[seed % n] if person == "auto" else person), (allowed.outfits[(seed + seed // 4) % m] if outfit == "auto" else outfit)
+    return (allowed.subjects[seed % n] if person == "auto" else person), (
+        allowed.outfits[(seed + seed // 4) % m] if outfit == "auto" else outfit
+    )
 
 
 def refusal(seed: int, name: str) -> str | None:
@@ -57,7 +59,13 @@ def refusal(seed: int, name: str) -> str | None:
     """
     allowed = casting(seed)
     if name in (*KEPT_SUBJECTS, *KEPT_OUTFITS) and name not in (*allowed.subjects, *allowed.outfits):
-        return f"{name} is kept for measuring and appears only in scenes with a seed from {FIRST_KEPT_SEED} on; this seed is {seed}"
+        return (
+            f"{name} is kept for measuring and appears only in scenes with a seed from {FIRST_KEPT_SEED} on; this seed"
+            f" is {seed}"
+        )
     if name in (VALIDATION_SUBJECT, VALIDATION_MOTION) and name not in (*allowed.subjects, *allowed.motions):
-        return f"{name} is kept for validation and appears only in scenes with a seed of {FIRST_VALIDATION_SEED} to {FIRST_KEPT_SEED - 1}; this seed is {seed}"
+        return (
+            f"{name} is kept for validation and appears only in scenes with a seed of {FIRST_VALIDATION_SEED} to"
+            f" {FIRST_KEPT_SEED - 1}; this seed is {seed}"
+        )
     return None

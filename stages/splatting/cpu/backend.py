@@ -1,7 +1,8 @@
-"""The CPU back end: numba kernels over flat float32 arrays, one after the other, on one or several threads, with gradients.
+"""The CPU back end: numba kernels over flat float32 arrays, one after the other, on one or several threads, with
+gradients.
 
-project -> count and fill tiles -> sort -> composite, and back: slots -> Gaussians. Threads share out Gaussians, then tiles;
-no two write to the same place and every sum has a fixed order, so the result does not depend on their number.
+project -> count and fill tiles -> sort -> composite, and back: slots -> Gaussians. Threads share out Gaussians, then
+tiles; no two write to the same place and every sum has a fixed order, so the result does not depend on their number.
 """
 
 from __future__ import annotations
@@ -83,15 +84,50 @@ def job(camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> Job:
     """Camera and cut-offs as the kernels want them. Raises TooLarge."""
     for name, side in (("width", camera.width), ("height", camera.height)):
         if side > LARGEST_SIDE:
-            raise TooLarge(f"camera.{name} = {side} px: the cpu back end draws up to {LARGEST_SIDE} px a side; render in parts, or with backend='reference'")
-    k, pose = (np.asarray(m.detach().cpu() if isinstance(m, torch.Tensor) else m, np.float64) for m in (camera.intrinsics, camera.world_to_camera))
+            raise TooLarge(
+                f"camera.{name} = {side} px: the cpu back end draws up to {LARGEST_SIDE} px a side; render in parts, or"
+                " with backend='reference'"
+            )
+    k, pose = (
+        np.asarray(m.detach().cpu() if isinstance(m, torch.Tensor) else m, np.float64)
+        for m in (camera.intrinsics, camera.world_to_camera)
+    )
     fx, fy, cx, cy, w, h = k[0, 0], k[1, 1], k[0, 2], k[1, 2], camera.width, camera.height
     margin_x, margin_y = cutoffs.frustum_margin * 0.5 * w / fx, cutoffs.frustum_margin * 0.5 * h / fy
     reach = -math.log2(cutoffs.alpha_min)
-    view = [*pose[:3, :3].ravel(), *pose[:3, 3], fx, k[0, 1], cx, fy, cy, -cx / fx - margin_x, (w - cx) / fx + margin_x, -cy / fy - margin_y, (h - cy) / fy + margin_y]
-    view += [cutoffs.near, cutoffs.low_pass, cutoffs.variance_min, cutoffs.alpha_min, reach, w - 1, h - 1, float(cutoffs.compensation), cutoffs.compensation_min]
+    view = [
+        *pose[:3, :3].ravel(),
+        *pose[:3, 3],
+        fx,
+        k[0, 1],
+        cx,
+        fy,
+        cy,
+        -cx / fx - margin_x,
+        (w - cx) / fx + margin_x,
+        -cy / fy - margin_y,
+        (h - cy) / fy + margin_y,
+    ]
+    view += [
+        cutoffs.near,
+        cutoffs.low_pass,
+        cutoffs.variance_min,
+        cutoffs.alpha_min,
+        reach,
+        w - 1,
+        h - 1,
+        float(cutoffs.compensation),
+        cutoffs.compensation_min,
+    ]
     assert len(view) == VIEW
-    return Job(np.array(view, np.float32), np.array([cutoffs.alpha_max, cutoffs.transmittance_stop, reach], np.float32), w, h, channels, threads)
+    return Job(
+        np.array(view, np.float32),
+        np.array([cutoffs.alpha_max, cutoffs.transmittance_stop, reach], np.float32),
+        w,
+        h,
+        channels,
+        threads,
+    )
 
 
 def share(threads: int, work: Callable[[int, int], Any], bounds: Iterable[int]) -> list[Any]:
@@ -125,7 +161,8 @@ def _padded(array: np.ndarray, size: int, whole: int) -> np.ndarray:
 
 
 class _Scratch(threading.local):
-    """Arrays that do not outlive a call, kept for the thread's next one: asking the system for fresh memory took a tenth of the time."""
+    """Arrays that do not outlive a call, kept for the thread's next one: asking the system for fresh memory took a
+    tenth of the time."""
 
     largest = 2**26
     """Bytes; larger arrays are not kept."""
@@ -150,24 +187,45 @@ def _new(name: str, size: int, dtype: type) -> np.ndarray:
     return np.empty(size, dtype)
 
 
-def project(arrays: list[np.ndarray], task: Job, new: Callable[[str, int, type], np.ndarray] = _new) -> tuple[np.ndarray, np.ndarray, int]:
-    """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays: flat contiguous float32 in the order of ATTRIBUTES."""
+def project(
+    arrays: list[np.ndarray], task: Job, new: Callable[[str, int, type], np.ndarray] = _new
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays: flat contiguous float32 in the order
+    of ATTRIBUTES."""
     n = len(arrays[3])
     whole = n // WIDTH * WIDTH
-    records, reaches = new("records", (whole + WIDTH) * RECORD, np.float32), scratch("reaches", (whole + WIDTH) * REACHES, np.float32)
-    masked = sum(share(task.threads, lambda a, b: projection.project(*arrays, task.view, records, reaches, a, b, a), _evenly(whole, task.threads, WIDTH))) if whole else 0
+    records, reaches = (
+        new("records", (whole + WIDTH) * RECORD, np.float32),
+        scratch("reaches", (whole + WIDTH) * REACHES, np.float32),
+    )
+    masked = (
+        sum(
+            share(
+                task.threads,
+                lambda a, b: projection.project(*arrays, task.view, records, reaches, a, b, a),
+                _evenly(whole, task.threads, WIDTH),
+            )
+        )
+        if whole
+        else 0
+    )
     tail = [_padded(a, size, whole) for a, size in zip(arrays, SIZES, strict=True)]
     masked += projection.project(*tail, task.view, records, reaches, 0, WIDTH, whole)
     return records[: n * RECORD], reaches[: n * REACHES].view(np.int32), masked
 
 
-def list_tiles(records: np.ndarray, reaches: np.ndarray, task: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def list_tiles(
+    records: np.ndarray, reaches: np.ndarray, task: Job
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists. Raises TooLarge."""
     n, reach = len(records) // RECORD, float(task.cuts[2])
     counts, bases = np.zeros(task.tiles, np.int64), np.empty(n + 1, np.int64)
     total = cpu_tiles.count_tiles(records, reaches, task.across, reach, counts, bases)
     if total > MOST_INTERSECTIONS:
-        raise TooLarge(f"{total} intersections of {n} Gaussians with tiles of {TILE_X}x{TILE_Y} px, at most {MOST_INTERSECTIONS}: render smaller pictures or drop Gaussians that cover all of them")
+        raise TooLarge(
+            f"{total} intersections of {n} Gaussians with tiles of {TILE_X}x{TILE_Y} px, at most {MOST_INTERSECTIONS}:"
+            " render smaller pictures or drop Gaussians that cover all of them"
+        )
     starts = np.zeros(task.tiles + 1, np.int64)
     np.cumsum(counts, out=starts[1:])
     entries, owners = scratch("entries", total, np.uint64), scratch("owners", total, np.uint32)
@@ -175,10 +233,24 @@ def list_tiles(records: np.ndarray, reaches: np.ndarray, task: Job) -> tuple[np.
     return bases, starts, entries, owners
 
 
-def sort_tiles(starts: np.ndarray, entries: np.ndarray, owners: np.ndarray, task: Job, new: Callable[[str, int, type], np.ndarray] = _new) -> tuple[np.ndarray, np.ndarray]:
+def sort_tiles(
+    starts: np.ndarray,
+    entries: np.ndarray,
+    owners: np.ndarray,
+    task: Job,
+    new: Callable[[str, int, type], np.ndarray] = _new,
+) -> tuple[np.ndarray, np.ndarray]:
     """(order [M], slots [M]): Gaussians and slots by tile and depth. entries are used up."""
-    order, slots, longest = new("order", len(entries), np.uint32), new("slots", len(entries), np.uint32), int(np.diff(starts).max(initial=0))
-    share(task.threads, lambda a, b: cpu_tiles.sort_tiles(starts, a, b, entries, np.empty(longest, np.uint64), owners, order, slots), _by_load(starts, task.threads))
+    order, slots, longest = (
+        new("order", len(entries), np.uint32),
+        new("slots", len(entries), np.uint32),
+        int(np.diff(starts).max(initial=0)),
+    )
+    share(
+        task.threads,
+        lambda a, b: cpu_tiles.sort_tiles(starts, a, b, entries, np.empty(longest, np.uint64), owners, order, slots),
+        _by_load(starts, task.threads),
+    )
     return order, slots
 
 
@@ -191,18 +263,29 @@ def prepare(arrays: list[np.ndarray], task: Job, training: bool) -> Lists:
 
 
 def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
-    """(picture [h, w, channels], alpha [h, w], light, ends, blended): what the backward pass wants is empty without training."""
-    picture, alpha = np.zeros((task.height, task.width, task.channels), np.float32), np.zeros((task.height, task.width), np.float32)
+    """(picture [h, w, channels], alpha [h, w], light, ends, blended): what the backward pass wants is empty without
+    training."""
+    picture, alpha = (
+        np.zeros((task.height, task.width, task.channels), np.float32),
+        np.zeros((task.height, task.width), np.float32),
+    )
     light, ends = (np.empty(task.tiles * BLOCKS * WIDTH if training else 0, np.float32) for _ in range(2))
     blended = np.zeros(len(lists.order) if training else 0, np.uint64)
     kernel = composite.forward(task.channels, training)
     fixed = (lists.records, lists.records.view(np.int32), lists.order, lists.starts, PLACES, task.cuts)
-    share(task.threads, lambda a, b: kernel(*fixed, a, b, task.across, task.width, task.height, picture, alpha, light, ends, blended), _by_load(lists.starts, task.threads))
+    share(
+        task.threads,
+        lambda a, b: kernel(*fixed, a, b, task.across, task.width, task.height, picture, alpha, light, ends, blended),
+        _by_load(lists.starts, task.threads),
+    )
     return picture, alpha, light, ends, blended
 
 
-def draw_backward(lists: Lists, task: Job, saved: Sequence[np.ndarray], up_picture: np.ndarray, up_alpha: np.ndarray) -> np.ndarray:
-    """[M, SLOT] flat gradient slots, which last until the thread's next call, from what `draw` saved and the gradients of picture and alpha."""
+def draw_backward(
+    lists: Lists, task: Job, saved: Sequence[np.ndarray], up_picture: np.ndarray, up_alpha: np.ndarray
+) -> np.ndarray:
+    """[M, SLOT] flat gradient slots, which last until the thread's next call, from what `draw` saved and the
+    gradients of picture and alpha."""
     slots = scratch("gradients", len(lists.order) * SLOT, np.float32)
     kernel = composite.backward(task.channels)
     fixed = (lists.records, lists.order, lists.slots, lists.starts, PLACES, task.cuts)
@@ -211,7 +294,9 @@ def draw_backward(lists: Lists, task: Job, saved: Sequence[np.ndarray], up_pictu
     return slots
 
 
-def prepare_backward(arrays: list[np.ndarray], lists: Lists, task: Job, slots: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+def prepare_backward(
+    arrays: list[np.ndarray], lists: Lists, task: Job, slots: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
     """Gradients of the attributes, flat, in the order of ATTRIBUTES, and of the camera [CAMERA_GRADIENTS] float64."""
     n = len(arrays[3])
     whole = n // WIDTH * WIDTH
@@ -220,14 +305,20 @@ def prepare_backward(arrays: list[np.ndarray], lists: Lists, task: Job, slots: n
 
     def part(first: int, stop: int, source: int, given: list[np.ndarray]) -> tuple[np.ndarray, int]:
         d_camera = np.zeros(CAMERA_GRADIENTS)
-        return d_camera, kernel(*given[:4], task.view, lists.bases, slots, task.channels, source, first, stop, *out, d_camera)
+        return d_camera, kernel(
+            *given[:4], task.view, lists.bases, slots, task.channels, source, first, stop, *out, d_camera
+        )
 
     # ranges of BLOCK, whatever the threads: the camera's sum is taken over the same parts in the same order
     parts = share(task.threads, lambda a, b: part(a, b, a, arrays), [*range(0, whole, BLOCK), whole]) if whole else []
     if whole < n:
         parts.append(part(whole, n, 0, [_padded(a, size, whole) for a, size in zip(arrays, SIZES, strict=True)]))
     if dropped := sum(p[1] for p in parts):
-        log.warning("the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream gradients are too large", dropped)
+        log.warning(
+            "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
+            " gradients are too large",
+            dropped,
+        )
     camera = np.sum(np.array([np.zeros(CAMERA_GRADIENTS), *(p[0] for p in parts)]), axis=0)
     return [o[: n * size] for o, size in zip(out, SIZES, strict=True)], camera
 
@@ -236,7 +327,17 @@ class _Rasterize(torch.autograd.Function):
     """One camera, differentiable in the Gaussians, the intrinsics and the pose."""
 
     @staticmethod
-    def forward(ctx: Any, mean: torch.Tensor, rotation: torch.Tensor, scale: torch.Tensor, opacity: torch.Tensor, color: torch.Tensor, intrinsics: torch.Tensor, pose: torch.Tensor, task: Job) -> Any:
+    def forward(
+        ctx: Any,
+        mean: torch.Tensor,
+        rotation: torch.Tensor,
+        scale: torch.Tensor,
+        opacity: torch.Tensor,
+        color: torch.Tensor,
+        intrinsics: torch.Tensor,
+        pose: torch.Tensor,
+        task: Job,
+    ) -> Any:
         arrays = [flat(t) for t in (mean, rotation, scale, opacity, color)]
         training = any(ctx.needs_input_grad)
         lists = prepare(arrays, task, training)
@@ -259,11 +360,17 @@ class _Rasterize(torch.autograd.Function):
         d_pose[:3, :3], d_pose[:3, 3] = camera[:9].reshape(3, 3), camera[9:12]
         d_intrinsics[0], d_intrinsics[1, 1:] = camera[12:15], camera[15:17]
         kinds = ctx.kinds
-        return (*(torch.from_numpy(g.reshape(s)) for g, s in zip(gradients, shapes, strict=True)), torch.from_numpy(d_intrinsics).to(kinds[0]), torch.from_numpy(d_pose).to(kinds[1]), None)
+        return (
+            *(torch.from_numpy(g.reshape(s)) for g, s in zip(gradients, shapes, strict=True)),
+            torch.from_numpy(d_intrinsics).to(kinds[0]),
+            torch.from_numpy(d_pose).to(kinds[1]),
+            None,
+        )
 
 
 def flat(values: torch.Tensor) -> np.ndarray:
-    """A tensor as one contiguous row of float32: kernels read by position, so a strided view must become one of its own."""
+    """A tensor as one contiguous row of float32: kernels read by position, so a strided view must become one of its
+    own."""
     return values.detach().contiguous().numpy().reshape(-1)
 
 
@@ -271,7 +378,8 @@ def forget_stale_kernels(folder: Path) -> None:
     """Delete compiled kernels in numba's cache folder that were made from other sources.
 
     numba notices only when the file of a kernel itself has changed, not when one has whose functions it inlines. A note
-    beside the cache holds the digest of all of them; where the folder cannot be written, numba keeps its cache elsewhere.
+    beside the cache holds the digest of all of them; where the folder cannot be written, numba keeps its cache
+    elsewhere.
     """
     sources = [Path(str(m.__file__)) for m in (composite, projection, projection_backward, cpu_tiles, simd)]
     digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()
@@ -292,11 +400,16 @@ def announce(folder: Path) -> None:
         log.warning("compiling the renderer for this processor, once: some ten seconds; kept in %s", folder)
 
 
-def render(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> tuple[torch.Tensor, torch.Tensor, int]:
+def render(
+    gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int, threads: int
+) -> tuple[torch.Tensor, torch.Tensor, int]:
     """(picture [h, w, channels], alpha [h, w], masked) of one camera. Gaussians are float32 on the CPU."""
     announce(CACHE)
     task = job(camera, cutoffs, channels, threads)
-    cameras = [m if isinstance(m, torch.Tensor) else torch.from_numpy(np.asarray(m, np.float64)) for m in (camera.intrinsics, camera.world_to_camera)]
+    cameras = [
+        m if isinstance(m, torch.Tensor) else torch.from_numpy(np.asarray(m, np.float64))
+        for m in (camera.intrinsics, camera.world_to_camera)
+    ]
     picture, alpha, masked = _Rasterize.apply(*(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, task)
     return picture, alpha, int(masked)
 

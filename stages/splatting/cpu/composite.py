@@ -14,7 +14,20 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from posegaussian.stages.splatting.cpu.projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, RED, SLOPE, SLOT, U, V
+from posegaussian.stages.splatting.cpu.projection import (
+    ACROSS,
+    BOX_X,
+    BOX_Y,
+    DOWN,
+    KERNEL,
+    LIFT,
+    RECORD,
+    RED,
+    SLOPE,
+    SLOT,
+    U,
+    V,
+)
 from posegaussian.stages.splatting.cpu.simd import (
     WIDTH,
     all_negative,
@@ -50,7 +63,8 @@ PLACES = np.array(
 )  # fmt: skip
 """Column and row of each block in its tile, then of each pixel's centre in its block, px."""
 AHEAD = 8
-"""Records fetched ahead, because their order by depth is no order in memory: without it compositing takes twice as long."""
+"""Records fetched ahead, because their order by depth is no order in memory: without it compositing takes twice as
+long."""
 NEVER = np.float32(3e38)
 
 
@@ -61,7 +75,11 @@ def _reached(bits: Any, r: int, left: int, top: int) -> Any:
     x0, x1 = np.uint64(max((x & 0xFFFF) - left, 0) // BLOCK_X), np.uint64(min((x >> 16) - left, TILE_X - 1) // BLOCK_X)
     y0, y1 = np.uint64(max((y & 0xFFFF) - top, 0) // BLOCK_Y), np.uint64(min((y >> 16) - top, TILE_Y - 1) // BLOCK_Y)
     columns = ((np.uint64(2) << x1) - (np.uint64(1) << x0)) * COLUMN
-    return columns & (EVERY << (np.uint64(BLOCKS_X) * y0)) & (EVERY >> (np.uint64(BLOCKS_X) * (np.uint64(BLOCKS_Y - 1) - y1)))
+    return (
+        columns
+        & (EVERY << (np.uint64(BLOCKS_X) * y0))
+        & (EVERY >> (np.uint64(BLOCKS_X) * (np.uint64(BLOCKS_Y - 1) - y1)))
+    )
 
 
 @njit(**KERNEL)
@@ -84,14 +102,31 @@ def _exponent(places: Any, k: int, g: Any, lift: Any) -> Any:
 
 @cache
 def forward(channels: int, training: bool) -> Callable[..., None]:
-    """The kernel that composites `channels` values a Gaussian, from RED on; with `training` it notes where each pixel stopped."""
+    """The kernel that composites `channels` values a Gaussian, from RED on; with `training` it notes where each
+    pixel stopped."""
     state_size = WIDTH * (1 + channels)
 
     @njit(**KERNEL)
     def composite(
-        records: Any, bits: Any, order: Any, starts: Any, places: Any, cuts: Any, first: int, stop: int, across: int, width: int, height: int, picture: Any, alpha: Any, light: Any, ends: Any, blended: Any
+        records: Any,
+        bits: Any,
+        order: Any,
+        starts: Any,
+        places: Any,
+        cuts: Any,
+        first: int,
+        stop: int,
+        across: int,
+        width: int,
+        height: int,
+        picture: Any,
+        alpha: Any,
+        light: Any,
+        ends: Any,
+        blended: Any,
     ) -> int:
-        """Composite tiles first..stop into picture [h, w, channels] and alpha [h, w]; returns how many blocks were blended.
+        """Composite tiles first..stop into picture [h, w, channels] and alpha [h, w]; returns how many blocks were
+        blended.
 
         cuts = (alpha_max, transmittance_stop, reach). With training, light and ends [tiles, blocks, 8] get each pixel's
         last transmittance and the place in the tile's list at which it stopped, and blended [M] the blocks in which a
@@ -175,7 +210,8 @@ def backward(channels: int) -> Callable[..., None]:
         records: Any, order: Any, slots: Any, starts: Any, places: Any, cuts: Any, first: int, stop: int, across: int, width: int, height: int,
         up_picture: Any, up_alpha: Any, light: Any, ends: Any, blended: Any, gradients: Any,
     ) -> None:  # fmt: skip
-        """Fill the gradient slots [M, SLOT] of tiles first..stop, from the gradients of picture and alpha, back to front."""
+        """Fill the gradient slots [M, SLOT] of tiles first..stop, from the gradients of picture and alpha, back to
+        front."""
         zero, one, nothing = splat(0.0), splat(1.0), np.uint64(0)
         cap, reach = spread(cuts, 0), spread(cuts, 2)
         state = np.zeros(BLOCKS * state_size + 64, np.float32)
@@ -231,11 +267,19 @@ def backward(channels: int) -> Callable[..., None]:
                     qt, qp = q * t, q * p
                     mass, mt, mp = mass + q, mt + qt, mp + qp
                     mtt, mpp, mtp = fma(qt, t, mtt), fma(qp, p, mpp), fma(qt, p, mtp)
-                    d0, d1, d2 = fma(weight, load(state, u), d0), fma(weight, load(state, u + WIDTH), d1), fma(weight, load(state, u + 2 * WIDTH), d2)
+                    d0, d1, d2 = (
+                        fma(weight, load(state, u), d0),
+                        fma(weight, load(state, u + WIDTH), d1),
+                        fma(weight, load(state, u + 2 * WIDTH), d2),
+                    )
                     if channels > 3:
                         d3 = fma(weight, load(state, u + 3 * WIDTH), d3)
                     if channels > 4:
-                        d4, d5, d6 = fma(weight, load(state, u + 4 * WIDTH), d4), fma(weight, load(state, u + 5 * WIDTH), d5), fma(weight, load(state, u + 6 * WIDTH), d6)
+                        d4, d5, d6 = (
+                            fma(weight, load(state, u + 4 * WIDTH), d4),
+                            fma(weight, load(state, u + 5 * WIDTH), d5),
+                            fma(weight, load(state, u + 6 * WIDTH), d6),
+                        )
                 store(gradients, slot, sums(mass, mt, mp, mtt, mpp, mtp, d0, d1))
                 store(gradients, slot + WIDTH, sums(d2, d3, d4, d5, d6, zero, zero, zero))
 

@@ -1,4 +1,5 @@
-"""EWA projection on the CPU, eight Gaussians at a time, and its backward pass. What is computed: stages/splatting/definition/projection.py.
+"""EWA projection on the CPU, eight Gaussians at a time, and its backward pass. What is computed:
+stages/splatting/definition/projection.py.
 
 Forward writes one record of `RECORD` float32 (a cache line) a Gaussian, in the order of the input; what is culled or
 masked gets an empty box and nothing else. With t = (dx - SLOPE dy) ACROSS and p = dy DOWN, alpha = 2^-(t² + p² + LIFT):
@@ -55,14 +56,20 @@ SCALE = float(np.sqrt(0.5 * np.log2(np.e)))
 """exp(-d²/2) = 2^-(SCALE d)²."""
 TWO_LN2 = float(2 * np.log(2))
 BLOCK = 4096
-"""Gaussians whose camera gradients are summed in float32 before they enter a float64 sum: fixed, whatever the threads do."""
+"""Gaussians whose camera gradients are summed in float32 before they enter a float64 sum: fixed, whatever the
+threads do."""
 KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**KERNEL)
 def _row(view: Any, i: int, j: int, r: Any, a: int) -> Any:
-    """Product of row i of the world-to-camera rotation with lanes a, a + j, a + 2j of a 3x3 set r, which is given by nine lanes."""
-    return fma(spread(view, W + 3 * i), r[a], fma(spread(view, W + 3 * i + 1), r[a + j], spread(view, W + 3 * i + 2) * r[a + 2 * j]))
+    """Product of row i of the world-to-camera rotation with lanes a, a + j, a + 2j of a 3x3 set r, which is given by
+    nine lanes."""
+    return fma(
+        spread(view, W + 3 * i),
+        r[a],
+        fma(spread(view, W + 3 * i + 1), r[a + j], spread(view, W + 3 * i + 2) * r[a + 2 * j]),
+    )
 
 
 @njit(**KERNEL)
@@ -155,7 +162,9 @@ def _compensation(view: Any, sharp: Any, det: Any) -> Any:
 
 @njit(**KERNEL)
 def _clamped(view: Any, xz: Any, yz: Any) -> Any:
-    return least(greatest(xz, spread(view, LEFT)), spread(view, RIGHT)), least(greatest(yz, spread(view, TOP)), spread(view, BOTTOM))
+    return least(greatest(xz, spread(view, LEFT)), spread(view, RIGHT)), least(
+        greatest(yz, spread(view, TOP)), spread(view, BOTTOM)
+    )
 
 
 @njit(**KERNEL)
@@ -171,8 +180,21 @@ def _finite(m: Any, r: Any, s: Any, o: Any, c: Any) -> Any:
 
 
 @njit(**KERNEL)
-def project(mean: Any, rotation: Any, scale: Any, opacity: Any, color: Any, view: Any, records: Any, reaches: Any, first: int, stop: int, out: int) -> int:
-    """Write the records and reaches of Gaussians first..stop (a multiple of 8 of them) from number `out` on; returns how many are masked.
+def project(
+    mean: Any,
+    rotation: Any,
+    scale: Any,
+    opacity: Any,
+    color: Any,
+    view: Any,
+    records: Any,
+    reaches: Any,
+    first: int,
+    stop: int,
+    out: int,
+) -> int:
+    """Write the records and reaches of Gaussians first..stop (a multiple of 8 of them) from number `out` on; returns
+    how many are masked.
 
     All arrays are flat and contiguous float32. Padding with zeros is finite and has no opacity, so it is not counted.
     """
@@ -190,7 +212,9 @@ def project(mean: Any, rotation: Any, scale: Any, opacity: Any, color: Any, view
         v = spread(view, FY) * yz + spread(view, CY)
         near_x, near_y = _clamped(view, xz, yz)
         first_row, second_row = _jacobian(view, near_x, near_y, zi)
-        a, b, cc, det, sharp, _ = _covariance(view, _scaled(_across_axes(first_row, r), s), _scaled(_across_axes(second_row, r), s))
+        a, b, cc, det, sharp, _ = _covariance(
+            view, _scaled(_across_axes(first_row, r), s), _scaled(_across_axes(second_row, r), s)
+        )
         thick = det > spread(view, VARIANCE_MIN) * (a + cc)
         o = o * _compensation(view, sharp, choose(thick, det, splat(1.0)))
         lift = splat(0.0) - log2(greatest(o, splat(1e-30)))

@@ -1,8 +1,8 @@
 """Backward pass of the projection on the CPU: from gradient slots to gradients of Gaussians and camera.
 
-alpha = 2^-(t² + p² + LIFT) with t = (dx - SLOPE dy) ACROSS, p = dy DOWN, so the moments of alpha dL/dalpha in t and p that
-compositing left give the gradients of u, v, SLOPE, ACROSS, DOWN and opacity; the chain rule from there is written out.
-Frustum limits are constants: a Gaussian beyond one gets no gradient through the clamped ray, as in the reference.
+alpha = 2^-(t² + p² + LIFT) with t = (dx - SLOPE dy) ACROSS, p = dy DOWN, so the moments of alpha dL/dalpha in t and p
+that compositing left give the gradients of u, v, SLOPE, ACROSS, DOWN and opacity; the chain rule from there is written
+out. Frustum limits are constants: a Gaussian beyond one gets no gradient through the clamped ray, as in the reference.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ LARGEST = 1e30
 
 @njit(**KERNEL)
 def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> None:
-    """Total [8, SLOT] = sums of the gradient slots of up to 8 Gaussians first..stop, in the order of their tiles; 0 for the others."""
+    """Total [8, SLOT] = sums of the gradient slots of up to 8 Gaussians first..stop, in the order of their tiles; 0
+    for the others."""
     for i in range(WIDTH):
         low, high = splat(0.0), splat(0.0)
         if first + i < stop:
@@ -85,16 +86,27 @@ def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> N
 def _rotation_row(p: Any, q: Any, w: Any, e0: Any, e1: Any, dn: Any, hit: Any) -> Any:
     """Gradients of a row of the rotation: p and q of J W, w of the camera's rotation."""
     zero = splat(0.0)
-    return choose(hit, fma(p, e0[0], q * e1[0]), zero), choose(hit, fma(p, e0[1], q * e1[1]), zero), choose(hit, fma(p, e0[2], fma(q, e1[2], _dot(w, dn))), zero)
+    return (
+        choose(hit, fma(p, e0[0], q * e1[0]), zero),
+        choose(hit, fma(p, e0[1], q * e1[1]), zero),
+        choose(hit, fma(p, e0[2], fma(q, e1[2], _dot(w, dn))), zero),
+    )
 
 
 @njit(**KERNEL)
-def _overflowed(to: int, count: int, bad: Any, d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any) -> int:
-    """Set the gradients of those of the Gaussians to..to + count to 0 that hold a number beyond float32; bad [8] gets 1 for them. How many there are."""
+def _overflowed(
+    to: int, count: int, bad: Any, d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any
+) -> int:
+    """Set the gradients of those of the Gaussians to..to + count to 0 that hold a number beyond float32; bad [8]
+    gets 1 for them. How many there are."""
     zero = splat(0.0)
     total = load(d_opacity, to) * zero
     for k in range(3):
-        total = fma(load(d_mean, 3 * to + k * WIDTH), zero, fma(load(d_scale, 3 * to + k * WIDTH), zero, fma(load(d_color, 3 * to + k * WIDTH), zero, total)))
+        total = fma(
+            load(d_mean, 3 * to + k * WIDTH),
+            zero,
+            fma(load(d_scale, 3 * to + k * WIDTH), zero, fma(load(d_color, 3 * to + k * WIDTH), zero, total)),
+        )
     for k in range(9):
         total = fma(load(d_rotation, 9 * to + k * WIDTH), zero, total)
     store(bad, 0, zero)
@@ -123,11 +135,12 @@ def project_backward(
     mean: Any, rotation: Any, scale: Any, opacity: Any, view: Any, bases: Any, slots: Any, channels: int, source: int, first: int, stop: int,
     d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any, d_camera: Any,
 ) -> int:  # fmt: skip
-    """Gradients of Gaussians first..stop of the scene, whose attributes start at `source` of the arrays; they are written to their own places.
+    """Gradients of Gaussians first..stop of the scene, whose attributes start at `source` of the arrays; they are
+    written to their own places.
 
     Groups of eight are read and written whole, so the arrays are padded to a multiple of eight. d_camera
-    [CAMERA_GRADIENTS] float64 is added to, so call it with few Gaussians (BLOCK) at a time. Gradients beyond float32 become 0;
-    returns of how many Gaussians.
+    [CAMERA_GRADIENTS] float64 is added to, so call it with few Gaussians (BLOCK) at a time. Gradients beyond float32
+    become 0; returns of how many Gaussians.
     """
     zero, one, two, most = splat(0.0), splat(1.0), splat(2.0), splat(LARGEST)
     total = np.zeros(WIDTH * SLOT, np.float32)
@@ -210,7 +223,11 @@ def project_backward(
         if channels > 4:
             seen = _row(view, 0, 3, r, 2), _row(view, 1, 3, r, 2), _row(view, 2, 3, r, 2)
             sign = choose(fma(seen[0], x, fma(seen[1], y, seen[2] * z)) > zero, zero - one, one)
-            dn = gather(total, D_NORMAL, SLOT) * sign, gather(total, D_NORMAL + 1, SLOT) * sign, gather(total, D_NORMAL + 2, SLOT) * sign
+            dn = (
+                gather(total, D_NORMAL, SLOT) * sign,
+                gather(total, D_NORMAL + 1, SLOT) * sign,
+                gather(total, D_NORMAL + 2, SLOT) * sign,
+            )
         x0, x1, x2 = _rotation_row(j0[0], j1[0], (w0[0], w1[0], w2[0]), e0, e1, dn, hit)
         y0, y1, y2 = _rotation_row(j0[1], j1[1], (w0[1], w1[1], w2[1]), e0, e1, dn, hit)
         z0, z1, z2 = _rotation_row(j0[2], j1[2], (w0[2], w1[2], w2[2]), e0, e1, dn, hit)
@@ -237,7 +254,11 @@ def project_backward(
         # camera
         turn, lowered = fma(fx, near_x, skew * near_y), fy * near_y
         for axis in range(3):
-            d0, d1, mm, col = (d_j0[0], d_j1[0], m[0], r[2]) if axis == 0 else ((d_j0[1], d_j1[1], m[1], r[5]) if axis == 1 else (d_j0[2], d_j1[2], m[2], r[8]))
+            d0, d1, mm, col = (
+                (d_j0[0], d_j1[0], m[0], r[2])
+                if axis == 0
+                else ((d_j0[1], d_j1[1], m[1], r[5]) if axis == 1 else (d_j0[2], d_j1[2], m[2], r[8]))
+            )
             store(g, (0 + axis) * WIDTH, fma(fx * zi, d0, fma(mm, d_x, dn[0] * col)))
             store(g, (3 + axis) * WIDTH, fma(zi, fma(skew, d0, fy * d1), fma(mm, d_y, dn[1] * col)))
             store(g, (6 + axis) * WIDTH, fma(mm, d_z, dn[2] * col) - zi * fma(turn, d0, lowered * d1))

@@ -1,8 +1,8 @@
 """Vectors of eight float32 inside numba kernels, so that what is a vector does not depend on a compiler's mood.
 
 numba has no vector type, and LLVM's own vectorizer gives up on short loops over arrays that might overlap (five times
-slower here). `lanes` and `mask` are LLVM vectors with the few operations the renderer needs; LLVM lowers them to what the
-machine has (two halves without AVX). They exist only inside `njit` functions. Nothing checks a bound.
+slower here). `lanes` and `mask` are LLVM vectors with the few operations the renderer needs; LLVM lowers them to what
+the machine has (two halves without AVX). They exist only inside `njit` functions. Nothing checks a bound.
 """
 
 from __future__ import annotations
@@ -83,13 +83,17 @@ def _exp2_minus(builder: ir.IRBuilder, e: Any) -> Any:
     value = _constant(EXP2[-1])
     for c in EXP2[-2::-1]:
         value = _call(builder, "fmuladd", value, f, _constant(c))
-    return builder.bitcast(builder.add(builder.bitcast(value, INTS), builder.shl(builder.bitcast(shifted, INTS), _ints(23))), VECTOR)
+    return builder.bitcast(
+        builder.add(builder.bitcast(value, INTS), builder.shl(builder.bitcast(shifted, INTS), _ints(23))), VECTOR
+    )
 
 
 def _log2(builder: ir.IRBuilder, x: Any) -> Any:
     above = builder.sub(builder.bitcast(x, INTS), _ints(SQRT_HALF))
     exponent = builder.sitofp(builder.ashr(above, _ints(23)), VECTOR)
-    mantissa = builder.bitcast(builder.add(builder.and_(above, _ints(0x7FFFFF)), _ints(SQRT_HALF)), VECTOR)  # in [sqrt(1/2), sqrt(2))
+    mantissa = builder.bitcast(
+        builder.add(builder.and_(above, _ints(0x7FFFFF)), _ints(SQRT_HALF)), VECTOR
+    )  # in [sqrt(1/2), sqrt(2))
     one = _constant(1.0)
     s = builder.fdiv(builder.fsub(mantissa, one), builder.fadd(mantissa, one))
     s2, series = builder.fmul(s, s), _constant(2 / np.log(2) / 9)
@@ -104,11 +108,15 @@ def _minus_magnitude(builder: ir.IRBuilder, a: Any) -> Any:
 
 def _all_negative(builder: ir.IRBuilder, a: Any) -> Any:
     signs = builder.icmp_signed("<", builder.bitcast(a, INTS), _ints(0))
-    return builder.icmp_unsigned("==", builder.bitcast(signs, ir.IntType(WIDTH)), ir.Constant(ir.IntType(WIDTH), 2**WIDTH - 1))
+    return builder.icmp_unsigned(
+        "==", builder.bitcast(signs, ir.IntType(WIDTH)), ir.Constant(ir.IntType(WIDTH), 2**WIDTH - 1)
+    )
 
 
 def _packed(builder: ir.IRBuilder, low: Any, high: Any) -> Any:
-    return builder.bitcast(builder.or_(builder.fptosi(low, INTS), builder.shl(builder.fptosi(high, INTS), _ints(16))), VECTOR)
+    return builder.bitcast(
+        builder.or_(builder.fptosi(low, INTS), builder.shl(builder.fptosi(high, INTS), _ints(16))), VECTOR
+    )
 
 
 def _transposed(builder: ir.IRBuilder, *rows: Any) -> list[Any]:
@@ -121,7 +129,9 @@ def _transposed(builder: ir.IRBuilder, *rows: Any) -> list[Any]:
             a, b = matrix[i], matrix[i + size]
             low = [j if not j & size else WIDTH + j - size for j in range(WIDTH)]
             high = [j + size if not j & size else WIDTH + j for j in range(WIDTH)]
-            matrix[i], matrix[i + size] = (builder.shuffle_vector(a, b, ir.Constant(INTS, pick)) for pick in (low, high))
+            matrix[i], matrix[i + size] = (
+                builder.shuffle_vector(a, b, ir.Constant(INTS, pick)) for pick in (low, high)
+            )
     return matrix
 
 
@@ -131,7 +141,10 @@ def _sums(builder: ir.IRBuilder, *rows: Any) -> Any:
     while len(level) > 1:
         low = [j if not j & size else WIDTH + j - size for j in range(WIDTH)]
         high = [j + size if not j & size else WIDTH + j for j in range(WIDTH)]
-        level = [builder.fadd(*(builder.shuffle_vector(a, b, ir.Constant(INTS, pick)) for pick in (low, high))) for a, b in zip(level[::2], level[1::2], strict=True)]
+        level = [
+            builder.fadd(*(builder.shuffle_vector(a, b, ir.Constant(INTS, pick)) for pick in (low, high)))
+            for a, b in zip(level[::2], level[1::2], strict=True)
+        ]
         size *= 2
     return level[0]
 
@@ -156,20 +169,49 @@ def _pure(result: Any, kinds: tuple[Any, ...], build: Callable[..., Any], doc: s
 
 fma = _pure(lanes, (lanes,) * 3, lambda b, *v: _call(b, "fmuladd", *v), "x y + z, rounded once where the machine can.")
 least = _pure(lanes, (lanes,) * 2, _smaller, "The smaller of two; the second where one is not a number.")
-greatest = _pure(lanes, (lanes,) * 2, lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y), "The larger of two; the second where one is not a number.")
+greatest = _pure(
+    lanes,
+    (lanes,) * 2,
+    lambda b, x, y: b.select(b.fcmp_ordered(">", x, y), x, y),
+    "The larger of two; the second where one is not a number.",
+)
 root = _pure(lanes, (lanes,), lambda b, x: _call(b, "sqrt", x), "Square root.")
 floor = _pure(lanes, (lanes,), lambda b, x: _call(b, "floor", x), "Largest integer that is not above.")
-exp2_minus = _pure(lanes, (lanes,), _exp2_minus, "2^-e for |e| <= 120, within 1.5 ulp, exactly 1 at 0. Elsewhere any bits: mask them.")
-log2 = _pure(lanes, (lanes,), _log2, "log2 of normal positive numbers, within 2 ulp of the larger of it and 1, exactly 0 at 1.")
+exp2_minus = _pure(
+    lanes, (lanes,), _exp2_minus, "2^-e for |e| <= 120, within 1.5 ulp, exactly 1 at 0. Elsewhere any bits: mask them."
+)
+log2 = _pure(
+    lanes, (lanes,), _log2, "log2 of normal positive numbers, within 2 ulp of the larger of it and 1, exactly 0 at 1."
+)
 minus_magnitude = _pure(lanes, (lanes,), _minus_magnitude, "-|a|.")
 all_negative = _pure(types.boolean, (lanes,), _all_negative, "Whether every lane has its sign bit set.")
 packed = _pure(lanes, (lanes,) * 2, _packed, "Bits of two integers of 0..32767: the first in the low half.")
 sums = _pure(lanes, (lanes,) * 8, _sums, "Lane i is the sum of the lanes of argument i.")
-choose = _pure(lanes, (mask, lanes, lanes), lambda b, k, x, y: b.select(k, x, y), "Lanes of the first where the condition holds, else of the second.")
+choose = _pure(
+    lanes,
+    (mask, lanes, lanes),
+    lambda b, k, x, y: b.select(k, x, y),
+    "Lanes of the first where the condition holds, else of the second.",
+)
 both = _pure(mask, (mask,) * 2, lambda b, x, y: b.and_(x, y), "Where both conditions hold.")
-some = _pure(types.boolean, (mask,), lambda b, k: b.icmp_unsigned("!=", b.bitcast(k, ir.IntType(WIDTH)), ir.Constant(ir.IntType(WIDTH), 0)), "Whether the condition holds in any lane.")
-count = _pure(types.int64, (mask,), lambda b, k: b.zext(b.ctpop(b.bitcast(k, ir.IntType(WIDTH))), LONG), "In how many lanes the condition holds.")
-lowest = _pure(types.intp, (types.uint64,), lambda b, x: b.cttz(x, ir.Constant(BIT, 1)), "Index of the lowest set bit of a number that is not 0.")
+some = _pure(
+    types.boolean,
+    (mask,),
+    lambda b, k: b.icmp_unsigned("!=", b.bitcast(k, ir.IntType(WIDTH)), ir.Constant(ir.IntType(WIDTH), 0)),
+    "Whether the condition holds in any lane.",
+)
+count = _pure(
+    types.int64,
+    (mask,),
+    lambda b, k: b.zext(b.ctpop(b.bitcast(k, ir.IntType(WIDTH))), LONG),
+    "In how many lanes the condition holds.",
+)
+lowest = _pure(
+    types.intp,
+    (types.uint64,),
+    lambda b, x: b.cttz(x, ir.Constant(BIT, 1)),
+    "Index of the lowest set bit of a number that is not 0.",
+)
 
 
 def _operator(symbol: Any, result: Any, build: Callable[[ir.IRBuilder, Any, Any], Any]) -> None:
@@ -254,7 +296,9 @@ def gather(typing: Any, array: Any, index: Any, stride: Any) -> Any:
         value = ir.Constant(VECTOR, ir.Undefined)
         for i in range(WIDTH):
             at = builder.add(args[1], builder.mul(args[2], ir.Constant(LONG, i)))
-            value = builder.insert_element(value, builder.load(_pointer(context, builder, signature.args[0], args[0], at)), ir.Constant(INT, i))
+            value = builder.insert_element(
+                value, builder.load(_pointer(context, builder, signature.args[0], args[0], at)), ir.Constant(INT, i)
+            )
         return value
 
     return lanes(array, types.intp, types.intp), code
@@ -267,14 +311,19 @@ def scatter(typing: Any, array: Any, index: Any, stride: Any, value: Any) -> Any
     def code(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> Any:
         for i in range(WIDTH):
             at = builder.add(args[1], builder.mul(args[2], ir.Constant(LONG, i)))
-            builder.store(builder.extract_element(args[3], ir.Constant(INT, i)), _pointer(context, builder, signature.args[0], args[0], at))
+            builder.store(
+                builder.extract_element(args[3], ir.Constant(INT, i)),
+                _pointer(context, builder, signature.args[0], args[0], at),
+            )
         return context.get_dummy_value()
 
     return types.none(array, types.intp, types.intp, lanes), code
 
 
 @intrinsic
-def store_rows(typing: Any, array: Any, index: Any, stride: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
+def store_rows(
+    typing: Any, array: Any, index: Any, stride: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any
+) -> Any:
     """array[index + i stride + j] = lane i of column j, for 8 rows of 8 columns."""
 
     def code(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> Any:
@@ -293,7 +342,9 @@ def load_rows(typing: Any, array: Any, index: Any, stride: Any) -> Any:
 
     def code(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> Any:
         places = [builder.add(args[1], builder.mul(args[2], ir.Constant(LONG, i))) for i in range(WIDTH)]
-        rows = [builder.load(_vector_pointer(context, builder, signature.args[0], args[0], at), align=4) for at in places]
+        rows = [
+            builder.load(_vector_pointer(context, builder, signature.args[0], args[0], at), align=4) for at in places
+        ]
         return context.make_tuple(builder, kind, _transposed(builder, *rows))
 
     return kind(array, types.intp, types.intp), code
@@ -305,7 +356,9 @@ def prefetch(typing: Any, array: Any, index: Any) -> Any:
 
     def code(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> Any:
         byte = ir.IntType(8).as_pointer()
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), [byte, INT, INT, INT]), "llvm.prefetch.p0i8")
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [byte, INT, INT, INT]), "llvm.prefetch.p0i8"
+        )
         flags = [ir.Constant(INT, n) for n in (0, 3, 1)]
         builder.call(function, [builder.bitcast(_pointer(context, builder, signature.args[0], *args), byte), *flags])
         return context.get_dummy_value()

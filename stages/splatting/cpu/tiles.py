@@ -1,8 +1,8 @@
 """Which Gaussian reaches which tile, nearest first: counting, filling, and a radix sort of every tile's list.
 
-An intersection of a Gaussian with a tile has a slot: slots are numbered by Gaussian, so that what the backward pass leaves
-in them is summed in one fixed order. A tile's list holds (bits of the depth, slot) in one 64-bit number; positive floats
-sort like their bits, and the sort is stable, so equal depths are blended in the order of the input.
+An intersection of a Gaussian with a tile has a slot: slots are numbered by Gaussian, so that what the backward pass
+leaves in them is summed in one fixed order. A tile's list holds (bits of the depth, slot) in one 64-bit number;
+positive floats sort like their bits, and the sort is stable, so equal depths are blended in the order of the input.
 """
 
 from __future__ import annotations
@@ -29,9 +29,11 @@ RADIX = 8
 
 @njit(**KERNEL)
 def _columns(records: Any, r: int, row: int, x0: int, x1: int, reach: float) -> tuple[int, int]:
-    """First and last tile of a row of tiles that the ellipse inside which alpha >= alpha_min reaches (last < first: none).
+    """First and last tile of a row of tiles that the ellipse inside which alpha >= alpha_min reaches (last < first:
+    none).
 
-    The ellipse's width over the band of rows is largest at its own rightmost (leftmost) point, or on the band's edge nearest to it.
+    The ellipse's width over the band of rows is largest at its own rightmost (leftmost) point, or on the band's edge
+    nearest to it.
     """
     low = row * TILE_Y + CENTRE - records[r + V]
     high = low + (TILE_Y - 1)
@@ -58,7 +60,8 @@ def _box(reaches: Any, i: int) -> tuple[int, int, int, int]:
 
 @njit(**KERNEL)
 def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: Any, bases: Any) -> int:
-    """Fill counts [tiles] with the intersections of each tile and bases [N + 1] with each Gaussian's first slot; returns their number."""
+    """Fill counts [tiles] with the intersections of each tile and bases [N + 1] with each Gaussian's first slot;
+    returns their number."""
     total = 0
     counts[:] = 0
     for i in range(len(bases) - 1):
@@ -78,7 +81,8 @@ def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: A
 
 @njit(**KERNEL)
 def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
-    """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's Gaussian into owners [M]."""
+    """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's
+    Gaussian into owners [M]."""
     slot = 0
     for i in range(len(records) // RECORD):
         if (reaches[REACHES * i] & 0xFFFF) > (reaches[REACHES * i] >> 16):
@@ -97,8 +101,11 @@ def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: A
 
 
 @njit(**KERNEL)
-def sort_tiles(starts: Any, first: int, stop: int, entries: Any, scratch: Any, owners: Any, order: Any, slots: Any) -> None:
-    """Sort the lists of tiles first..stop by depth; order [M] gets the Gaussians and slots [M] the slots. scratch is as long as the longest list.
+def sort_tiles(
+    starts: Any, first: int, stop: int, entries: Any, scratch: Any, owners: Any, order: Any, slots: Any
+) -> None:
+    """Sort the lists of tiles first..stop by depth; order [M] gets the Gaussians and slots [M] the slots. scratch is as
+    long as the longest list.
 
     Digits of the depths' bits less their smallest, least significant first, counted in one pass.
     """

@@ -68,8 +68,16 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
         thick = s.det > cutoffs.variance_min * (s.a + s.c)
         opacity = _shown(g.opacity, s, cutoffs)
         reach = 2 * torch.log((opacity / cutoffs.alpha_min).clamp(min=1.0))
-        extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01  # float32 rounding at 8k px
-        sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(s.a) & torch.isfinite(s.c)
+        extent = (
+            torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
+        )  # float32 rounding at 8k px
+        sane = (
+            torch.isfinite(s.det)
+            & torch.isfinite(s.u)
+            & torch.isfinite(s.v)
+            & torch.isfinite(s.a)
+            & torch.isfinite(s.c)
+        )
         keep = sane & thick & (opacity >= cutoffs.alpha_min)
         keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
         keep &= (s.v + extent[:, 1] >= PIXEL_CENTRE) & (s.v - extent[:, 1] <= camera.height - 1 + PIXEL_CENTRE)
@@ -78,24 +86,45 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
     g = _rows(gaussians, index)
     s = _on_screen(g, camera, cutoffs)
     opacity = _shown(g.opacity, s, cutoffs)
-    return Projected(torch.stack([s.u, s.v], dim=1), _whitening(s.a, s.b, s.c, s.det), extent[keep], s.z, opacity, g.color, _normal(g, camera), index, masked)
+    return Projected(
+        torch.stack([s.u, s.v], dim=1),
+        _whitening(s.a, s.b, s.c, s.det),
+        extent[keep],
+        s.z,
+        opacity,
+        g.color,
+        _normal(g, camera),
+        index,
+        masked,
+    )
 
 
 def _shown(opacity: torch.Tensor, s: _Screen, cutoffs: Cutoffs) -> torch.Tensor:
     """[N] opacity times sqrt(det / det with the low pass), bounded below, where that is asked for."""
-    return opacity * torch.sqrt((s.sharp / s.det).clamp(min=cutoffs.compensation_min**2)) if cutoffs.compensation else opacity
+    return (
+        opacity * torch.sqrt((s.sharp / s.det).clamp(min=cutoffs.compensation_min**2))
+        if cutoffs.compensation
+        else opacity
+    )
 
 
 def _normal(g: Gaussians, camera: Camera) -> torch.Tensor:
     """[N, 3] third axes in camera axes, turned towards the camera."""
     w = _pose(camera, g.mean)
-    n = torch.stack([w[i, 0] * g.rotation[:, 0, 2] + w[i, 1] * g.rotation[:, 1, 2] + w[i, 2] * g.rotation[:, 2, 2] for i in range(3)], dim=1)
+    n = torch.stack(
+        [
+            w[i, 0] * g.rotation[:, 0, 2] + w[i, 1] * g.rotation[:, 1, 2] + w[i, 2] * g.rotation[:, 2, 2]
+            for i in range(3)
+        ],
+        dim=1,
+    )
     away = _dot(n, torch.stack([_camera_axis(g.mean, camera, i) for i in range(3)], dim=1)).detach() > 0
     return torch.where(away[:, None], -n, n)
 
 
 class _Screen(NamedTuple):
-    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2, its determinant and that before the low pass, each [N]."""
+    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2, its determinant and that before the low pass,
+    each [N]."""
 
     u: torch.Tensor
     v: torch.Tensor
@@ -138,12 +167,18 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _jacobian_rows(g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx, cy."""
+def _jacobian_rows(
+    g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx,
+    cy."""
     k = _tensor(camera.intrinsics, g.mean)
     known = torch.as_tensor(camera.intrinsics, dtype=g.mean.dtype).detach()  # where it is: no device is waited for
     fx, cx, fy, cy = (float(known[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))  # the limits carry no gradient
-    margin_x, margin_y = cutoffs.frustum_margin * 0.5 * camera.width / fx, cutoffs.frustum_margin * 0.5 * camera.height / fy
+    margin_x, margin_y = (
+        cutoffs.frustum_margin * 0.5 * camera.width / fx,
+        cutoffs.frustum_margin * 0.5 * camera.height / fy,
+    )
     xz = xz.clamp(-cx / fx - margin_x, (camera.width - cx) / fx + margin_x)
     yz = yz.clamp(-cy / fy - margin_y, (camera.height - cy) / fy + margin_y)
     axes = g.rotation * g.scale[:, None, :]  # [N, 3 world, 3 axes]
@@ -162,5 +197,11 @@ def _whitening(a: torch.Tensor, b: torch.Tensor, c: torch.Tensor, det: torch.Ten
     second = torch.sqrt(pivot / det)
     zero = torch.zeros_like(first)
     return torch.stack(
-        [torch.where(wide, first, zero), torch.where(wide, zero, first), torch.where(wide, -slope * second, second), torch.where(wide, second, -slope * second)], dim=1
+        [
+            torch.where(wide, first, zero),
+            torch.where(wide, zero, first),
+            torch.where(wide, -slope * second, second),
+            torch.where(wide, second, -slope * second),
+        ],
+        dim=1,
     )

@@ -17,12 +17,13 @@ from posegaussian.stages.splatting.definition.projection import Projected, proje
 from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
 
 TILE = 4
-"""Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and 0.75 with 16."""
+"""Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and
+0.75 with 16."""
 CHUNK = 8
 """Gaussians of a tile that are fetched at once; between chunks finished tiles are laid aside."""
 BATCH_PIXELS = {"cpu": 2**15, "cuda": 2**21}
-"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector code may
-hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
+"""Pixels composited together. torch splits elementwise work between threads above 2^15 elements, where its vector
+code may hand over to scalar code that rounds `exp` differently; a GPU wants wide batches."""
 BATCH_PAIRS = 2**22
 """(tile, Gaussian) pairs listed at once; a region with more is halved."""
 
@@ -62,16 +63,25 @@ def composite(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, tile: int 
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     picture = features.new_zeros((across * down, CHANNELS, tile * tile))
     # an empty part keeps the picture in autograd's graph when nothing is seen: gradients are zero then, not an error
-    parts, places = [features[:0, :CHANNELS, None].expand(0, CHANNELS, tile * tile)], [torch.zeros(0, dtype=torch.int64, device=picture.device)]
+    parts, places = (
+        [features[:0, :CHANNELS, None].expand(0, CHANNELS, tile * tile)],
+        [torch.zeros(0, dtype=torch.int64, device=picture.device)],
+    )
     for region, lists, starts, counts in _tile_lists(boxes, _Region(0, 0, across, down), tile):
         columns = torch.arange(region.x0, region.x1, device=picture.device)
         rows = torch.arange(region.y0, region.y1, device=picture.device)
         tiles = (rows[:, None] * across + columns).reshape(-1)  # [B]
-        done, values = _composite(features, lists, starts, counts, _pixel_centres(tiles, across, tile, features), cutoffs)
+        done, values = _composite(
+            features, lists, starts, counts, _pixel_centres(tiles, across, tile, features), cutoffs
+        )
         places.append(tiles[done])
         parts.append(values)
     picture = picture.index_put((torch.cat(places),), torch.cat(parts))
-    picture = picture.reshape(down, across, CHANNELS, tile, tile).permute(0, 3, 1, 4, 2).reshape(down * tile, across * tile, CHANNELS)
+    picture = (
+        picture.reshape(down, across, CHANNELS, tile, tile)
+        .permute(0, 3, 1, 4, 2)
+        .reshape(down * tile, across * tile, CHANNELS)
+    )
     return picture[: camera.height, : camera.width], p.masked
 
 
@@ -89,11 +99,15 @@ class ByDepth(NamedTuple):
 def sorted_by_depth(p: Projected, camera: Camera, tile: int) -> ByDepth:
     """What is composited, and where, with tiles of `tile` px a side; features carry gradients."""
     order = torch.argsort(p.depth.detach(), stable=True)
-    features = torch.cat([p.mean, p.whitening, p.opacity[:, None], p.color, p.depth[:, None], p.normal], dim=1).index_select(0, order)
+    features = torch.cat(
+        [p.mean, p.whitening, p.opacity[:, None], p.color, p.depth[:, None], p.normal], dim=1
+    ).index_select(0, order)
     with torch.no_grad():
         mean, extent = p.mean[order], p.extent[order]
         limit = mean.new_tensor([camera.width, camera.height])
-        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(torch.int64)  # pixel index whose centre is inside
+        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(
+            torch.int64
+        )  # pixel index whose centre is inside
         last = torch.minimum(torch.floor(mean + extent - PIXEL_CENTRE).clamp(min=-1), limit - 1).to(torch.int64)
         empty = (last < first).any(dim=1, keepdim=True)
         low, high = first // tile, last // tile + 1
@@ -101,7 +115,9 @@ def sorted_by_depth(p: Projected, camera: Camera, tile: int) -> ByDepth:
     return ByDepth(features, boxes, p.index[order])
 
 
-def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:
+def _tile_lists(
+    boxes: torch.Tensor, region: _Region, tile: int
+) -> Iterator[tuple[_Region, torch.Tensor, torch.Tensor, torch.Tensor]]:
     """Lists of Gaussians of every tile of the region, halving it until batches are small.
 
     Yields (region, lists [M] indices grouped by tile and by depth within it, starts [B], counts [B]).
@@ -128,7 +144,9 @@ def _tile_lists(boxes: torch.Tensor, region: _Region, tile: int) -> Iterator[tup
     yield region, owner[torch.argsort(slot, stable=True)], torch.cumsum(counts, 0) - counts, counts
 
 
-def _pixel_centres(tiles: torch.Tensor, across: int, tile: int, like: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _pixel_centres(
+    tiles: torch.Tensor, across: int, tile: int, like: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Columns and rows [B, tile^2] of the pixel centres of each tile, px."""
     inside = torch.arange(tile * tile, device=tiles.device)
     x = (tiles % across)[:, None] * tile + inside % tile
@@ -137,12 +155,17 @@ def _pixel_centres(tiles: torch.Tensor, across: int, tile: int, like: torch.Tens
 
 
 def _composite(
-    features: torch.Tensor, lists: torch.Tensor, starts: torch.Tensor, counts: torch.Tensor, centres: tuple[torch.Tensor, torch.Tensor], cutoffs: Cutoffs
+    features: torch.Tensor,
+    lists: torch.Tensor,
+    starts: torch.Tensor,
+    counts: torch.Tensor,
+    centres: tuple[torch.Tensor, torch.Tensor],
+    cutoffs: Cutoffs,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Blend the listed Gaussians of B tiles of P pixels front to back.
 
-    Returns (slots [B'], values [B', CHANNELS, P] = premultiplied colour, alpha, depth, normal): tiles in the order they were finished,
-    a tile being finished when its list ends or when none of its pixels lets light through.
+    Returns (slots [B'], values [B', CHANNELS, P] = premultiplied colour, alpha, depth, normal): tiles in the order they
+    were finished, a tile being finished when its list ends or when none of its pixels lets light through.
     """
     slots = torch.nonzero(counts)[:, 0]
     x, y = centres[0][slots], centres[1][slots]
@@ -164,10 +187,16 @@ def _composite(
 
 
 def _blend(
-    g: torch.Tensor, listed: torch.Tensor, x: torch.Tensor, y: torch.Tensor, transmittance: torch.Tensor, total: torch.Tensor, cutoffs: Cutoffs
+    g: torch.Tensor,
+    listed: torch.Tensor,
+    x: torch.Tensor,
+    y: torch.Tensor,
+    transmittance: torch.Tensor,
+    total: torch.Tensor,
+    cutoffs: Cutoffs,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """One Gaussian a tile, g [B, 14, 1], over its P pixels. The transmittance runs on past the stop: it never rises again,
-    so that everything behind the first dropped Gaussian is dropped with it.
+    """One Gaussian a tile, g [B, 14, 1], over its P pixels. The transmittance runs on past the stop: it never rises
+    again, so that everything behind the first dropped Gaussian is dropped with it.
     """
     dx, dy = x - g[:, 0], y - g[:, 1]
     p, q = g[:, 2] * dx + g[:, 3] * dy, g[:, 4] * dx + g[:, 5] * dy

@@ -54,7 +54,11 @@ class Camera:
     @property
     def centre(self) -> np.ndarray:
         """[3] centre in the world, metres."""
-        pose = np.asarray(self.world_to_camera.detach().cpu() if isinstance(self.world_to_camera, torch.Tensor) else self.world_to_camera)
+        pose = np.asarray(
+            self.world_to_camera.detach().cpu()
+            if isinstance(self.world_to_camera, torch.Tensor)
+            else self.world_to_camera
+        )
         return -pose[:3, :3].T @ pose[:3, 3]
 
 
@@ -67,11 +71,14 @@ class Cutoffs:
     frustum_margin: float = 0.3
     """The Jacobian is evaluated inside the frustum widened by this share of tan(half field of view) (gsplat, Inria)."""
     low_pass: float = 0.0
-    """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so only the effect anti_aliasing adds some, with compensation."""
+    """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so only
+    the effect anti_aliasing adds some, with compensation."""
     variance_min: float = 1e-10
-    """A Gaussian whose projection has det <= variance_min * (a + c), so a smallest variance about this in px^2, is culled."""
+    """A Gaussian whose projection has det <= variance_min * (a + c), so a smallest variance about this in px^2, is
+    culled."""
     compensation: bool = False
-    """Whether opacity is lowered by what the low pass adds: sqrt(det / det with it), so that a Gaussian keeps its energy (gsplat)."""
+    """Whether opacity is lowered by what the low pass adds: sqrt(det / det with it), so that a Gaussian keeps its
+    energy (gsplat)."""
     compensation_min: float = 0.005
     """Lower bound of that factor; no gradient below (gsplat)."""
     alpha_min: float = 1 / 255
@@ -79,8 +86,9 @@ class Cutoffs:
     alpha_max: float = 0.99
     """Alpha is capped here, so that 1 - alpha stays away from zero."""
     transmittance_stop: float = 0.9999e-4
-    """The Gaussian that would bring the transmittance to this or below is dropped with all behind it. Just below (1 - alpha_max)^2,
-    so that two Gaussians at the cap are both seen whatever the rounding: without the second a pixel is 1 % too dark."""
+    """The Gaussian that would bring the transmittance to this or below is dropped with all behind it. Just below (1
+    - alpha_max)^2, so that two Gaussians at the cap are both seen whatever the rounding: without the second a pixel
+    is 1 % too dark."""
 
 
 class TooLarge(ValueError):
@@ -114,6 +122,7 @@ class Drawing:
     cutoffs: Cutoffs = field(default_factory=Cutoffs)
     """Thresholds."""
     backend: Backend = "auto"
-    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else `reference`."""
+    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else
+    `reference`."""
     threads: int = 1
     """Threads of the `cpu` back end; the result does not depend on it."""

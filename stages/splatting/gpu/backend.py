@@ -1,15 +1,16 @@
 """The GPU back end: projection and tile lists by torch on the device, compositing by Triton kernels of our own.
 
 project (projection.py) -> list tiles and sort -> composite, and back: slots -> Gaussians -> autograd through the
-projection, cameras included. Nothing is added by atomics: an intersection has its slot and slots are summed in one order,
-so that two runs give the same bits.
+projection, cameras included. Nothing is added by atomics: an intersection has its slot and slots are summed in one
+order, so that two runs give the same bits.
 
-It is the only engine. gsplat 1.5 computes something else: its constants are compiled in (alpha cap 0.999, stop at 1e-4),
-its backward pass adds by atomics in whatever order, intrinsics get no gradient, and what is not finite is neither masked
-nor counted. Beside this one it would make `gpu` two back ends of different numbers under one name. benchmarks/gpu_renderer.py
-times it where it is installed.
+It is the only engine. gsplat 1.5 computes something else: its constants are compiled in (alpha cap 0.999, stop at
+1e-4), its backward pass adds by atomics in whatever order, intrinsics get no gradient, and what is not finite is
+neither masked nor counted. Beside this one it would make `gpu` two back ends of different numbers under one name.
+benchmarks/gpu_renderer.py times it where it is installed.
 
-Without a GPU the kernels run on the CPU in Triton's interpreter, slowly, where TRITON_INTERPRET=1 is set before Triton is
+Without a GPU the kernels run on the CPU in Triton's interpreter, slowly, where TRITON_INTERPRET=1 is set before Triton
+is
 imported: this is for tests. Triton 3.2 and 3.9 compile them for a GPU; they have not been run on one yet.
 """
 
@@ -41,8 +42,9 @@ class Shape:
     """How the kernels cut their work: it changes the time, and gradients by rounding."""
 
     tile: int = 8
-    """Side of a tile, px, a power of two. With 16 the person of benchmarks/workloads.py has 0.6 of the intersections, but each takes
-    4.7 times the instructions in the backward pass and 3.8 times in the forward one (counted in sm_90 code)."""
+    """Side of a tile, px, a power of two. With 16 the person of benchmarks/workloads.py has 0.6 of the
+    intersections, but each takes 4.7 times the instructions in the backward pass and 3.8 times in the forward one
+    (counted in sm_90 code)."""
     chunk: int = 8
     """Gaussians taken at once, a power of two. With 16 registers spill."""
     warps: int = 1
@@ -100,17 +102,24 @@ def triton_version() -> str | None:
 
 
 def lacks(device: torch.device) -> str | None:
-    """What keeps the back end from drawing Gaussians on a device, as a sentence with what to do about it; None: nothing."""
+    """What keeps the back end from drawing Gaussians on a device, as a sentence with what to do about it; None:
+    nothing."""
     version = triton_version()
     if version is None:
         return f"Triton is not installed: {INSTALL}, or choose another back end"
     if tuple(int(n) for n in version.split(".")[:2]) < OLDEST:
-        return f"Triton {version} is too old, {'.'.join(map(str, OLDEST))} is needed: {INSTALL}, or choose another back end"
+        return (
+            f"Triton {version} is too old, {'.'.join(map(str, OLDEST))} is needed: {INSTALL}, or choose another"
+            " back end"
+        )
     if device.type == "cuda" or (device.type == "cpu" and interpreted()):
         return None
     if torch.cuda.is_available():
         return f"the Gaussians are on {device}: move them to 'cuda', or choose another back end"
-    return f"the Gaussians are on {device} and torch {torch.__version__} finds no CUDA device: choose 'cpu', or run where there is one, with a CUDA build of torch"
+    return (
+        f"the Gaussians are on {device} and torch {torch.__version__} finds no CUDA device: choose 'cpu', or run where"
+        " there is one, with a CUDA build of torch"
+    )
 
 
 def padded(features: torch.Tensor) -> torch.Tensor:
@@ -123,7 +132,11 @@ def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
     from posegaussian.stages.splatting.gpu.composite import composite
 
     w, h, cuts, shape = task.camera.width, task.camera.height, task.cutoffs, task.shape
-    out = Drawn(rows.new_empty((h, w, task.channels)), rows.new_empty((h, w)), *(rows.new_empty((h, w) if training else (1,), dtype=t) for t in (torch.float32, torch.int32)))
+    out = Drawn(
+        rows.new_empty((h, w, task.channels)),
+        rows.new_empty((h, w)),
+        *(rows.new_empty((h, w) if training else (1,), dtype=t) for t in (torch.float32, torch.int32)),
+    )
     with torch.cuda.device_of(rows):
         composite[(task.tiles,)](
             rows, lists.ids, lists.starts, *out, *(float(c) for c in (cuts.alpha_min, cuts.alpha_max, cuts.transmittance_stop)), task.across, w, h,
@@ -132,7 +145,9 @@ def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
     return out
 
 
-def draw_backward(rows: torch.Tensor, lists: Lists, task: Job, drawn: Drawn, up_picture: torch.Tensor, up_alpha: torch.Tensor) -> torch.Tensor:
+def draw_backward(
+    rows: torch.Tensor, lists: Lists, task: Job, drawn: Drawn, up_picture: torch.Tensor, up_alpha: torch.Tensor
+) -> torch.Tensor:
     """[K, 14] gradients of the features, from those of picture and alpha."""
     from posegaussian.stages.splatting.gpu.composite import SLOT, composite_backward
 
@@ -149,8 +164,8 @@ def draw_backward(rows: torch.Tensor, lists: Lists, task: Job, drawn: Drawn, up_
 def from_moments(rows: torch.Tensor, sums: torch.Tensor) -> torch.Tensor:
     """[K, 14] gradients of the features, from each Gaussian's sum of slots [K, 16].
 
-    With m = alpha dL/dalpha, (p, q) = W d and the sums of m, m p, ..., m q^2: dL/dcentre = W^T (m p, m q), dL/dopacity = m / o,
-    dL/dW = -(m p, m q) d^T = -[[m p^2, m p q], [m p q, m q^2]] W^-T.
+    With m = alpha dL/dalpha, (p, q) = W d and the sums of m, m p, ..., m q^2: dL/dcentre = W^T (m p, m q), dL/dopacity
+    = m / o, dL/dW = -(m p, m q) d^T = -[[m p^2, m p q], [m p q, m q^2]] W^-T.
     """
     p0, p1, q0, q1, opacity = rows[:, 2:7].unbind(1)
     m, mp, mq, mpp, mpq, mqq = sums[:, :6].unbind(1)
@@ -161,11 +176,16 @@ def from_moments(rows: torch.Tensor, sums: torch.Tensor) -> torch.Tensor:
 
 
 def project_backward(leaves: list[torch.Tensor], kept: ByDepth, up: torch.Tensor) -> list[torch.Tensor]:
-    """Gradients of the leaves, from those of the features [K, 14]; a Gaussian whose gradient is beyond float32 gets none and adds none to the camera's."""
+    """Gradients of the leaves, from those of the features [K, 14]; a Gaussian whose gradient is beyond float32 gets
+    none and adds none to the camera's."""
 
     def through(rows: torch.Tensor) -> list[torch.Tensor]:
         given = torch.where(rows[:, None], up, 0.0)
-        return list(torch.autograd.grad(kept.features, leaves, given, retain_graph=True, allow_unused=True, materialize_grads=True))
+        return list(
+            torch.autograd.grad(
+                kept.features, leaves, given, retain_graph=True, allow_unused=True, materialize_grads=True
+            )
+        )
 
     sound = torch.isfinite(up).all(dim=1)
     found = through(sound)
@@ -174,7 +194,11 @@ def project_backward(leaves: list[torch.Tensor], kept: ByDepth, up: torch.Tensor
     if bool(torch.stack([sound.all(), finite.all(), *cameras]).all()):
         return found
     sound &= finite[kept.index]
-    log.warning("the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream gradients are too large", int((~sound).sum()))
+    log.warning(
+        "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
+        " gradients are too large",
+        int((~sound).sum()),
+    )
     return [torch.nan_to_num(g, nan=0.0, posinf=0.0, neginf=0.0) for g in through(sound)]
 
 
@@ -182,11 +206,27 @@ class _Rasterize(torch.autograd.Function):
     """One camera, differentiable in the Gaussians, the intrinsics and the pose."""
 
     @staticmethod
-    def forward(ctx: Any, mean: torch.Tensor, rotation: torch.Tensor, scale: torch.Tensor, opacity: torch.Tensor, color: torch.Tensor, intrinsics: torch.Tensor, pose: torch.Tensor, task: Job) -> Any:
+    def forward(
+        ctx: Any,
+        mean: torch.Tensor,
+        rotation: torch.Tensor,
+        scale: torch.Tensor,
+        opacity: torch.Tensor,
+        color: torch.Tensor,
+        intrinsics: torch.Tensor,
+        pose: torch.Tensor,
+        task: Job,
+    ) -> Any:
         training = any(ctx.needs_input_grad)
-        leaves = [t.detach().requires_grad_(training) for t in (mean, rotation, scale, opacity, color, intrinsics, pose)]
+        leaves = [
+            t.detach().requires_grad_(training) for t in (mean, rotation, scale, opacity, color, intrinsics, pose)
+        ]
         with torch.set_grad_enabled(training):
-            projected = project(Gaussians(*leaves[:5]), Camera(leaves[5], leaves[6], task.camera.width, task.camera.height), task.cutoffs)
+            projected = project(
+                Gaussians(*leaves[:5]),
+                Camera(leaves[5], leaves[6], task.camera.width, task.camera.height),
+                task.cutoffs,
+            )
             kept = sorted_by_depth(projected, task.camera, task.shape.tile)
         rows, lists = padded(kept.features), list_tiles(kept.boxes, task.camera, task.shape.tile)
         drawn = draw(rows, lists, task, training)
@@ -202,8 +242,16 @@ class _Rasterize(torch.autograd.Function):
         return (*project_backward(leaves, kept, draw_backward(rows, lists, task, drawn, d_picture, d_alpha)), None)
 
 
-def render(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int) -> tuple[torch.Tensor, torch.Tensor, int]:
-    """(picture [h, w, channels], alpha [h, w], masked) of one camera. Gaussians are float32, on a device that the back end does not lack."""
-    cameras = [m if isinstance(m, torch.Tensor) else torch.from_numpy(np.asarray(m, np.float64)) for m in (camera.intrinsics, camera.world_to_camera)]
-    picture, alpha, masked = _Rasterize.apply(*(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, Job(camera, cutoffs, channels, SHAPE))
+def render(
+    gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs, channels: int
+) -> tuple[torch.Tensor, torch.Tensor, int]:
+    """(picture [h, w, channels], alpha [h, w], masked) of one camera. Gaussians are float32, on a device that the
+    back end does not lack."""
+    cameras = [
+        m if isinstance(m, torch.Tensor) else torch.from_numpy(np.asarray(m, np.float64))
+        for m in (camera.intrinsics, camera.world_to_camera)
+    ]
+    picture, alpha, masked = _Rasterize.apply(
+        *(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, Job(camera, cutoffs, channels, SHAPE)
+    )
     return picture, alpha, int(masked)

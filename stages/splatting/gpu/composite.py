@@ -1,9 +1,10 @@
-"""Front-to-back compositing of sorted tiles in Triton, forward and backward: one program a tile, all its pixels at once.
+"""Front-to-back compositing of sorted tiles in Triton, forward and backward: one program a tile, all its pixels at
+once.
 
-A program takes the Gaussians of its list by the chunk, [CHUNK, pixels], and multiplies the transmittance through it by a
-scan that starts from what the chunk before has left: the product is the one that a loop over single Gaussians forms,
-however long a chunk is. It ends with its list, or when no pixel lets light through any more. What is computed, and where
-it stops: stages/splatting/definition/reference.py.
+A program takes the Gaussians of its list by the chunk, [CHUNK, pixels], and multiplies the transmittance through it by
+a scan that starts from what the chunk before has left: the product is the one that a loop over single Gaussians forms,
+however long a chunk is. It ends with its list, or when no pixel lets light through any more. What is computed, and
+where it stops: stages/splatting/definition/reference.py.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import triton.language as tl
 from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE
 
 ROW = 16
-"""float32 of a Gaussian's row, a power of two: u, v, whitening (4), opacity, colour (3), depth, normal (3), padding. reference.py makes the first 14."""
+"""float32 of a Gaussian's row, a power of two: u, v, whitening (4), opacity, colour (3), depth, normal (3), padding.
+reference.py makes the first 14."""
 SLOT = 16
 MASS, MP, MQ, MPP, MPQ, MQQ, D_COLOR, D_DEPTH, D_NORMAL = 0, 1, 2, 3, 4, 5, 6, 9, 10
-"""Places in a gradient slot: moments of alpha dL/dalpha in the whitened coordinates p and q, and gradients of colour, depth and normal."""
+"""Places in a gradient slot: moments of alpha dL/dalpha in the whitened coordinates p and q, and gradients of
+colour, depth and normal."""
 _ROW, _SLOT, _CENTRE = tl.constexpr(ROW), tl.constexpr(SLOT), tl.constexpr(PIXEL_CENTRE)
 
 
@@ -115,19 +118,28 @@ def composite_backward(
     rows, ids, slots, starts, light, ends, up_picture, up_alpha, gradients, alpha_min, alpha_max, across, width, height,
     CHANNELS: tl.constexpr, TILE: tl.constexpr, CHUNK: tl.constexpr,
 ):  # fmt: skip
-    """Fill the gradient slots [M, SLOT] of one tile's intersections that are seen, back to front; the others keep their zeros."""
+    """Fill the gradient slots [M, SLOT] of one tile's intersections that are seen, back to front; the others keep
+    their zeros."""
     tile = tl.program_id(0)
     x, y, place, shown = _pixels(tile, across, width, height, TILE)
     first = tl.load(starts + tile)
     through, end = tl.load(light + place, mask=shown, other=1.0), tl.load(ends + place, mask=shown, other=0)
     base = up_picture + place * CHANNELS
     up_a = tl.load(up_alpha + place, mask=shown, other=0.0)
-    up_r, up_g, up_b = tl.load(base, mask=shown, other=0.0), tl.load(base + 1, mask=shown, other=0.0), tl.load(base + 2, mask=shown, other=0.0)
+    up_r, up_g, up_b = (
+        tl.load(base, mask=shown, other=0.0),
+        tl.load(base + 1, mask=shown, other=0.0),
+        tl.load(base + 2, mask=shown, other=0.0),
+    )
     up_z, up_0, up_1, up_2 = up_a, up_a, up_a, up_a
     if CHANNELS > 3:
         up_z = tl.load(base + 3, mask=shown, other=0.0)
     if CHANNELS > 4:
-        up_0, up_1, up_2 = tl.load(base + 4, mask=shown, other=0.0), tl.load(base + 5, mask=shown, other=0.0), tl.load(base + 6, mask=shown, other=0.0)
+        up_0, up_1, up_2 = (
+            tl.load(base + 4, mask=shown, other=0.0),
+            tl.load(base + 5, mask=shown, other=0.0),
+            tl.load(base + 6, mask=shown, other=0.0),
+        )
     worth = through * 0.0  # of what lies behind the chunk, as the loss sees it
     nearest, farthest = (tl.arange(0, CHUNK) == 0)[:, None], (tl.arange(0, CHUNK) == CHUNK - 1)[:, None]
     at = tl.max(end, 0)
@@ -144,11 +156,20 @@ def composite_backward(
         before = tl.cumprod(tl.where(farthest, through[None, :] * lift, lift), 0, reverse=True)
         through = tl.max(before, 0)  # it never falls towards the camera
         weight = opacity * before
-        value = up_a[None, :] + up_r[None, :] * _payload(row, listed, 0) + up_g[None, :] * _payload(row, listed, 1) + up_b[None, :] * _payload(row, listed, 2)
+        value = (
+            up_a[None, :]
+            + up_r[None, :] * _payload(row, listed, 0)
+            + up_g[None, :] * _payload(row, listed, 1)
+            + up_b[None, :] * _payload(row, listed, 2)
+        )
         if CHANNELS > 3:
             value += up_z[None, :] * _payload(row, listed, 3)
         if CHANNELS > 4:
-            value += up_0[None, :] * _payload(row, listed, 4) + up_1[None, :] * _payload(row, listed, 5) + up_2[None, :] * _payload(row, listed, 6)
+            value += (
+                up_0[None, :] * _payload(row, listed, 4)
+                + up_1[None, :] * _payload(row, listed, 5)
+                + up_2[None, :] * _payload(row, listed, 6)
+            )
         part = weight * value
         total = tl.cumsum(tl.where(farthest, part + worth[None, :], part), 0, reverse=True)
         worth = tl.sum(tl.where(nearest, total, 0.0), 0)

@@ -1,7 +1,8 @@
-"""Which Gaussian reaches which tile, nearest first, by torch's sorts on the device: the lists that the Triton kernels read.
+"""Which Gaussian reaches which tile, nearest first, by torch's sorts on the device: the lists that the Triton kernels
+read.
 
-An intersection of a Gaussian with a tile has a slot; slots are numbered by Gaussian, so that what the backward pass leaves
-in them is summed in one fixed order.
+An intersection of a Gaussian with a tile has a slot; slots are numbered by Gaussian, so that what the backward pass
+leaves in them is summed in one fixed order.
 """
 
 from __future__ import annotations
@@ -30,17 +31,25 @@ class Lists(NamedTuple):
 
 
 def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> Lists:
-    """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open, of Gaussians sorted by depth. Raises TooLarge."""
+    """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open, of Gaussians sorted by depth. Raises
+    TooLarge."""
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     x0, y0, x1, y1 = boxes.unbind(1)
     wide, count = x1 - x0, (x1 - x0) * (y1 - y0)
     bases = torch.cat([count.new_zeros(1), torch.cumsum(count, 0)])
     total = int(bases[-1])
     if total > MOST_INTERSECTIONS:
-        raise TooLarge(f"{total} intersections of {len(boxes)} Gaussians with tiles of {tile}x{tile} px, at most {MOST_INTERSECTIONS}: render smaller pictures or drop Gaussians that cover all of them")
+        raise TooLarge(
+            f"{total} intersections of {len(boxes)} Gaussians with tiles of {tile}x{tile} px, at most"
+            f" {MOST_INTERSECTIONS}: render smaller pictures or drop Gaussians that cover all of them"
+        )
     owner = torch.repeat_interleave(torch.arange(len(boxes), device=boxes.device), count, output_size=total)
     local = torch.arange(total, device=boxes.device) - bases[owner]
     place = (y0[owner] + local // wide[owner]) * across + x0[owner] + local % wide[owner]
-    place, slots = torch.sort(place.to(torch.int32), stable=True)  # slots are numbered by depth, so each list keeps that order
-    starts = torch.searchsorted(place, torch.arange(across * down + 1, dtype=torch.int32, device=boxes.device), out_int32=True)
+    place, slots = torch.sort(
+        place.to(torch.int32), stable=True
+    )  # slots are numbered by depth, so each list keeps that order
+    starts = torch.searchsorted(
+        place, torch.arange(across * down + 1, dtype=torch.int32, device=boxes.device), out_int32=True
+    )
     return Lists(owner[slots].to(torch.int32), slots.to(torch.int32), starts, bases)

@@ -6,10 +6,25 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.simulator.quality_scenes import MOTIONS, REPORTING_SEEDS, TUNING_SEEDS, VALIDATION_PHASES, VARIANTS, ablation_scene, benchmark_scene
+from posegaussian.stages.simulator.quality_scenes import (
+    MOTIONS,
+    REPORTING_SEEDS,
+    TUNING_SEEDS,
+    VALIDATION_PHASES,
+    VARIANTS,
+    ablation_scene,
+    benchmark_scene,
+)
 from posegaussian.stages.simulator.scene import faults
 from posegaussian.stages.simulator.setup import stage
-from posegaussian.stages.simulator.subjects.splits import KEPT_OUTFITS, KEPT_SUBJECTS, OPEN_OUTFITS, OPEN_SUBJECTS, VALIDATION_SUBJECT, cast
+from posegaussian.stages.simulator.subjects.splits import (
+    KEPT_OUTFITS,
+    KEPT_SUBJECTS,
+    OPEN_OUTFITS,
+    OPEN_SUBJECTS,
+    VALIDATION_SUBJECT,
+    cast,
+)
 
 
 def test_the_reporting_seeds_show_every_kept_subject_outfit_and_motion_twice() -> None:
@@ -61,14 +76,18 @@ def test_seed_and_number_of_cameras_decide_nothing_about_the_person() -> None:
 @pytest.mark.parametrize("name", [n for n in VARIANTS if n != "clean"])
 def test_a_variant_spoils_what_it_names_for_sources_and_leaves_the_held_out_view(name: str) -> None:
     clean, spoilt = stage(benchmark_scene(2, 2, 64, 1, held_out=1)), stage(benchmark_scene(2, 2, 64, 1, name, 1))
-    on = {r.effect.name for r in spoilt.rulings if r.decision.on} - {r.effect.name for r in clean.rulings if r.decision.on}
+    on = {r.effect.name for r in spoilt.rulings if r.decision.on} - {
+        r.effect.name for r in clean.rulings if r.decision.on
+    }
     wanted = set(VARIANTS[name]["effects"])
     assert on <= wanted
     assert name == "messy" or on == wanted
     a, b = clean.take.shoot(0, 0), spoilt.take.shoot(0, 0)
     assert (np.array_equal(a.mask, b.mask)) == (not name.startswith("mask") and name != "messy")
     assert (np.array_equal(a.color, b.color)) == name.startswith(("mask", "calibration"))
-    assert (np.array_equal(clean.written.world_to_camera, spoilt.written.world_to_camera)) == (not name.startswith("calibration") and name != "messy")
+    assert (np.array_equal(clean.written.world_to_camera, spoilt.written.world_to_camera)) == (
+        not name.startswith("calibration") and name != "messy"
+    )
     truth, same = clean.take.shoot(0, 2), spoilt.take.shoot(0, 2)
     assert (name in ("specular", "messy")) or np.array_equal(truth.color, same.color)
 
@@ -82,7 +101,12 @@ def test_an_ablation_runs_on_validation_seeds_and_shows_every_motion_uncut() -> 
         staged = stage(scene)
         actor, rig = staged.take.actors[0], staged.take.rig
         for t in np.linspace(0.0, 1.0, 11):
-            uv = np.concatenate([project(actor.vertices(float(t)), rig.intrinsics[v], rig.world_to_camera[v])[0] for v in range(len(rig))])
+            uv = np.concatenate(
+                [
+                    project(actor.vertices(float(t)), rig.intrinsics[v], rig.world_to_camera[v])[0]
+                    for v in range(len(rig))
+                ]
+            )
             assert uv.min() > 0
             assert uv.max() < 64
     for seed in (1, 7999, 9000):

@@ -48,8 +48,13 @@ def test_a_seed_shows_only_whom_it_may(seeds: range, subjects: tuple[str, ...], 
 
 def test_the_second_person_of_a_scene_is_cast_by_the_same_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[str, str]] = []
-    monkeypatch.setattr("posegaussian.stages.simulator.subjects.actors.Performer", lambda who, what, *rest: seen.append((who, what)))
-    for seeds, subjects, outfits in ((range(1, 60), OPEN_SUBJECTS, OPEN_OUTFITS), (range(9000, 9060), KEPT_SUBJECTS, KEPT_OUTFITS)):
+    monkeypatch.setattr(
+        "posegaussian.stages.simulator.subjects.actors.Performer", lambda who, what, *rest: seen.append((who, what))
+    )
+    for seeds, subjects, outfits in (
+        (range(1, 60), OPEN_SUBJECTS, OPEN_OUTFITS),
+        (range(9000, 9060), KEPT_SUBJECTS, KEPT_OUTFITS),
+    ):
         seen.clear()
         for s in seeds:
             apply(SecondPerson(), s)
@@ -63,10 +68,18 @@ def told(**scene: Any) -> list[tuple[str, str]]:
 
 
 def test_naming_what_is_kept_in_another_scene_is_a_fault() -> None:
-    assert [p for p, _ in told(seed=4, subject={"person": "gao", "outfit": "dots"})] == ["subject.person", "subject.outfit"]
+    assert [p for p, _ in told(seed=4, subject={"person": "gao", "outfit": "dots"})] == [
+        "subject.person",
+        "subject.outfit",
+    ]
     assert "seed from 9000 on; this seed is 8999" in told(seed=8999, subject={"person": "gao"})[0][1]
-    assert [p for p, _ in told(seed=9000, subject={"person": "ines"}, motion="throw")] == ["subject.person", "motion.name"]
-    assert [p for p, _ in told(seed=4, effects={"second_person": {"motion": "throw"}})] == ["effects.second_person.motion"]
+    assert [p for p, _ in told(seed=9000, subject={"person": "ines"}, motion="throw")] == [
+        "subject.person",
+        "motion.name",
+    ]
+    assert [p for p, _ in told(seed=4, effects={"second_person": {"motion": "throw"}})] == [
+        "effects.second_person.motion"
+    ]
     assert not told(seed=9000, subject={"person": "gao", "outfit": "dots"})
     assert not told(seed=8000, subject={"person": "ines"}, motion="throw")
     for name in (*OPEN_SUBJECTS, *OPEN_OUTFITS, *(m for m in MOTION_NAMES if m != VALIDATION_MOTION)):
@@ -75,4 +88,9 @@ def test_naming_what_is_kept_in_another_scene_is_a_fault() -> None:
 
 def test_a_scene_is_played_by_whom_it_casts() -> None:
     scene = Scene.model_validate({"seed": 9001})
-    assert play(scene).mesh is play(Scene.model_validate({"seed": 9001, "subject": dict(zip(("person", "outfit"), cast(9001), strict=True))})).mesh
+    assert (
+        play(scene).mesh
+        is play(
+            Scene.model_validate({"seed": 9001, "subject": dict(zip(("person", "outfit"), cast(9001), strict=True))})
+        ).mesh
+    )

@@ -81,8 +81,16 @@ def test_noise_is_continuous_and_in_range() -> None:
 
 def test_standing_person_is_as_tall_as_said() -> None:
     capture = capture_person(views=4, size=256, frames=1, held_out=0, motion="stand")
-    points = np.concatenate([unproject(capture.depth[0, v], capture.rig.intrinsics[v], capture.rig.world_to_camera[v])[capture.depth[0, v] > 0] for v in range(4)])
-    # A pixel is 9 mm at the person: the outermost centres lie up to a pixel inside the outline; soles are seen from above.
+    points = np.concatenate(
+        [
+            unproject(capture.depth[0, v], capture.rig.intrinsics[v], capture.rig.world_to_camera[v])[
+                capture.depth[0, v] > 0
+            ]
+            for v in range(4)
+        ]
+    )
+    # A pixel is 9 mm at the person: the outermost centres lie up to a pixel inside the outline; soles are seen from
+    # above.
     assert points[:, 2].max() == pytest.approx(1.75, abs=0.01)
     assert points[:, 2].min() == pytest.approx(0.0, abs=0.02)
 
@@ -102,7 +110,13 @@ def test_masks_depth_and_joints_agree(motion: str) -> None:
             uv, z = project(capture.joints3d[f, :, :3], capture.rig.intrinsics[v], capture.rig.world_to_camera[v])
             np.testing.assert_allclose(uv, capture.joints2d[f, v, :, :2])
             column, row = uv.astype(int).T
-            nearby = np.stack([capture.mask[f, v][np.clip(row + i, 0, 63), np.clip(column + j, 0, 63)] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+            nearby = np.stack(
+                [
+                    capture.mask[f, v][np.clip(row + i, 0, 63), np.clip(column + j, 0, 63)]
+                    for i in (-1, 0, 1)
+                    for j in (-1, 0, 1)
+                ]
+            )
             assert (nearby.max(axis=0) > 0).all(), "a joint lies on the person"
             surface = capture.depth[f, v][row, column]
             # Joints lie inside the body; 7 cm covers a nose in profile whose pixel of 36 mm sees the cheek behind it.
@@ -122,8 +136,13 @@ def test_depth_of_one_view_lands_on_the_surface_of_its_neighbour() -> None:
     assert lands.mean() > 0.85
     assert (z > surface - 0.06)[surface > 0].mean() > 0.995, "nothing may lie in front of the first surface"
     bilinear = capture.mask[0, b][row, column] == 255
-    difference = np.abs(capture.color[0, a][inside][lands & bilinear].astype(float) - capture.color[0, b][row, column][lands & bilinear])
-    shuffled = np.abs(capture.color[0, a][inside][lands & bilinear].astype(float) - np.roll(capture.color[0, b][row, column][lands & bilinear], 997, axis=0))
+    difference = np.abs(
+        capture.color[0, a][inside][lands & bilinear].astype(float) - capture.color[0, b][row, column][lands & bilinear]
+    )
+    shuffled = np.abs(
+        capture.color[0, a][inside][lands & bilinear].astype(float)
+        - np.roll(capture.color[0, b][row, column][lands & bilinear], 997, axis=0)
+    )
     # The texture's finest cell is 11 mm, one pixel here: half a pixel of error costs contrast, a wrong point costs all.
     assert np.median(difference) < 14
     assert np.median(difference) < 0.4 * np.median(shuffled)

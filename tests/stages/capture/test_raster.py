@@ -22,10 +22,17 @@ def rays() -> np.ndarray:
 
 def ball(centre: np.ndarray, radius: float, n: int = 96) -> tuple[np.ndarray, np.ndarray]:
     a, b = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
-    points = centre + radius * np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], axis=-1).reshape(-1, 3)
+    points = centre + radius * np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], axis=-1).reshape(
+        -1, 3
+    )
     grid = np.arange(2 * n * n).reshape(n, 2 * n)
     quads = [grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]]
-    return points, np.concatenate([np.stack([quads[0], quads[1], quads[2]], -1).reshape(-1, 3), np.stack([quads[1], quads[3], quads[2]], -1).reshape(-1, 3)]).astype(np.int32)
+    return points, np.concatenate(
+        [
+            np.stack([quads[0], quads[1], quads[2]], -1).reshape(-1, 3),
+            np.stack([quads[1], quads[3], quads[2]], -1).reshape(-1, 3),
+        ]
+    ).astype(np.int32)
 
 
 SCENE = ball(np.array([0.1, -0.05, 2.5]), 0.6)
@@ -51,14 +58,16 @@ def test_depth_of_a_ball_is_the_quadratic_formula() -> None:
     expected = np.where(h > 0, (b - np.sqrt(np.maximum(h, 0))) / a, np.inf)
     both = np.isfinite(depth) & np.isfinite(expected)
     off = np.abs(depth[both] - expected[both])
-    # a facet lies up to 0.16 mm inside the ball, 0.08 mm for each of its two chords; at the rim the ray is tangent to it
+    # a facet lies up to 0.16 mm inside the ball, 0.08 mm for each of its two chords; at the rim the ray is tangent to
+    # it
     assert np.median(off) < 2e-4
     assert np.quantile(off, 0.95) < 3e-3
     assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 3
 
 
 def test_a_pixel_is_seen_at_its_centre() -> None:
-    """A triangle that covers x < 10.5 px from the left holds the centres of columns 0..9, and that of column 10 exactly."""
+    """A triangle that covers x < 10.5 px from the left holds the centres of columns 0..9, and that of column 10
+    exactly."""
     for edge, columns in ((10.49, 10), (10.5, 11), (10.51, 11)):
         p = np.array([[-100.0, -100, 1], [edge, -100, 1], [edge, 300, 1], [-100, 300, 1]])
         index = rasterize(p, np.array([[0, 1, 2], [0, 2, 3]], np.int32), 20, 20, 1)[1]
@@ -91,7 +100,9 @@ def test_parts_give_the_whole() -> None:
     points, tris = SCENE
     p = pictured(points)
     whole = rasterize(p, tris, *SIZE, 2)[0]
-    np.testing.assert_array_equal(whole, np.minimum(rasterize(p, tris[::2], *SIZE, 2)[0], rasterize(p, tris[1::2], *SIZE, 2)[0]))
+    np.testing.assert_array_equal(
+        whole, np.minimum(rasterize(p, tris[::2], *SIZE, 2)[0], rasterize(p, tris[1::2], *SIZE, 2)[0])
+    )
 
 
 def test_what_reaches_behind_the_camera_is_left_out() -> None:
@@ -118,7 +129,26 @@ def test_a_texture_is_seen_in_perspective() -> None:
     lit = np.zeros((4, 1))
     lit[:, 0] = 1.0
     none = np.zeros((0, 3))
-    light = shade(index, p, points, np.tile([0.0, 0.0, 1.0], (4, 1)), tris, uv, np.zeros(2, np.int32), texels, info, np.zeros((1, 2)), lit, np.zeros(3), 1, False, none, np.zeros(0), 1.0, 1.0)
+    light = shade(
+        index,
+        p,
+        points,
+        np.tile([0.0, 0.0, 1.0], (4, 1)),
+        tris,
+        uv,
+        np.zeros(2, np.int32),
+        texels,
+        info,
+        np.zeros((1, 2)),
+        lit,
+        np.zeros(3),
+        1,
+        False,
+        none,
+        np.zeros(0),
+        1.0,
+        1.0,
+    )
     seen = index >= 0
     assert seen.sum() > 300
     x = (0.6 * rays()[..., 0][seen] / rays()[..., 1][seen] + 2.0) / 4.0

@@ -58,14 +58,18 @@ def plain() -> Shot:
 
 
 @pytest.mark.parametrize("name", [e.name for e in EFFECTS])
-def test_an_effect_changes_something_and_one_that_is_off_changes_and_computes_nothing(name: str, plain: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_changes_something_and_one_that_is_off_changes_and_computes_nothing(
+    name: str, plain: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bare = stage(scene())
     on = stage(scene(effects={name: EVERYTHING[name]}))
     decision = {r.effect.name: r.decision for r in on.rulings}[name]
     assert decision.on, decision.reason
     shot = on.take.shoot(1, 0)
     changed = not same(shot, plain)
-    written = any(not np.array_equal(getattr(on.written, k), getattr(bare.written, k)) for k in ("world_to_camera", "distortion")) or not np.array_equal(on.valid, bare.valid)
+    written = any(
+        not np.array_equal(getattr(on.written, k), getattr(bare.written, k)) for k in ("world_to_camera", "distortion")
+    ) or not np.array_equal(on.valid, bare.valid)
     assert changed or written
     called: list[str] = []
     for module in (take, setup):
@@ -117,16 +121,25 @@ def test_truth_agrees_with_itself(plain: Shot) -> None:
     staged = stage(scene(rig={"cameras": 4, "size": [160, 200]}, motion="crossed_arms", held_out=0))
     rig, shots = staged.take.rig, [staged.take.shoot(1, v) for v in range(4)]
     for v, s in enumerate(shots):
-        # a gap between two fingers may pass between the four samples and show at the pixel's centre, or the other way round
+        # a gap between two fingers may pass between the four samples and show at the pixel's centre, or the other way
+        # round
         assert ((s.true_mask == 255) & (s.depth == 0)).sum() + ((s.true_mask == 0) & (s.depth > 0)).sum() <= 4
         assert (s.color.max(axis=-1) <= s.true_mask.astype(int) + 1).all(), "premultiplied on black"
         lengths = np.linalg.norm(s.normal, axis=-1)
         np.testing.assert_allclose(lengths[s.depth > 0], 1.0, atol=1e-5)
-        ray = np.concatenate([np.stack(np.meshgrid(np.arange(160) + 0.5, np.arange(200) + 0.5), axis=-1), np.ones((200, 160, 1))], axis=-1) @ np.linalg.inv(rig.intrinsics[v]).T
+        ray = (
+            np.concatenate(
+                [np.stack(np.meshgrid(np.arange(160) + 0.5, np.arange(200) + 0.5), axis=-1), np.ones((200, 160, 1))],
+                axis=-1,
+            )
+            @ np.linalg.inv(rig.intrinsics[v]).T
+        )
         assert (np.sum(s.normal * ray, axis=-1)[s.depth > 0] < 1e-6).all(), "a surface seen faces the camera"
         assert s.true_joints2d is not None
         assert s.joints3d is not None
-        np.testing.assert_allclose(project(s.joints3d, rig.intrinsics[v], rig.world_to_camera[v])[0], s.true_joints2d[:, :2])
+        np.testing.assert_allclose(
+            project(s.joints3d, rig.intrinsics[v], rig.world_to_camera[v])[0], s.true_joints2d[:, :2]
+        )
     front, behind = shots[0].true_joints2d, shots[2].true_joints2d
     assert front is not None
     assert behind is not None
@@ -141,7 +154,9 @@ def test_truth_agrees_with_itself(plain: Shot) -> None:
 
 def test_the_person_fills_the_share_of_the_picture_that_is_asked_for() -> None:
     for seed in (1, 9001):
-        s = stage(scene(seed=seed, motion="stand", rig={"cameras": 1, "size": [200, 400], "fill": 0.88}, held_out=0)).take.shoot(0, 0)
+        s = stage(
+            scene(seed=seed, motion="stand", rig={"cameras": 1, "size": [200, 400], "fill": 0.88}, held_out=0)
+        ).take.shoot(0, 0)
         rows = np.nonzero(s.true_mask.max(axis=1) > 127)[0]
         # the share holds at the subject's axis; toes and hair reach towards the camera
         assert 0.86 < (rows[-1] - rows[0] + 1) / 400 < 0.96
@@ -154,7 +169,13 @@ def rig_of(**given: Any) -> tuple[Rig, int]:
 
 def test_rigs() -> None:
     target = np.array([0.0, 0.0, 0.85])
-    for given in ({}, {"kind": "arc", "span": 90}, {"kind": "dome", "rings": 2}, {"kind": "stereo"}, {"kind": "thuman", "cameras": 6}):
+    for given in (
+        {},
+        {"kind": "arc", "span": 90},
+        {"kind": "dome", "rings": 2},
+        {"kind": "stereo"},
+        {"kind": "thuman", "cameras": 6},
+    ):
         rig, sources = rig_of(**given, held_out=2)
         rig.check()
         assert sources == (6 if given.get("kind") == "thuman" else 8)

@@ -62,12 +62,19 @@ def test_limbs_are_rigid_feet_stand_on_the_ground_and_nothing_tears(motion: str)
     lengths = []
     for t in np.arange(0.0, 2.6, 0.35):
         m = bones_at(body, motion, float(t), STYLE)
-        np.testing.assert_allclose(m[:, :3, :3] @ m[:, :3, :3].transpose(0, 2, 1), np.broadcast_to(np.eye(3), (len(m), 3, 3)), atol=1e-9)
+        np.testing.assert_allclose(
+            m[:, :3, :3] @ m[:, :3, :3].transpose(0, 2, 1), np.broadcast_to(np.eye(3), (len(m), 3, 3)), atol=1e-9
+        )
         v = skin(mesh.vertices, mesh.bones, mesh.weights, m)
         # the four points of the soles that carry the body are not the lowest of the mesh by more than a rounded heel
         assert v[:, 2].min() == pytest.approx(0.0, abs=0.06)
         j = np.einsum("jab,jb->ja", m[CARRIERS][:, :3, :3], body.joints) + m[CARRIERS][:, :3, 3]
-        lengths.append([np.linalg.norm(j[a] - j[b]) for a, b in ((5, 7), (7, 9), (6, 8), (8, 10), (11, 13), (13, 15), (12, 14), (14, 16))])
+        lengths.append(
+            [
+                np.linalg.norm(j[a] - j[b])
+                for a, b in ((5, 7), (7, 9), (6, 8), (8, 10), (11, 13), (13, 15), (12, 14), (14, 16))
+            ]
+        )
     np.testing.assert_allclose(lengths, np.broadcast_to(lengths[0], np.shape(lengths)), atol=1e-9)
 
 
@@ -111,7 +118,10 @@ def test_clipping_keeps_the_area_where_the_field_is_positive() -> None:
     assert new[..., 0].min() == pytest.approx(0.3)
 
 
-OBJ = "mtllib m.mtl\nv 0 10 0\nv 2 10 0\nv 2 14 0\nv 0 14 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\nf -4/-4 -3/-3 -2/-2\n"
+OBJ = (
+    "mtllib m.mtl\nv 0 10 0\nv 2 10 0\nv 2 14 0\nv 0 14 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\nf -4/-4"
+    " -3/-3 -2/-2\n"
+)
 
 
 def test_a_scan_is_read_and_stood_on_the_ground() -> None:

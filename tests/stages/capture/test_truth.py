@@ -1,4 +1,5 @@
-"""Laws of the truth: views agree with each other, normals with depth, masks with coverage, joints with what hides them."""
+"""Laws of the truth: views agree with each other, normals with depth, masks with coverage, joints with what hides
+them."""
 
 import subprocess
 import sys
@@ -33,7 +34,9 @@ def neighbourhood(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return all_.min(axis=0), all_.max(axis=0)
 
 
-def test_a_surface_point_of_one_view_lies_on_the_surface_of_the_next_or_behind_it(walk: tuple[Staged, list[Shot]]) -> None:
+def test_a_surface_point_of_one_view_lies_on_the_surface_of_the_next_or_behind_it(
+    walk: tuple[Staged, list[Shot]],
+) -> None:
     staged, shots = walk
     rig = staged.take.rig
     for a, b in ((0, 1), (1, 0), (1, 2)):
@@ -55,7 +58,9 @@ def test_normals_are_those_of_the_depth(walk: tuple[Staged, list[Shot]]) -> None
     staged, shots = walk
     k = staged.take.rig.intrinsics[0]
     for s in shots:
-        rays = np.concatenate([(pixel_centres(SIZE) - k[:2, 2]) @ np.linalg.inv(k[:2, :2]).T, np.ones((*s.depth.shape, 1))], axis=-1)
+        rays = np.concatenate(
+            [(pixel_centres(SIZE) - k[:2, 2]) @ np.linalg.inv(k[:2, :2]).T, np.ones((*s.depth.shape, 1))], axis=-1
+        )
         p = rays * s.depth[..., None]
         across, down = p[1:-1, 2:] - p[1:-1, :-2], p[2:, 1:-1] - p[:-2, 1:-1]
         n = np.cross(down, across)
@@ -101,7 +106,16 @@ def test_a_joint_behind_something_is_not_seen_and_one_beside_it_is() -> None:
 
 
 def test_from_the_left_the_right_side_is_hidden() -> None:
-    staged = stage(Scene.model_validate({"seed": 1, "frames": 1, "motion": "stand", "rig": {"kind": "list", "cameras": [{"name": "left", "position": [0, 3, 1]}]}}))
+    staged = stage(
+        Scene.model_validate(
+            {
+                "seed": 1,
+                "frames": 1,
+                "motion": "stand",
+                "rig": {"kind": "list", "cameras": [{"name": "left", "position": [0, 3, 1]}]},
+            }
+        )
+    )
     joints = staged.take.shoot(0, 0).true_joints2d
     assert joints is not None
     left, right = joints[[3, 5, 7, 9, 11, 13, 15], 2], joints[[4, 6], 2]

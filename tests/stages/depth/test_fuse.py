@@ -32,7 +32,9 @@ def test_without_a_consistent_candidate_there_is_nothing():
 def test_gaps_are_filled_within_the_hull_and_trusted_less():
     near, far = np.full((1, 4), 1.9, np.float32), np.full((1, 4), 2.05, np.float32)
     near[0, 3] = far[0, 3] = 0
-    depth, confidence = complete(np.array([[2.2, 0, 0, 0]], np.float32), np.array([[0.9, 0, 0, 0]], np.float32), near, far)
+    depth, confidence = complete(
+        np.array([[2.2, 0, 0, 0]], np.float32), np.array([[0.9, 0, 0, 0]], np.float32), near, far
+    )
     np.testing.assert_allclose(depth, [[2.2, 2.05, 2.05, 0]])
     np.testing.assert_allclose(confidence, [[0.9, FILLED, FILLED, 0]])
     alone, trust = complete(np.zeros((1, 4), np.float32), np.zeros((1, 4), np.float32), near, far)

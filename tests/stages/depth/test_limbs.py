@@ -33,7 +33,13 @@ def hull_of(c: PersonCapture, frame: int = 0, mask: np.ndarray | None = None) ->
     return hulls(Geometry.of(c.rig, views, DepthParams(method="hull")), Frame({}, masks)), masks
 
 
-def depth_of(c: PersonCapture, joints: np.ndarray, effects: frozenset[str] = frozenset({"left_right_check", "limb_bounds"}), length: int | None = None, **params: Any) -> dict[str, np.ndarray]:
+def depth_of(
+    c: PersonCapture,
+    joints: np.ndarray,
+    effects: frozenset[str] = frozenset({"left_right_check", "limb_bounds"}),
+    length: int | None = None,
+    **params: Any,
+) -> dict[str, np.ndarray]:
     arrays = {"frames/color": c.color, "frames/mask": c.mask, "pose/joints3d": joints.astype(np.float32)}
     return run_stage(STAGE, DepthParams(**params), arrays, c.rig, c.views, len(c.color), length, effects=effects)
 
@@ -49,7 +55,11 @@ def with_ball(c: PersonCapture, centre: np.ndarray, radius: float) -> tuple[np.n
     for v in c.views.sources:
         h, w = mask[v].shape
         columns, rows = np.meshgrid(np.arange(w), np.arange(h))
-        origin, d = rays(points_from_integer_centres(np.stack([columns, rows], axis=-1)), c.rig.intrinsics[v], c.rig.world_to_camera[v])
+        origin, d = rays(
+            points_from_integer_centres(np.stack([columns, rows], axis=-1)),
+            c.rig.intrinsics[v],
+            c.rig.world_to_camera[v],
+        )
         b, a = d @ (origin - centre), (d**2).sum(-1)
         inside = b**2 - a * (((origin - centre) ** 2).sum() - radius**2)
         z = np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
@@ -81,7 +91,8 @@ def test_phantoms_in_front_of_the_limbs_go_and_the_surface_stays(kick: PersonCap
     phantom = surface & (true - stack[0] > 0.15)
     assert phantom.sum() > 100
     assert (true - stack[1])[phantom].mean() < 0.9 * (true - stack[0])[phantom].mean()
-    # The surface itself lies behind the bound, but where the hull's was already behind it by a pixel, 2 cm at this size.
+    # The surface itself lies behind the bound, but where the hull's was already behind it by a pixel, 2 cm at this
+    # size.
     assert ((stack[1] > true + 0.005) & (stack[1] > stack[0]))[surface].sum() == 0
 
 
@@ -104,12 +115,15 @@ def test_a_joint_without_score_takes_part_in_no_limb(kick: PersonCapture) -> Non
     nonsense = joints.copy()
     nonsense[RIGHT_ARM, :3] = 1e3
     np.testing.assert_array_equal(limbs_of(joints), limbs_of(nonsense))
-    assert len(limbs_of(joints)) == len(limbs_of(kick.joints3d[0])) - 3 + 1, "upper arm, forearm and hand, and where they may be"
+    assert len(limbs_of(joints)) == len(limbs_of(kick.joints3d[0])) - 3 + 1, (
+        "upper arm, forearm and hand, and where they may be"
+    )
 
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_limb_between_the_camera_and_the_torso_is_never_cut(known: bool) -> None:
-    """Every camera has an arm before the torso at some moment of a wave; with its joints unknown, it may be anywhere."""
+    """Every camera has an arm before the torso at some moment of a wave; with its joints unknown, it may be
+    anywhere."""
     c = capture_person(views=8, size=128, frames=1, held_out=0, motion="wave")
     joints = c.joints3d[0].copy()
     if not known:
@@ -129,8 +143,12 @@ def test_a_limb_between_the_camera_and_the_torso_is_never_cut(known: bool) -> No
 
 @pytest.mark.parametrize("told", ["not at all", "by its joints"])
 def test_what_is_held_out_towards_a_camera_stays(kick: PersonCapture, told: str) -> None:
-    """A ball half a metre in front of the body, straight before camera 0: a fist whose arm is known, or something that no joint tells of."""
-    c, belly = kick, kick.joints3d[0, [COCO17.names.index(n) for n in ("LShoulder", "RShoulder", "LHip", "RHip")], :3].mean(axis=0)
+    """A ball half a metre in front of the body, straight before camera 0: a fist whose arm is known, or something
+    that no joint tells of."""
+    c, belly = (
+        kick,
+        kick.joints3d[0, [COCO17.names.index(n) for n in ("LShoulder", "RShoulder", "LHip", "RHip")], :3].mean(axis=0),
+    )
     towards = (c.rig.centres[0] - belly) / np.linalg.norm(c.rig.centres[0] - belly)
     fist = belly + 0.5 * towards
     mask, depth = with_ball(c, fist, 0.07)
@@ -150,8 +168,12 @@ def test_what_is_held_out_towards_a_camera_stays(kick: PersonCapture, told: str)
 
 @pytest.mark.parametrize(("method", "worst"), [("hull", 1.0), ("sgbm", 1.02), ("sweep", 1.02)])
 def test_with_exact_joints_a_kick_is_never_worse_than_without(kick: PersonCapture, method: str, worst: float) -> None:
-    """The hull improves wherever it changes; what is matched may lose 2 % of its error in the coarse pictures of a test."""
-    off, on = (depth_of(kick, kick.joints3d, effects, method=method) for effects in (frozenset({"left_right_check"}), frozenset({"left_right_check", "limb_bounds"})))
+    """The hull improves wherever it changes; what is matched may lose 2 % of its error in the coarse pictures of a
+    test."""
+    off, on = (
+        depth_of(kick, kick.joints3d, effects, method=method)
+        for effects in (frozenset({"left_right_check"}), frozenset({"left_right_check", "limb_bounds"}))
+    )
     assert mean_error(kick, on[DEPTH]) <= worst * mean_error(kick, off[DEPTH])
     np.testing.assert_array_equal(on[DEPTH] > 0, off[DEPTH] > 0)
 
@@ -159,7 +181,9 @@ def test_with_exact_joints_a_kick_is_never_worse_than_without(kick: PersonCaptur
 def test_partitions_do_not_change_a_byte(kick: PersonCapture) -> None:
     whole, parts = (depth_of(kick, kick.joints3d, length=n, method="hull")[DEPTH] for n in (2, 1))
     np.testing.assert_array_equal(whole, parts)
-    assert not np.array_equal(whole, depth_of(kick, kick.joints3d, frozenset(), method="hull")[DEPTH]), "the prior does something"
+    assert not np.array_equal(whole, depth_of(kick, kick.joints3d, frozenset(), method="hull")[DEPTH]), (
+        "the prior does something"
+    )
 
 
 def test_limbs_grow_with_the_body_and_the_margin_does_not(kick: PersonCapture) -> None:

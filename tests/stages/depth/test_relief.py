@@ -29,7 +29,9 @@ def bulge(mask: np.ndarray, focal: float = FOCAL) -> np.ndarray:
 def test_a_limb_is_a_round_cylinder() -> None:
     mask = capsules()
     found = bulge(mask)[150, 60:72]
-    expected = np.sqrt(np.maximum(6.5**2 - (np.arange(12) - 5.5) ** 2, 0))  # u is 0 at the centres of the pixels outside
+    expected = np.sqrt(
+        np.maximum(6.5**2 - (np.arange(12) - 5.5) ** 2, 0)
+    )  # u is 0 at the centres of the pixels outside
     # Thinner than round by a few percent: the limb is not infinitely narrower than l.
     np.testing.assert_allclose(found, expected, rtol=0.2)
     assert (found <= expected + 1e-3).all()
@@ -53,7 +55,9 @@ def test_twice_the_resolution_gives_the_same_shape() -> None:
     small, large = bulge(capsules()), bulge(capsules(2), 2 * FOCAL) / 2
     reduced = cv2.resize(large, (160, 200), interpolation=cv2.INTER_AREA)
     inside = cv2.erode(capsules(), np.ones((5, 5), np.uint8)) > 0
-    np.testing.assert_allclose(reduced[inside], small[inside], atol=0.6)  # the outline is half a pixel farther out in the smaller one
+    np.testing.assert_allclose(
+        reduced[inside], small[inside], atol=0.6
+    )  # the outline is half a pixel farther out in the smaller one
 
 
 def test_the_distance_scales_all_depths() -> None:

@@ -26,7 +26,9 @@ def arrays(c: PersonCapture) -> dict[str, np.ndarray]:
     return {"frames/color": c.color, "frames/mask": c.mask, "truth/depth": c.depth}
 
 
-def depth_of(c: PersonCapture, length: int | None = None, more: dict[str, Any] | None = None, **params: Any) -> dict[str, np.ndarray]:
+def depth_of(
+    c: PersonCapture, length: int | None = None, more: dict[str, Any] | None = None, **params: Any
+) -> dict[str, np.ndarray]:
     return run_stage(STAGE, DepthParams(**params), arrays(c), c.rig, c.views, len(c.color), length, **(more or {}))
 
 
@@ -41,11 +43,17 @@ def estimate(person: PersonCapture, method: str) -> dict[str, np.ndarray]:
 
 
 def mean_epe(c: PersonCapture, depth: np.ndarray) -> float:
-    errors = [depth_error(depth[f, v], c.depth[f, v], c.mask[f, v], c.rig, v, c.views.sources) for f in range(len(depth)) for v in c.views.sources]
+    errors = [
+        depth_error(depth[f, v], c.depth[f, v], c.mask[f, v], c.rig, v, c.views.sources)
+        for f in range(len(depth))
+        for v in c.views.sources
+    ]
     return float(np.mean([e.epe for e in errors if e]))
 
 
-def test_every_view_gets_arrays_and_views_that_are_no_sources_get_zeros(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+def test_every_view_gets_arrays_and_views_that_are_no_sources_get_zeros(
+    person: PersonCapture, estimate: dict[str, np.ndarray]
+) -> None:
     assert estimate[DEPTH].shape == estimate[CONFIDENCE].shape == (2, 9, 96, 96)
     assert not estimate[DEPTH][:, 8].any()
     assert not estimate[CONFIDENCE][:, 8].any()
@@ -74,7 +82,9 @@ def test_confidence_ranks_pixels_by_error(method: str) -> None:
     assert error[trust > 0.97].mean() < 0.7 * error[(trust > 0.5) & (trust < 0.9)].mean()
 
 
-def test_partitions_of_one_frame_give_the_bytes_of_the_whole(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
+def test_partitions_of_one_frame_give_the_bytes_of_the_whole(
+    person: PersonCapture, estimate: dict[str, np.ndarray], method: str
+) -> None:
     parts = depth_of(person, length=1, method=method)
     for name in (DEPTH, CONFIDENCE):
         np.testing.assert_array_equal(parts[name], estimate[name])
@@ -92,14 +102,20 @@ def test_threads_do_not_change_a_byte(person: PersonCapture, method: str) -> Non
     np.testing.assert_array_equal(*results)
 
 
-def test_held_out_pictures_and_masks_are_never_looked_at(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
+def test_held_out_pictures_and_masks_are_never_looked_at(
+    person: PersonCapture, estimate: dict[str, np.ndarray], method: str
+) -> None:
     noise = np.random.default_rng(0)
     color, mask = person.color.copy(), person.mask.copy()
     color[:, 8], mask[:, 8] = noise.integers(0, 255, color[:, 8].shape), noise.integers(0, 255, mask[:, 8].shape)
-    np.testing.assert_array_equal(depth_of(replace(person, color=color, mask=mask), method=method)[DEPTH], estimate[DEPTH])
+    np.testing.assert_array_equal(
+        depth_of(replace(person, color=color, mask=mask), method=method)[DEPTH], estimate[DEPTH]
+    )
 
 
-def test_a_view_without_a_picture_gets_zeros_and_is_used_by_nobody(person: PersonCapture, estimate: dict[str, np.ndarray], method: str) -> None:
+def test_a_view_without_a_picture_gets_zeros_and_is_used_by_nobody(
+    person: PersonCapture, estimate: dict[str, np.ndarray], method: str
+) -> None:
     valid = np.ones((2, 9), bool)
     valid[1, 2] = False
     garbage, mask = person.color.copy(), person.mask.copy()
@@ -172,7 +188,9 @@ def test_a_single_source_view_and_an_empty_frame_have_no_depth(person: PersonCap
     assert not nobody[DEPTH].any()
 
 
-def test_check_warns_of_poor_matching_and_refuses_impossible_values(person: PersonCapture, estimate: dict[str, np.ndarray]) -> None:
+def test_check_warns_of_poor_matching_and_refuses_impossible_values(
+    person: PersonCapture, estimate: dict[str, np.ndarray]
+) -> None:
     params = DepthParams()
     assert check(Block(DEPTH, estimate[DEPTH][:, 0], 0), params) == []
     assert check(Block(CONFIDENCE, estimate[CONFIDENCE][:, 0], 0), params) == []

@@ -29,7 +29,9 @@ def test_sampling_outside_is_unknown_even_for_positions_that_are_no_numbers():
 
 def test_extend_takes_the_nearest_known_pixel():
     values = np.array([[5, 0, 0, 0, 9]])
-    assert extend(values, values > 0).tolist() == [[5, 5, 5, 9, 9]] or extend(values, values > 0).tolist() == [[5, 5, 9, 9, 9]]
+    assert extend(values, values > 0).tolist() == [[5, 5, 5, 9, 9]] or extend(values, values > 0).tolist() == [
+        [5, 5, 9, 9, 9]
+    ]
     nothing = np.zeros((2, 2))
     assert extend(nothing, nothing > 0) is nothing
 

@@ -13,13 +13,19 @@ CENTRE = np.zeros(3)
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0), (0, 15)])
 @pytest.mark.parametrize("offset", [0.0, 0.08])
-def test_true_depth_is_found_in_either_order_and_with_a_guide_that_is_off(first: int, second: int, offset: float) -> None:
+def test_true_depth_is_found_in_either_order_and_with_a_guide_that_is_off(
+    first: int, second: int, offset: float
+) -> None:
     rig = ring(16, (128, 112), 120.0)
     (color, truth), (other, _) = (textured_sphere(rig, v, CENTRE, 0.6) for v in (first, second))
     pair = rectify(rig, first, second, CENTRE, 1.5)
     surface = truth > 0
     guide = np.where(surface, truth - offset, 0).astype(np.float32)
-    bounds = Bounds(guide, np.where(surface, truth - 0.2, 0).astype(np.float32), np.where(surface, truth + 0.2, 0).astype(np.float32))
+    bounds = Bounds(
+        guide,
+        np.where(surface, truth - 0.2, 0).astype(np.float32),
+        np.where(surface, truth + 0.2, 0).astype(np.float32),
+    )
     depth = match(pair, color, other, surface, bounds)
     inner = cv2.erode(surface.astype(np.uint8), np.ones((15, 15))) > 0
     error = pair.sensitivity * np.abs(1 / depth[inner & (depth > 0)] - 1 / truth[inner & (depth > 0)])

@@ -20,28 +20,78 @@ from posegaussian.stages.simulator.subjects.motion import pose
 from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
-Arguments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[int, int], int, float, float]
+Arguments = tuple[
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    tuple[int, int],
+    int,
+    float,
+    float,
+]
 
 
 def arguments(neighbours: int, channels: int = 1, share: float = 0.5) -> Arguments:
     """Of `cost_volume`: a corner of a rolled view of noise with a few neighbours, one of them seeing half of it."""
     random = np.random.default_rng(neighbours)
-    rig = rig_of([camera(on_ring(25 * i), np.array([0.5 * (i == 2), 0, 0]), roll=20 * i) for i in range(neighbours + 1)], (40, 32), 45.0)
+    rig = rig_of(
+        [camera(on_ring(25 * i), np.array([0.5 * (i == 2), 0, 0]), roll=20 * i) for i in range(neighbours + 1)],
+        (40, 32),
+        45.0,
+    )
     beside = Neighbours.of(rig, 0, tuple(range(1, neighbours + 1)), np.zeros(3))
-    first, others = random.normal(0, 30, (channels, 20, 24)).astype(np.float32), random.normal(0, 30, (neighbours, channels, 32, 40)).astype(np.float32)
+    first, others = (
+        random.normal(0, 30, (channels, 20, 24)).astype(np.float32),
+        random.normal(0, 30, (neighbours, channels, 32, 40)).astype(np.float32),
+    )
     mask = random.random((20, 24)) > 0.2
     mask[:3] = False
     guide = (0.5 + 0.02 * random.random((20, 24))).astype(np.float32)
     offsets = np.linspace(-0.06, 0.06, 5).astype(np.float32)
     sizes = np.tile(np.float32([40, 32]), (neighbours, 1))
-    return first, mask, guide, guide - np.float32(0.04), guide + np.float32(0.2), offsets, others, sizes, beside.transfers, (9, 5), 2, 4.0, share
+    return (
+        first,
+        mask,
+        guide,
+        guide - np.float32(0.04),
+        guide + np.float32(0.2),
+        offsets,
+        others,
+        sizes,
+        beside.transfers,
+        (9, 5),
+        2,
+        4.0,
+        share,
+    )
 
 
 @pytest.mark.parametrize(("neighbours", "channels", "share"), [(1, 1, 1.0), (2, 3, 0.5), (3, 1, 0.5), (4, 1, 1.0)])
 def test_the_fused_kernel_agrees_with_the_plain_one(neighbours: int, channels: int, share: float) -> None:
     given = arguments(neighbours, channels, share)
     found = cost_volume(*given).astype(int)
-    expected = plain(*(torch.from_numpy(np.asarray(a)).double() if isinstance(a, np.ndarray) and a.dtype != bool else torch.from_numpy(a) if isinstance(a, np.ndarray) else a for a in given)).numpy().astype(int)
+    expected = (
+        plain(
+            *(
+                (
+                    torch.from_numpy(np.asarray(a)).double()
+                    if isinstance(a, np.ndarray) and a.dtype != bool
+                    else torch.from_numpy(a)
+                    if isinstance(a, np.ndarray)
+                    else a
+                )
+                for a in given
+            )
+        )
+        .numpy()
+        .astype(int)
+    )
     np.testing.assert_array_equal(found == FORBIDDEN, expected == FORBIDDEN)
     # float32 against float64: a rounding may fall to the other side.
     assert np.abs(found - expected).max() <= 1
@@ -59,7 +109,9 @@ def test_a_picture_costs_nothing_at_its_own_surface_and_gains_cost_little() -> N
     same = cost_volume(first, inner, guide, low, high, offsets, other, sizes, still, corner, *rest)
     # Not 0 exactly: the floor of the noise, 4 of a variance of 900, and more where a window holds few pixels.
     assert same[inner][:, 1:].max() <= 0.02 * WORST
-    brighter = cost_volume(first, inner, guide, low, high, offsets, other * np.float32(1.1) + 5, sizes, still, corner, *rest)
+    brighter = cost_volume(
+        first, inner, guide, low, high, offsets, other * np.float32(1.1) + 5, sizes, still, corner, *rest
+    )
     assert brighter[inner][:, 1:].max() < 0.15 * WORST
 
 
@@ -69,7 +121,9 @@ def test_aggregation_of_one_pixel_wide_evidence() -> None:
     volume[0, [0, 1, 7, 8], 2] = 0
     mask = np.ones((1, 9), bool)
     level = np.zeros((1, 9), np.float32)
-    np.testing.assert_array_equal(minimum(aggregate(volume, mask, level, 10, 50), volume, mask), np.full((1, 9), 2, np.float32))
+    np.testing.assert_array_equal(
+        minimum(aggregate(volume, mask, level, 10, 50), volume, mask), np.full((1, 9), 2, np.float32)
+    )
     level[0, 3:6] = 5
     alone = aggregate(volume, mask, level, 10, 50)
     assert (alone[0, 3:6] == alone[0, 3:6, :1]).all()
@@ -103,8 +157,12 @@ def test_motion_is_that_of_a_moved_point_and_neighbours_are_the_nearest() -> Non
 
 
 def rolled_person(size: tuple[int, int]) -> tuple[Rig, np.ndarray, np.ndarray, np.ndarray]:
-    """Five views of the person over 100 degrees, each rolled differently, not square, off-centre: rig, colors, masks, depths."""
-    angles, k = np.radians([0, 25, 50, 75, 100]), np.array([[195.0, 0, 0.45 * size[0]], [0, 190.0, 0.52 * size[1]], [0, 0, 1]])
+    """Five views of the person over 100 degrees, each rolled differently, not square, off-centre: rig, colors,
+    masks, depths."""
+    angles, k = (
+        np.radians([0, 25, 50, 75, 100]),
+        np.array([[195.0, 0, 0.45 * size[0]], [0, 190.0, 0.52 * size[1]], [0, 0, 1]]),
+    )
     poses = []
     for i, a in enumerate(angles):
         upright = look_at(np.array([2.4 * np.cos(a), 2.4 * np.sin(a), 1.0 + 0.2 * i]), np.array([0.0, 0, 0.93]))
@@ -112,7 +170,13 @@ def rolled_person(size: tuple[int, int]) -> tuple[Rig, np.ndarray, np.ndarray, n
         t = np.radians((-80, 15, 90, 40, 180)[i])
         turn[:2, :2] = [[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]]
         poses.append(turn @ upright)
-    rig = Rig(tuple(f"c{i}" for i in range(5)), np.tile(k, (5, 1, 1)), np.zeros((5, 8)), np.stack(poses), np.tile(np.array(size), (5, 1)))
+    rig = Rig(
+        tuple(f"c{i}" for i in range(5)),
+        np.tile(k, (5, 1, 1)),
+        np.zeros((5, 8)),
+        np.stack(poses),
+        np.tile(np.array(size), (5, 1)),
+    )
     found = [render(pose("stand", 0.0), k, p, size, samples_per_side(max(size))) for p in poses]
     return rig, *(np.stack(a) for a in zip(*found, strict=True))
 
@@ -152,7 +216,9 @@ def test_nothing_wanted_and_no_neighbour_give_nothing() -> None:
     beside = Neighbours.of(rig, 0, (1, 2), np.zeros(3))
     assert not sweep(pictures, rig.size, 0, beside, Bounds(zero, zero, zero), 1.0, 2, 0.5).any()
     one = np.ones_like(zero)
-    assert not sweep(pictures, rig.size, 0, Neighbours.of(rig, 0, (), np.zeros(3)), Bounds(one, one, one), 1.0, 2, 0.5).any()
+    assert not sweep(
+        pictures, rig.size, 0, Neighbours.of(rig, 0, (), np.zeros(3)), Bounds(one, one, one), 1.0, 2, 0.5
+    ).any()
 
 
 def test_the_rim_of_a_sphere_is_continued() -> None:
@@ -179,7 +245,11 @@ def test_the_rim_of_a_sphere_is_continued() -> None:
 def test_an_unmatched_frame_is_the_hull() -> None:
     c = replace(capture_person(views=4, size=48, frames=1, held_out=0))
     params = DepthParams(method="sweep")
-    maps = sweep_hull(Geometry.of(c.rig, tuple(range(4)), params), Frame(dict(enumerate(c.color[0])), dict(enumerate(c.mask[0]))), params)
+    maps = sweep_hull(
+        Geometry.of(c.rig, tuple(range(4)), params),
+        Frame(dict(enumerate(c.color[0])), dict(enumerate(c.mask[0]))),
+        params,
+    )
     assert max(k.max() for _, k in maps.values()) <= np.float32(HULL)
 
 

@@ -36,12 +36,15 @@ def bell(joints: np.ndarray, region: np.ndarray, cells: float = 1.5) -> np.ndarr
     """[17, 64, 64] float16: a Gaussian of `cells` at each joint [17, 2+] px over the region."""
     own = to_own(joints[:, :2], region) * 64 - 0.5
     y, x = np.mgrid[:64, :64]
-    return np.exp(-((x - own[:, 0, None, None]) ** 2 + (y - own[:, 1, None, None]) ** 2) / (2 * cells**2)).astype(np.float16)
+    return np.exp(-((x - own[:, 0, None, None]) ** 2 + (y - own[:, 1, None, None]) ** 2) / (2 * cells**2)).astype(
+        np.float16
+    )
 
 
 @dataclass(eq=False)
 class Actor:
-    """Finds in frame f of view v the people[f][v] (each [17, 3] px), and in a region the one of `everybody` whose middle is nearest to its centre."""
+    """Finds in frame f of view v the people[f][v] (each [17, 3] px), and in a region the one of `everybody` whose
+    middle is nearest to its centre."""
 
     people: list[list[list[np.ndarray]]]
     everybody: list[list[list[np.ndarray]]]
@@ -56,7 +59,10 @@ class Actor:
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
         f, v = (int(n) for n in picture[0, 0, :2])
         self.asked.append(("look", f, v))
-        nearest = [min(self.everybody[f][v], key=lambda j: float(np.linalg.norm(j[:, :2].mean(axis=0) - r[:2]))) for r in regions]
+        nearest = [
+            min(self.everybody[f][v], key=lambda j: float(np.linalg.norm(j[:, :2].mean(axis=0) - r[:2])))
+            for r in regions
+        ]
         return self._found(list(zip(nearest, regions, strict=True)))
 
     @staticmethod
@@ -69,4 +75,10 @@ class Actor:
             return Found.nobody(17)
         joints, regions = (np.stack(part).astype(np.float32) for part in zip(*people, strict=True))
         maps = np.stack([bell(j, r) for j, r in zip(joints, regions, strict=True)])
-        return Found(joints, regions, maps, np.full((len(people), 256, 256), 200, np.uint8), np.linspace(0.9, 0.5, len(people), dtype=np.float32))
+        return Found(
+            joints,
+            regions,
+            maps,
+            np.full((len(people), 256, 256), 200, np.uint8),
+            np.linspace(0.9, 0.5, len(people), dtype=np.float32),
+        )

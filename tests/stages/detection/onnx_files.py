@@ -1,4 +1,5 @@
-"""Tiny ONNX networks written byte by byte, so that no test needs an exporter: protocol buffers of the few messages used."""
+"""Tiny ONNX networks written byte by byte, so that no test needs an exporter: protocol buffers of the few messages
+used."""
 
 from __future__ import annotations
 
@@ -25,7 +26,12 @@ def field(number: int, value: int | str | bytes) -> bytes:
 
 
 def tensor(name: str, values: np.ndarray) -> bytes:
-    return b"".join(field(1, d) for d in values.shape) + field(2, FLOAT) + field(8, name) + field(9, values.astype("<f4").tobytes())
+    return (
+        b"".join(field(1, d) for d in values.shape)
+        + field(2, FLOAT)
+        + field(8, name)
+        + field(9, values.astype("<f4").tobytes())
+    )
 
 
 def info(name: str, shape: tuple[int, ...]) -> bytes:
@@ -43,8 +49,18 @@ def node(op: str, inputs: list[str], output: str, **attributes: list[int] | int)
     return body
 
 
-def write(path: Path, nodes: list[bytes], weights: dict[str, np.ndarray], given: tuple[str, tuple[int, ...]], outputs: dict[str, tuple[int, ...]]) -> None:
-    graph = b"".join(field(1, n) for n in nodes) + field(2, "tiny") + b"".join(field(5, tensor(k, w)) for k, w in weights.items())
+def write(
+    path: Path,
+    nodes: list[bytes],
+    weights: dict[str, np.ndarray],
+    given: tuple[str, tuple[int, ...]],
+    outputs: dict[str, tuple[int, ...]],
+) -> None:
+    graph = (
+        b"".join(field(1, n) for n in nodes)
+        + field(2, "tiny")
+        + b"".join(field(5, tensor(k, w)) for k, w in weights.items())
+    )
     graph += field(11, info(*given)) + b"".join(field(12, info(k, s)) for k, s in outputs.items())
     path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(1, "") + field(2, 13)))
 
@@ -59,7 +75,13 @@ def colours_to_joints() -> np.ndarray:
 def heatmap_network(path: Path, width: int, height: int, stride: int) -> None:
     """Every stride-th pixel of a colour is its joints' heatmap."""
     nodes = [node("Conv", ["x", "w"], "maps", kernel_shape=[1, 1], strides=[stride, stride])]
-    write(path, nodes, {"w": colours_to_joints()}, ("x", (1, 3, height, width)), {"maps": (1, 17, height // stride, width // stride)})
+    write(
+        path,
+        nodes,
+        {"w": colours_to_joints()},
+        ("x", (1, 3, height, width)),
+        {"maps": (1, 17, height // stride, width // stride)},
+    )
 
 
 def simcc_network(path: Path, width: int, height: int) -> None:
@@ -69,4 +91,10 @@ def simcc_network(path: Path, width: int, height: int) -> None:
         node("ReduceMax", ["all"], "along_x", axes=[2], keepdims=0),
         node("ReduceMax", ["all"], "along_y", axes=[3], keepdims=0),
     ]
-    write(path, nodes, {"w": colours_to_joints()}, ("x", (1, 3, height, width)), {"along_x": (1, 17, width), "along_y": (1, 17, height)})
+    write(
+        path,
+        nodes,
+        {"w": colours_to_joints()},
+        ("x", (1, 3, height, width)),
+        {"along_x": (1, 17, width), "along_y": (1, 17, height)},
+    )

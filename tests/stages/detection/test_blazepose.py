@@ -67,14 +67,22 @@ class Landmarks:
         raw[:, :2], raw[:, 3:] = in_crop(BODIES[which], affine), 20
         heat = np.full((64, 64, 39), -20, np.float32)
         heat[5, 5] = 20
-        return [raw.ravel(), np.array([0.9 + 0.05 * which], np.float32), np.full((256, 256, 1), 20, np.float32), heat, np.zeros(117, np.float32)]
+        return [
+            raw.ravel(),
+            np.array([0.9 + 0.05 * which], np.float32),
+            np.full((256, 256, 1), 20, np.float32),
+            heat,
+            np.zeros(117, np.float32),
+        ]
 
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> BlazePose:
     monkeypatch.setattr(blazepose, "check_files", lambda files: None)
     monkeypatch.setattr(blazepose, "Network", lambda file: Detector() if file.stem == "pose_detection" else Landmarks())
-    return BlazePose({n: tmp_path / f"{n}.tflite" for n in ("pose_detection", "pose_landmark_full", "selfie_segmentation")})
+    return BlazePose(
+        {n: tmp_path / f"{n}.tflite" for n in ("pose_detection", "pose_landmark_full", "selfie_segmentation")}
+    )
 
 
 def test_two_people_come_out_as_two_sorted_by_presence(made: BlazePose) -> None:
@@ -90,7 +98,9 @@ def test_two_people_come_out_as_two_sorted_by_presence(made: BlazePose) -> None:
     assert np.allclose(found.heatmaps[:, :, :7, :7].astype(float).sum((2, 3)), 1, atol=0.3)
 
 
-def test_a_region_settles_on_the_body_s_own_whatever_was_detected(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_region_settles_on_the_body_s_own_whatever_was_detected(
+    made: BlazePose, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Detector, "off", 9.0)
     found = made.find(PICTURE, 4)
     for region, body in zip(found.region, BODIES[::-1], strict=True):
@@ -107,7 +117,13 @@ def test_looking_needs_no_detector_and_keeps_the_regions(made: BlazePose) -> Non
 
 def test_an_empty_region_is_nobody(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Landmarks.__call__
-    monkeypatch.setattr(Landmarks, "__call__", lambda self, values: [o if i != 1 else np.array([LEAST_PRESENCE - 0.01], np.float32) for i, o in enumerate(plain(self, values))])
+    monkeypatch.setattr(
+        Landmarks,
+        "__call__",
+        lambda self, values: [
+            o if i != 1 else np.array([LEAST_PRESENCE - 0.01], np.float32) for i, o in enumerate(plain(self, values))
+        ],
+    )
     found = made.find(PICTURE, 4)
     assert found.joints.shape == (0, JOINTS, 3)
     assert found.heatmaps.shape == (0, 17, 64, 64)
@@ -127,13 +143,23 @@ def test_the_same_body_twice_is_one_even_upside_down() -> None:
     joints = np.zeros((4, 33, 3), np.float32)
     joints[..., :2] = body, body + 3, body + np.array([90, 0]), 50 + 0.4 * (50 - body)
     regions = np.array([[50, 50, 150, 0], [53, 53, 150, 0], [140, 50, 150, 0], [55, 60, 90, 3]], np.float32)
-    people = Found(joints, regions, np.zeros((4, 17, 64, 64), np.float16), np.zeros((4, 256, 256), np.uint8), np.ones(4, np.float32))
+    people = Found(
+        joints,
+        regions,
+        np.zeros((4, 17, 64, 64), np.float16),
+        np.zeros((4, 256, 256), np.uint8),
+        np.ones(4, np.float32),
+    )
     assert distinct(people) == [0, 2]
 
 
 def test_zooms_show_the_detector_more_places(made: BlazePose, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[float, ...]] = []
-    monkeypatch.setattr(BlazePose, "_detect_in", lambda self, picture, place: shown.append(tuple(place)) or (np.zeros((0, 4)), np.zeros(0)))
+    monkeypatch.setattr(
+        BlazePose,
+        "_detect_in",
+        lambda self, picture, place: shown.append(tuple(place)) or (np.zeros((0, 4)), np.zeros(0)),
+    )
     for zoom, count in ((0, 1), (1, 1 + 3), (2, 1 + 3 + 3 * 7)):
         shown.clear()
         made._zoom = zoom
@@ -162,12 +188,23 @@ def test_without_litert_the_command_is_named(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setitem(sys.modules, "ai_edge_litert", None)
     monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
     with pytest.raises(ConfigError, match="pip install ai-edge-litert"):
-        BlazePose({n: tmp_path / f"{n}.tflite" for n in ("pose_detection", "pose_landmark_full", "selfie_segmentation")})
+        BlazePose(
+            {n: tmp_path / f"{n}.tflite" for n in ("pose_detection", "pose_landmark_full", "selfie_segmentation")}
+        )
 
 
 def test_importing_it_does_not_import_litert() -> None:
-    code = "import sys, posegaussian.stages.estimators.blazepose, posegaussian.stages.estimators.onnx; print('ai_edge_litert' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(Path(blazepose.__file__).parents[2])})
+    code = (
+        "import sys, posegaussian.stages.estimators.blazepose, posegaussian.stages.estimators.onnx;"
+        " print('ai_edge_litert' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(Path(blazepose.__file__).parents[2])},
+    )
     assert done.stdout.strip() == "False"
 
 
@@ -177,7 +214,9 @@ def test_coco17_names_the_same_joints() -> None:
     assert [blaze.places[i] for i in COCO17] == list(coco.places)
 
 
-fetched = pytest.mark.skipif(model_files() is None, reason="BlazePose's models are not here; `posegaussian models fetch blazepose` brings them")
+fetched = pytest.mark.skipif(
+    model_files() is None, reason="BlazePose's models are not here; `posegaussian models fetch blazepose` brings them"
+)
 
 
 @fetched

@@ -47,7 +47,9 @@ def test_two_people_are_two_and_a_weak_one_is_none() -> None:
 def made(places: np.ndarray, spread: float = 2.0) -> np.ndarray:
     """Heatmaps [64, 64, J] of Gaussians whose cell (i, j) stands at (j/64, i/64)."""
     i, j = np.mgrid[:64, :64]
-    return np.exp(-((j[..., None] - 64 * places[:, 0]) ** 2 + (i[..., None] - 64 * places[:, 1]) ** 2) / (2 * spread**2)).astype(np.float32)
+    return np.exp(
+        -((j[..., None] - 64 * places[:, 0]) ** 2 + (i[..., None] - 64 * places[:, 1]) ** 2) / (2 * spread**2)
+    ).astype(np.float32)
 
 
 def test_landmarks_are_px_of_the_crop_and_scores_two_sigmoids() -> None:
@@ -82,7 +84,9 @@ def test_centred_maps_stand_at_the_cells_centres(spread: float) -> None:
     total = maps.sum((0, 1))
     found = np.stack([(maps * j[..., None]).sum((0, 1)), (maps * i[..., None]).sum((0, 1))], 1) / total[:, None] / 64
     assert np.abs(found - places).max() < 0.01 / 64
-    truth = np.exp(-((j[..., None] - 64 * places[:, 0]) ** 2 + (i[..., None] - 64 * places[:, 1]) ** 2) / (2 * spread**2))
+    truth = np.exp(
+        -((j[..., None] - 64 * places[:, 0]) ** 2 + (i[..., None] - 64 * places[:, 1]) ** 2) / (2 * spread**2)
+    )
     assert np.abs(maps - truth).max() < 0.04
     assert maps.min() >= 0
     assert maps.max() <= 1

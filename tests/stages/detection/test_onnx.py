@@ -20,7 +20,14 @@ from tests.stages.detection.onnx_files import heatmap_network, simcc_network
 REGION = np.array([150.3, 120.7, 160.0, 0.3])
 DOTS = np.array([[150.0, 120.0], [131.4, 98.3], [165.7, 150.2]])
 SPREAD = 6.0
-HEATMAP = {"file": "net.onnx", "kind": "heatmap", "input": [96, 128], "outputs": ["maps"], "scale": 1 / 255, "joint_set": "coco17"}
+HEATMAP = {
+    "file": "net.onnx",
+    "kind": "heatmap",
+    "input": [96, 128],
+    "outputs": ["maps"],
+    "scale": 1 / 255,
+    "joint_set": "coco17",
+}
 SIMCC = HEATMAP | {"kind": "simcc", "outputs": ["along_x", "along_y"]}
 
 
@@ -87,7 +94,9 @@ def test_a_larger_margin_sees_more_and_finds_the_same(tmp_path: Path) -> None:
 
 def test_a_joint_outside_the_picture_was_not_seen(tmp_path: Path) -> None:
     blank = np.zeros((260, 300, 3), np.uint8)
-    found = estimator(tmp_path, "heatmap", scale=1.0, mean=[-1.0, -1.0, -1.0]).look(blank, np.array([[-200.0, 100.0, 100.0, 0.0]]))
+    found = estimator(tmp_path, "heatmap", scale=1.0, mean=[-1.0, -1.0, -1.0]).look(
+        blank, np.array([[-200.0, 100.0, 100.0, 0.0]])
+    )
     assert (found.joints[0, :, 2] == 0).all()
 
 
@@ -98,7 +107,8 @@ def test_cells_and_shares_are_inverse(cells: str, tmp_path: Path) -> None:
     counts = np.array([24, 32])
     at = np.random.default_rng(0).uniform(0, 20, (9, 2))
     assert np.allclose(_to_cells(_to_shares(at, counts, d), counts, d), at)
-    # the last cell: pixel 92 of 96 from the first's centre, the middle of the last of 24 parts, or the last pixel's centre
+    # the last cell: pixel 92 of 96 from the first's centre, the middle of the last of 24 parts, or the last pixel's
+    # centre
     last = {"integer": 92.5 / 96, "centre": 23.5 / 24, "corners": 95.5 / 96}[cells]
     assert np.isclose(_to_shares(counts - 1.0, counts, d)[0], last)
 
@@ -113,7 +123,13 @@ class Finder:
 
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
         n = len(regions)
-        return Found(np.zeros((n, 17, 3), np.float32), regions.astype(np.float32), np.zeros((n, 17, 64, 64), np.float16), np.tile(np.rint(regions[:, 2])[:, None, None].astype(np.uint8), (256, 256)), np.ones(n, np.float32))
+        return Found(
+            np.zeros((n, 17, 3), np.float32),
+            regions.astype(np.float32),
+            np.zeros((n, 17, 64, 64), np.float16),
+            np.tile(np.rint(regions[:, 2])[:, None, None].astype(np.uint8), (256, 256)),
+            np.ones(n, np.float32),
+        )
 
 
 def test_people_come_from_the_finder_or_from_the_whole_picture(tmp_path: Path) -> None:
@@ -141,7 +157,9 @@ def test_equal_pictures_give_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_outputs_of_another_shape_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"output maps has the shape \[17, 32, 24\]; a heatmap network of body_25 gives 25 joints"):
+    with pytest.raises(
+        ConfigError, match=r"output maps has the shape \[17, 32, 24\]; a heatmap network of body_25 gives 25 joints"
+    ):
         estimator(tmp_path, "heatmap", joint_set="body_25").look(dots(), REGION[None])
 
 

@@ -6,7 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.imaging.regions import around, crop, crop_to_own, own_to_picture, region_of, squares, to_own, to_picture, whole
+from posegaussian.stages.imaging.regions import (
+    around,
+    crop,
+    crop_to_own,
+    own_to_picture,
+    region_of,
+    squares,
+    to_own,
+    to_picture,
+    whole,
+)
 
 REGION = np.array([61.3, 47.8, 40.5, 0.4])
 
@@ -69,10 +79,13 @@ def test_a_fine_picture_is_averaged_not_skipped() -> None:
 
 
 def test_a_shrunken_crop_lies_where_the_plain_one_does() -> None:
-    """A dot's centre of gravity, seen through a crop seven times as coarse, comes back to a three-hundredth of a cell."""
+    """A dot's centre of gravity, seen through a crop seven times as coarse, comes back to a three-hundredth of a
+    cell."""
     v, u = np.mgrid[:301, :277] + 0.5
     dot = np.array([140.4, 133.3])
-    picture = np.repeat((250 * np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 25**2)))[..., None], 3, 2).astype(np.uint8)
+    picture = np.repeat((250 * np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 25**2)))[..., None], 3, 2).astype(
+        np.uint8
+    )
     region = np.array([135.0, 140.0, 224.0, 0.3])
     cut = crop(picture, region, (32, 32))[..., 0].astype(float)
     i, j = np.mgrid[:32, :32]
@@ -82,7 +95,8 @@ def test_a_shrunken_crop_lies_where_the_plain_one_does() -> None:
 
 
 def test_points_drawn_in_a_picture_are_found_in_the_crop() -> None:
-    """A known affine round trip to 1e-3 px: the picture's Gaussian dot, cut out of a float picture, fitted in the crop."""
+    """A known affine round trip to 1e-3 px: the picture's Gaussian dot, cut out of a float picture, fitted in the
+    crop."""
     v, u = np.mgrid[:120, :120] + 0.5
     dot = np.array([63.2, 49.7])
     picture = np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 6.0**2)).astype(np.float32)
@@ -92,7 +106,9 @@ def test_points_drawn_in_a_picture_are_found_in_the_crop() -> None:
     good = cut.ravel() > 0.2
     d = own[good] - 0.5
     design = np.stack([np.ones(len(d)), d[:, 0], d[:, 1], d[:, 0] ** 2, d[:, 0] * d[:, 1], d[:, 1] ** 2], 1)
-    _, bx, by, cxx, cxy, cyy = np.linalg.lstsq(design * cut.ravel()[good, None], np.log(cut.ravel()[good]) * cut.ravel()[good], rcond=None)[0]
+    _, bx, by, cxx, cxy, cyy = np.linalg.lstsq(
+        design * cut.ravel()[good, None], np.log(cut.ravel()[good]) * cut.ravel()[good], rcond=None
+    )[0]
     top = np.linalg.solve([[2 * cxx, cxy], [cxy, 2 * cyy]], [-bx, -by]) + 0.5
     # bilinear sampling flattens a dot of 6 px evenly on all sides
     assert np.abs(to_picture(top[None], REGION)[0] - dot).max() < 1e-3

@@ -30,15 +30,35 @@ ONLOOKER = pixels(RIG, POINTS + np.array([-0.9, 0.9, 0.0]))
 def actor(blind: tuple[tuple[int, int], ...] = ()) -> Actor:
     """Finds the subject, but in `blind` (frame, view) the onlooker instead."""
     both = [[[SUBJECT[f, v], ONLOOKER[f, v]] for v in range(len(RIG))] for f in range(FRAMES)]
-    return Actor([[[ONLOOKER[f, v]] if (f, v) in blind else [SUBJECT[f, v]] for v in range(len(RIG))] for f in range(FRAMES)], both)
+    return Actor(
+        [[[ONLOOKER[f, v]] if (f, v) in blind else [SUBJECT[f, v]] for v in range(len(RIG))] for f in range(FRAMES)],
+        both,
+    )
 
 
-def detect(estimator: Actor, params: DetectionParams | None = None, length: int | None = None, held_out: tuple[int, ...] = (), missing: tuple[tuple[int, int], ...] = ()) -> dict[str, np.ndarray]:
+def detect(
+    estimator: Actor,
+    params: DetectionParams | None = None,
+    length: int | None = None,
+    held_out: tuple[int, ...] = (),
+    missing: tuple[tuple[int, int], ...] = (),
+) -> dict[str, np.ndarray]:
     valid = np.ones((FRAMES, len(RIG)), bool)
     for f, v in missing:
         valid[f, v] = False
     sources = {"pictures": Numbered(FRAMES, (SIZE, SIZE), missing), "estimator": estimator}
-    return run_stage(STAGE, params or DetectionParams(), {}, RIG, roles(RIG, held_out), FRAMES, length, sources=sources, facts=frozenset({"detected", "joints2d"}), valid_all=valid)
+    return run_stage(
+        STAGE,
+        params or DetectionParams(),
+        {},
+        RIG,
+        roles(RIG, held_out),
+        FRAMES,
+        length,
+        sources=sources,
+        facts=frozenset({"detected", "joints2d"}),
+        valid_all=valid,
+    )
 
 
 def test_everybody_found_is_kept_and_nobody_pads() -> None:
@@ -86,17 +106,30 @@ def test_a_box_leaves_out_who_stands_outside_and_names_where_to_look() -> None:
 
 def test_pose_takes_the_subject_and_her_own_heatmaps() -> None:
     found = detect(actor(blind=((2, 1),)))
-    out = run_stage(POSE, PoseParams(), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"}))
+    out = run_stage(
+        POSE, PoseParams(), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"})
+    )
     np.testing.assert_allclose(out["pose/joints3d"][..., :3], POINTS, atol=2e-3)
     assert (out["pose/chosen"] == 0).all()
     maps = out["pose/heatmaps"].astype(np.float64)
     rows, columns = np.mgrid[: maps.shape[3], : maps.shape[4]]
     mass = maps.sum(axis=(3, 4))
-    centre = np.stack([(maps * columns).sum(axis=(3, 4)), (maps * rows).sum(axis=(3, 4))], axis=-1) / mass[..., None] * 4 + 2
-    # The bell is sampled on cells of the region, again on those of the view, and cut below 1e-3: a quarter of a 4 px cell.
+    centre = (
+        np.stack([(maps * columns).sum(axis=(3, 4)), (maps * rows).sum(axis=(3, 4))], axis=-1) / mass[..., None] * 4 + 2
+    )
+    # The bell is sampled on cells of the region, again on those of the view, and cut below 1e-3: a quarter of a 4 px
+    # cell.
     np.testing.assert_allclose(centre, SUBJECT[..., :2], atol=1.0)
     assert maps.max(axis=(3, 4)).min() > 0.8
-    drawn = run_stage(POSE, PoseParams(heatmaps="drawn"), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"}))
+    drawn = run_stage(
+        POSE,
+        PoseParams(heatmaps="drawn"),
+        found,
+        RIG,
+        roles(RIG),
+        FRAMES,
+        facts=frozenset({"detected", "segmented", "joints2d"}),
+    )
     assert drawn["pose/joints3d"].tobytes() == out["pose/joints3d"].tobytes()
     assert drawn["pose/heatmaps"].tobytes() != out["pose/heatmaps"].tobytes()
 

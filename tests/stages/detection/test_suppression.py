@@ -11,7 +11,11 @@ from posegaussian.stages.estimators.suppression import overlap, weighted_suppres
 def made(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     low = rng.uniform(0, 0.8, (n, 2))
-    return np.concatenate([low, low + rng.uniform(0.05, 0.3, (n, 2))], axis=1), rng.uniform(0, 1, (n, 4, 2)), rng.uniform(0.5, 1, n)
+    return (
+        np.concatenate([low, low + rng.uniform(0.05, 0.3, (n, 2))], axis=1),
+        rng.uniform(0, 1, (n, 4, 2)),
+        rng.uniform(0.5, 1, n),
+    )
 
 
 def test_overlap_of_known_boxes() -> None:

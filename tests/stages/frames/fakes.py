@@ -14,7 +14,8 @@ from posegaussian.stages.simulator.subjects.motion import joints_at, pose
 
 @dataclass
 class Pictures:
-    """[V] lists of pictures (or masks, or depth maps) numbered from 0; None where a view has none, which must not be read."""
+    """[V] lists of pictures (or masks, or depth maps) numbered from 0; None where a view has none, which must not be
+    read."""
 
     views: list[list[np.ndarray | None]]
     name: str = field(default_factory=lambda: uuid4().hex)
@@ -58,7 +59,9 @@ class Joints:
         return self.joints[None, number]
 
 
-def film(size: int, view: int, offsets: np.ndarray, shadow: float = 0.35, seed: int = 3, noise: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def film(
+    size: int, view: int, offsets: np.ndarray, shadow: float = 0.35, seed: int = 3, noise: float = 3.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A kicking person, `offsets` [F] metres to the side in each frame, before a wall on which a soft shadow falls.
 
     Returns pictures [F, size, size, 3] and true masks [F, size, size] uint8, joints [F, 17, 3] px. The shadow takes
@@ -66,7 +69,11 @@ def film(size: int, view: int, offsets: np.ndarray, shadow: float = 0.35, seed: 
     """
     rig, ground, rng = ring(8, size, 0), wall(size, seed), np.random.default_rng(seed + 1)
     n = len(offsets)
-    pictures, truth, joints = np.empty((n, size, size, 3), np.uint8), np.empty((n, size, size), np.uint8), np.ones((n, 17, 3))
+    pictures, truth, joints = (
+        np.empty((n, size, size, 3), np.uint8),
+        np.empty((n, size, size), np.uint8),
+        np.ones((n, 17, 3)),
+    )
     for f, offset in enumerate(offsets):
         bones = pose("kick", f / 30)
         bones[:, :3, 3] += offset * rig.rotations[view, 0]

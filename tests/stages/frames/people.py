@@ -17,12 +17,17 @@ FACTS = frozenset({"several_frames", "joints2d", "detected", "segmented"})
 
 
 def segmented(person: PersonCapture, cells: int = 256) -> dict[str, np.ndarray]:
-    """detection/* and pose/* of one person a view, looked at in the whole picture; the segmentation is no finer than `cells`."""
+    """detection/* and pose/* of one person a view, looked at in the whole picture; the segmentation is no finer than
+    `cells`."""
     frames, views, size = person.mask.shape[:3]
     hint = np.zeros((frames, views, 1, 256, 256), np.uint8)
     for f in range(frames):
         for v in range(views):
-            hint[f, v, 0] = cv2.resize(cv2.resize(person.mask[f, v], (cells, cells), interpolation=cv2.INTER_AREA), (256, 256), interpolation=cv2.INTER_LINEAR)
+            hint[f, v, 0] = cv2.resize(
+                cv2.resize(person.mask[f, v], (cells, cells), interpolation=cv2.INTER_AREA),
+                (256, 256),
+                interpolation=cv2.INTER_LINEAR,
+            )
     joints3d = np.ones((frames, 17, 4), np.float32)
     joints3d[..., :3] = person.joints3d[..., :3]
     return {
@@ -37,5 +42,7 @@ def segmented(person: PersonCapture, cells: int = 256) -> dict[str, np.ndarray]:
 def hints_of(person: PersonCapture, arrays: dict[str, np.ndarray], view: int, facts: frozenset[str] = FACTS) -> Hints:
     """The hints of one view's task over all frames."""
     frames, params = len(person.mask), FramesParams()
-    inputs: Any = MemoryInputs(STAGE, params, arrays, person.rig, person.views, range(frames), frames, view=view, facts=facts)
+    inputs: Any = MemoryInputs(
+        STAGE, params, arrays, person.rig, person.views, range(frames), frames, view=view, facts=facts
+    )
     return Hints(inputs, params.hint_margin)

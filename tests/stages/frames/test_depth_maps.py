@@ -1,4 +1,5 @@
-"""Given depth on its way to `frames/*`: bit by bit where nothing moves, exact on planes, and never between two surfaces."""
+"""Given depth on its way to `frames/*`: bit by bit where nothing moves, exact on planes, and never between two
+surfaces."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def warp(distortion: np.ndarray, size: int | None = None) -> Warp:
 
 def plane(centres: np.ndarray, k: np.ndarray) -> np.ndarray:
     """[h, w] depth of the plane at pixels [h, w, 2] without distortion."""
-    ray = np.stack([(centres[..., 0] - k[0, 2]) / k[0, 0], (centres[..., 1] - k[1, 2]) / k[1, 1], np.ones(centres.shape[:2])], -1)
+    ray = np.stack(
+        [(centres[..., 0] - k[0, 2]) / k[0, 0], (centres[..., 1] - k[1, 2]) / k[1, 1], np.ones(centres.shape[:2])], -1
+    )
     return OFFSET / (ray @ NORMAL)
 
 
@@ -59,7 +62,9 @@ def test_undistorted_depth_is_that_of_the_straight_ray() -> None:
     found = warp(LENS).depth(given)
     seen = found > 0
     assert seen.mean() > 0.9
-    np.testing.assert_allclose(found[seen], plane(pixel_centres((64, 48)), k)[seen], rtol=1e-3)  # the lens bends the plane within a pixel; a pixel off would be 3e-3
+    np.testing.assert_allclose(
+        found[seen], plane(pixel_centres((64, 48)), k)[seen], rtol=1e-3
+    )  # the lens bends the plane within a pixel; a pixel off would be 3e-3
 
 
 @pytest.mark.parametrize("distortion", [np.zeros(8), LENS], ids=["straight", "lens"])

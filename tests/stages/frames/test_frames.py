@@ -26,14 +26,32 @@ def _rig(sizes: list[tuple[int, int]], distortion: np.ndarray | None = None) -> 
     return Rig(tuple(f"c{i}" for i in range(n)), k, d, np.tile(np.eye(4), (n, 1, 1)), np.array(sizes))
 
 
-def _run(rig: Rig, params: FramesParams, pictures: Pictures, frames: int, sources: dict | None = None, length: int | None = None, **more) -> dict[str, np.ndarray]:
+def _run(
+    rig: Rig,
+    params: FramesParams,
+    pictures: Pictures,
+    frames: int,
+    sources: dict | None = None,
+    length: int | None = None,
+    **more,
+) -> dict[str, np.ndarray]:
     views = Views(rig.names, tuple(range(len(rig))), ())
     more.setdefault("facts", frozenset({"several_frames"}))
     out: dict[str, np.ndarray] = {}
     for view in range(len(rig)):
         part = run_stage(
-            STAGE, params, more.get("arrays", {}), frames_rig(rig, params.size), views, frames, length, view=view, source_rig=rig, sources={"pictures": pictures, **(sources or {})},
-            captured_to_calibrated=captured_to_calibrated(rig, params.crop), **{k: v for k, v in more.items() if k != "arrays"},
+            STAGE,
+            params,
+            more.get("arrays", {}),
+            frames_rig(rig, params.size),
+            views,
+            frames,
+            length,
+            view=view,
+            source_rig=rig,
+            sources={"pictures": pictures, **(sources or {})},
+            captured_to_calibrated=captured_to_calibrated(rig, params.crop),
+            **{k: v for k, v in more.items() if k != "arrays"},
         )
         for name, data in part.items():
             out.setdefault(name, np.zeros_like(data))[:, view] = data[:, view]
@@ -47,7 +65,9 @@ def _smooth(size: tuple[int, int], seed: int = 0) -> np.ndarray:
 
 def test_pictures_that_need_nothing_are_untouched_and_partitions_do_not_matter() -> None:
     capture = capture_person(3, 48, 5, 0)
-    pictures, masks, depth = (Pictures([list(a[:, v]) for v in range(3)]) for a in (capture.color, capture.mask, capture.depth))
+    pictures, masks, depth = (
+        Pictures([list(a[:, v]) for v in range(3)]) for a in (capture.color, capture.mask, capture.depth)
+    )
     facts = frozenset({"masks", "truth_depth", "several_frames"})
     for length in (5, 2, 1):
         out = _run(capture.rig, FramesParams(), pictures, 5, {"masks": masks, "depth": depth}, length, facts=facts)
@@ -58,7 +78,14 @@ def test_pictures_that_need_nothing_are_untouched_and_partitions_do_not_matter()
 
 def test_smaller_views_are_padded_and_missing_frames_are_black_and_not_read() -> None:
     rig = _rig([(40, 30), (24, 36)])
-    white = [np.full((30, 40, 3), 255, np.uint8)] * 3, [np.full((36, 24, 3), 255, np.uint8), None, np.full((36, 24, 3), 255, np.uint8)]
+    white = (
+        [np.full((30, 40, 3), 255, np.uint8)] * 3,
+        [
+            np.full((36, 24, 3), 255, np.uint8),
+            None,
+            np.full((36, 24, 3), 255, np.uint8),
+        ],
+    )
     valid = np.array([[True, True], [True, False], [True, True]])
     out = _run(rig, FramesParams(matte="none"), Pictures([list(w) for w in white]), 3, valid_all=valid)
     assert out["frames/color"].shape == (3, 2, 36, 40, 3)
@@ -73,11 +100,20 @@ def test_scaling_averages_areas_and_depth_is_never_mixed() -> None:
     rig = _rig([(64, 48)])
     picture = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     depth = np.where(np.arange(64)[None] < 31, 0.0, 2.5).repeat(48, 0).astype(np.float32)
-    out = _run(rig, FramesParams(size=32, matte="none"), Pictures([[picture]]), 1, {"depth": Pictures([[depth]])}, facts=frozenset({"truth_depth"}))
+    out = _run(
+        rig,
+        FramesParams(size=32, matte="none"),
+        Pictures([[picture]]),
+        1,
+        {"depth": Pictures([[depth]])},
+        facts=frozenset({"truth_depth"}),
+    )
     mean = picture.reshape(24, 2, 32, 2, 3).astype(float).mean(axis=(1, 3))
     assert np.abs(out["frames/color"][0, 0] - mean).max() <= 0.5
     assert set(np.unique(out["truth/depth"])) == {0.0, 2.5}
-    np.testing.assert_array_equal(out["truth/depth"][0, 0, 0], np.where(np.arange(32) < 15, 0.0, 2.5).astype(np.float32))
+    np.testing.assert_array_equal(
+        out["truth/depth"][0, 0, 0], np.where(np.arange(32) < 15, 0.0, 2.5).astype(np.float32)
+    )
 
 
 @pytest.mark.parametrize("scale", [1.00741, 1.5, 0.5])
@@ -94,7 +130,13 @@ def test_crop_and_distortion_bring_captured_colours_where_the_frames_rig_sees_th
     x, y = cv2.initUndistortRectifyMap(k, lens, None, k, (320, 240), cv2.CV_32FC1)
     positions = (np.stack([x, y], -1) + 0.5 - crop.offset) / scale
     inside = np.all((positions >= 0) & (positions <= captured), axis=-1)
-    expected = cv2.remap(picture.astype(np.float32), (positions - 0.5).astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    expected = cv2.remap(
+        picture.astype(np.float32),
+        (positions - 0.5).astype(np.float32),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
     # Rounding and the 1/32 px of cv2.remap; the area average that precedes a crop of scale 0.5 takes some contrast.
     # Half a pixel would cost 4 in the mean.
     difference = np.abs(out["frames/color"][0, 0].astype(float) - expected)[inside]
@@ -106,7 +148,14 @@ def test_crop_and_distortion_bring_captured_colours_where_the_frames_rig_sees_th
 def test_a_pixel_of_depth_under_a_warp_is_the_captured_pixel_it_falls_into() -> None:
     rig = _rig([(64, 48)], np.array([-0.1, 0, 0, 0, 0, 0, 0, 0]))
     index = (1 + np.arange(48 * 64)).reshape(48, 64).astype(np.float32)
-    out = _run(rig, FramesParams(matte="none", size=40), Pictures([[np.zeros((48, 64, 3), np.uint8)]]), 1, {"depth": Pictures([[index]])}, facts=frozenset({"truth_depth"}))
+    out = _run(
+        rig,
+        FramesParams(matte="none", size=40),
+        Pictures([[np.zeros((48, 64, 3), np.uint8)]]),
+        1,
+        {"depth": Pictures([[index]])},
+        facts=frozenset({"truth_depth"}),
+    )
     frames = frames_rig(rig, 40)
     ideal = (pixel_centres((40, 30)) - frames.intrinsics[0, :2, 2]) / frames.intrinsics[0, [0, 1], [0, 1]]
     points = np.concatenate([ideal, np.ones((30, 40, 1))], -1).reshape(-1, 1, 3)
@@ -136,7 +185,14 @@ def test_sizes_that_contradict_are_refused_with_both_named() -> None:
     rig = _rig([(40, 30)])
     picture = Pictures([[np.zeros((30, 40, 3), np.uint8)]])
     with pytest.raises(SourceError, match=r"c0: a mask is 20x15 px but its picture is 40x30"):
-        _run(rig, FramesParams(), picture, 1, {"masks": Pictures([[np.zeros((15, 20), np.uint8)]])}, facts=frozenset({"masks"}))
+        _run(
+            rig,
+            FramesParams(),
+            picture,
+            1,
+            {"masks": Pictures([[np.zeros((15, 20), np.uint8)]])},
+            facts=frozenset({"masks"}),
+        )
     with pytest.raises(SourceError, match=r"38x30 px among pictures of 40x30"):
         _run(rig, FramesParams(matte="none"), Pictures([[picture.views[0][0], np.zeros((30, 38, 3), np.uint8)]]), 2)
 

@@ -1,4 +1,5 @@
-"""What is known of the subject before her pixels are looked at: segmentations in place, and views that speak for or against each other."""
+"""What is known of the subject before her pixels are looked at: segmentations in place, and views that speak for or
+against each other."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from tests.stages.frames.people import hints_of, segmented
 
 @pytest.mark.parametrize("region", [[60.0, 40.0, 90.0, 0.0], [50.0, 45.0, 70.0, 0.6], [64.0, 48.0, 30.0, -2.1]])
 def test_a_hint_lies_where_the_estimator_looked(region: list[float]) -> None:
-    # A ramp over the region is what bilinear sampling reproduces exactly; one step of uint8 and half of rounding remain.
+    # A ramp over the region is what bilinear sampling reproduces exactly; one step of uint8 and half of rounding
+    # remain.
     i, j = np.meshgrid((np.arange(256) + 0.5) / 256, (np.arange(256) + 0.5) / 256, indexing="ij")
     person = np.rint(255 * (0.2 + 0.5 * j + 0.3 * i)).astype(np.uint8)
     captured = pixel_centres((128, 96))
@@ -37,7 +39,10 @@ def test_a_coarse_grid_averages_the_hint() -> None:
 def _one_sided(value: float, size: int = 32) -> tuple[Rig, Fields]:
     """Three cameras of a ring; the last two hold `value` possible everywhere, and saw as much."""
     rig = capture_person(3, size, 1, 0).rig
-    fields = Fields(*(np.full((2, size, size), value, np.float32) for _ in range(2)), to_integer_centres(rig.intrinsics[1:]) @ rig.world_to_camera[1:, :3])
+    fields = Fields(
+        *(np.full((2, size, size), value, np.float32) for _ in range(2)),
+        to_integer_centres(rig.intrinsics[1:]) @ rig.world_to_camera[1:, :3],
+    )
     return rig, fields
 
 
@@ -45,7 +50,11 @@ def test_views_that_look_elsewhere_carve_nothing_and_confirm_nothing() -> None:
     _, fields = _one_sided(0.0)
     away = np.array([[0.0, 0.0, 1.0]])
     high = np.array([0.0, 0.0, 100.0])
-    for joints, allowed in ((np.zeros((0, 3)), 1), (np.array([[0.3, 0.0, 102.0]]), 1), (np.array([[0.6, 0.0, 102.0]]), 0)):
+    for joints, allowed in (
+        (np.zeros((0, 3)), 1),
+        (np.array([[0.3, 0.0, 102.0]]), 1),
+        (np.array([[0.6, 0.0, 102.0]]), 0),
+    ):
         possible, confirmed = ray_support(fields, high, away, np.linspace(1, 3, 9), joints)
         assert possible[0] == allowed, "what nobody sees is possible near a joint"
         assert confirmed[0] == 0

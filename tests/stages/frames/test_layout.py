@@ -26,24 +26,49 @@ LENS = np.array([-0.21, 0.08, 0.0011, -0.0007, 0.004, 0.02, -0.01, 0.002])
 
 def _rig(distortion: np.ndarray = LENS, size: tuple[int, int] = (1088, 1920)) -> Rig:
     k = np.array([[1100.0, 0.0, 541.3], [0.0, 1104.0, 963.8], [0.0, 0.0, 1.0]])
-    return Rig(("a", "b"), np.stack([k, k]), np.stack([distortion, np.zeros(8)]), np.stack([rigid(cv2.Rodrigues(np.array([0.1, -0.3, 0.2]))[0], np.array([0.2, -0.1, 3.0]))] * 2), np.array([size, size]))
+    return Rig(
+        ("a", "b"),
+        np.stack([k, k]),
+        np.stack([distortion, np.zeros(8)]),
+        np.stack([rigid(cv2.Rodrigues(np.array([0.1, -0.3, 0.2]))[0], np.array([0.2, -0.1, 3.0]))] * 2),
+        np.array([size, size]),
+    )
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.integers(16, 3000), st.floats(0.5, 2.0), st.floats(-40, 40), st.floats(-0.5, 0.5), st.floats(-0.9, 0.9), st.floats(-0.5, 0.5))
-def test_projection_through_the_frames_rig_is_the_warped_captured_position(size: int, scale: float, offset: float, x: float, y: float, z: float) -> None:
+@given(
+    st.integers(16, 3000),
+    st.floats(0.5, 2.0),
+    st.floats(-40, 40),
+    st.floats(-0.5, 0.5),
+    st.floats(-0.9, 0.9),
+    st.floats(-0.5, 0.5),
+)
+def test_projection_through_the_frames_rig_is_the_warped_captured_position(
+    size: int, scale: float, offset: float, x: float, y: float, z: float
+) -> None:
     source, params = _rig(), FramesParams(size=size, crop={"a": Crop(scale=scale, offset=(offset, -offset / 2))})
     rig, crop = frames_rig(source, params.size), captured_to_calibrated(source, params.crop)
     point = np.array([x, y, z])
     camera = source.world_to_camera[0, :3, :3] @ point + source.world_to_camera[0, :3, 3]
     # What the camera captures, by OpenCV, in the calibrated picture; the video pixel follows by the inverse crop.
     k = to_integer_centres(source.intrinsics[0])
-    calibrated = points_from_integer_centres(cv2.projectPoints(camera[None, None], np.zeros(3), np.zeros(3), k, source.distortion[0])[0][0, 0])
+    calibrated = points_from_integer_centres(
+        cv2.projectPoints(camera[None, None], np.zeros(3), np.zeros(3), k, source.distortion[0])[0][0, 0]
+    )
     captured = (calibrated - crop[0, 1:]) / crop[0, 0]
     projected = rig.intrinsics[0] @ camera
     projected = projected[:2] / projected[2]
-    np.testing.assert_allclose(captured_positions(projected, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], crop[0]), captured, atol=1e-6)
-    np.testing.assert_allclose(frames_positions(captured, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], crop[0]), projected, atol=1e-5)
+    np.testing.assert_allclose(
+        captured_positions(projected, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], crop[0]),
+        captured,
+        atol=1e-6,
+    )
+    np.testing.assert_allclose(
+        frames_positions(captured, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], crop[0]),
+        projected,
+        atol=1e-5,
+    )
 
 
 @given(st.integers(1, 5000), st.integers(1, 5000), st.integers(16, 6000))
@@ -62,14 +87,18 @@ def test_corners_of_the_picture_stay_corners() -> None:
     np.testing.assert_array_equal(rig.size, [[500, 166], [500, 166]])
     corners = np.array([[0, 0], [500, 166.0]])
     # A picture spans [0, w] in our convention, so scaling keeps its corners whatever the rounding.
-    back = captured_positions(corners, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], np.array([1.0, 0.0, 0.0]))
+    back = captured_positions(
+        corners, rig.intrinsics[0], source.intrinsics[0], source.distortion[0], np.array([1.0, 0.0, 0.0])
+    )
     np.testing.assert_allclose(back, [[0, 0], [1001, 333]], atol=1e-9)
     assert not rig.distortion.any()
 
 
 def test_distortion_is_opencv_s() -> None:
     points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 2))
-    expected = cv2.projectPoints(np.concatenate([points, np.ones((50, 1))], 1)[:, None], np.zeros(3), np.zeros(3), np.eye(3), LENS)[0][:, 0]
+    expected = cv2.projectPoints(
+        np.concatenate([points, np.ones((50, 1))], 1)[:, None], np.zeros(3), np.zeros(3), np.eye(3), LENS
+    )[0][:, 0]
     np.testing.assert_allclose(distort(points, LENS), expected, atol=1e-12)
     np.testing.assert_allclose(undistort(expected, LENS), points, atol=1e-8)
 

@@ -16,13 +16,24 @@ from tests.stages.frames.fakes import Joints, Pictures, film, overlap, wall
 
 
 def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
-    """Masks [F, h, w] and warnings by survey and frames together; with joints [F, 17, 3] the plate leaves people out."""
+    """Masks [F, h, w] and warnings by survey and frames together; with joints [F, 17, 3] the plate leaves people
+    out."""
     size = pictures.shape[1]
     rig = ring(1, size, 0)
-    views, sources = Views(rig.names, (0,), ()), {"pictures": Pictures([list(pictures)]), "joints": None if joints is None else Joints(joints)}
+    views, sources = (
+        Views(rig.names, (0,), ()),
+        {
+            "pictures": Pictures([list(pictures)]),
+            "joints": None if joints is None else Joints(joints),
+        },
+    )
     facts = frozenset({"several_frames"} if joints is None else {"several_frames", "joints2d"})
-    survey = run_stage(SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts | {PLATE, SPREAD})
-    out = run_stage(FRAMES, FramesParams(matte="plate"), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts)
+    survey = run_stage(
+        SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts | {PLATE, SPREAD}
+    )
+    out = run_stage(
+        FRAMES, FramesParams(matte="plate"), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts
+    )
     mask = out["frames/mask"][:, 0]
     return mask, check(Block("frames/mask", mask, 0), FramesParams())
 
@@ -59,7 +70,10 @@ def test_joints_keep_a_subject_that_lingers_out_of_the_plate() -> None:
     # For two thirds of the film the person stands in the middle, so a plain median shows the person.
     offsets = np.concatenate([np.linspace(-1.0, 0.0, 4), np.zeros(16), np.linspace(0.0, 1.0, 4)])
     pictures, truth, joints = film(192, 0, offsets)
-    plain, helped = (np.median([overlap(m, t) for m, t in zip(_masks(pictures, j)[0][4:20], truth[4:20], strict=True)]) for j in (None, joints))
+    plain, helped = (
+        np.median([overlap(m, t) for m, t in zip(_masks(pictures, j)[0][4:20], truth[4:20], strict=True)])
+        for j in (None, joints)
+    )
     assert plain < 0.6
     assert helped > 0.75
 
@@ -78,7 +92,12 @@ def test_what_was_never_seen_uncovered_is_foreground_where_it_touches_some() -> 
 
 def test_a_plate_that_does_not_fit_is_warned_about() -> None:
     picture = np.full((3, 64, 64, 3), 90, np.uint8)
-    mask = np.stack([plate_matte(p, np.full_like(p, 200) * np.array([1, 0, 1], np.uint8), np.zeros((64, 64), np.uint8), 30.0) for p in picture])
+    mask = np.stack(
+        [
+            plate_matte(p, np.full_like(p, 200) * np.array([1, 0, 1], np.uint8), np.zeros((64, 64), np.uint8), 30.0)
+            for p in picture
+        ]
+    )
     assert "camera moves" in check(Block("frames/mask", mask, 0), FramesParams())[0]
 
 

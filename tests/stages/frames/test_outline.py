@@ -50,5 +50,13 @@ def test_far_from_the_outline_soft_values_stay() -> None:
 
 
 def test_few_points_and_scattered_edges_prove_nothing() -> None:
-    rows = np.array([[1.4, 0.5, FEWEST_POINTS], [1.4, 0.5, FEWEST_POINTS - 1], [1.4, SCATTERED + 0.1, 5000], [-1.1, 0.3, 900], [0, 0, 0]])
+    rows = np.array(
+        [
+            [1.4, 0.5, FEWEST_POINTS],
+            [1.4, 0.5, FEWEST_POINTS - 1],
+            [1.4, SCATTERED + 0.1, 5000],
+            [-1.1, 0.3, 900],
+            [0, 0, 0],
+        ]
+    )
     assert proven_offsets(rows).tolist() == [1.4, 0, 0, -1.1, 0]

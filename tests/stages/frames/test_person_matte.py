@@ -1,4 +1,5 @@
-"""The person as matte: cut out to the pixel from a poor hint, held to what other views confirm, and harmless where little is known."""
+"""The person as matte: cut out to the pixel from a poor hint, held to what other views confirm, and harmless where
+little is known."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def before_a_wall(frames: int = 1, views: int = 6) -> tuple[PersonCapture, np.nd
     walls = np.stack([wall(SIZE, v) for v in range(views)])
     noise = np.random.default_rng(5).normal(0, 2, person.color.shape)
     color = person.color + (1 - person.mask[..., None] / 255.0) * walls + noise
-    return replace(person, color=np.clip(np.rint(color), 0, 255).astype(np.uint8)), np.clip(walls, 0, 255).astype(np.uint8)
+    return replace(person, color=np.clip(np.rint(color), 0, 255).astype(np.uint8)), np.clip(walls, 0, 255).astype(
+        np.uint8
+    )
 
 
 def cut(person: PersonCapture, known: Known, view: int = 0, plate: np.ndarray | None = None) -> np.ndarray:
@@ -41,13 +44,20 @@ def cut(person: PersonCapture, known: Known, view: int = 0, plate: np.ndarray | 
 def test_a_poor_hint_is_refined_to_the_pixel(plated: bool, least: float) -> None:
     size = 320
     y, x = np.mgrid[:size, :size] + 0.5
-    truth = np.uint8(255) * ((np.hypot((x - 150) / 60, (y - 170) / 105) < 1) | ((np.abs(y - 120) < 16) & (x > 150) & (x < 275)))
+    truth = np.uint8(255) * (
+        (np.hypot((x - 150) / 60, (y - 170) / 105) < 1) | ((np.abs(y - 120) < 16) & (x > 150) & (x < 275))
+    )
     cloth = np.clip(np.array([60, 90, 190]) + np.random.default_rng(0).normal(0, 12, (size, size, 3)), 0, 255)
     ground = np.clip(wall(size, 3), 0, 255)
     picture = np.where(truth[..., None] > 0, cloth, ground).astype(np.uint8)
     # A hint of 32 cells, moved by 4 px and too wide by 3, as an estimator's may be.
     poor = np.roll(cv2.dilate(truth, np.ones((7, 7), np.uint8)), (4, -4), axis=(0, 1))
-    hint = cv2.GaussianBlur(cv2.resize(cv2.resize(poor, (32, 32), interpolation=cv2.INTER_AREA), (size, size)), (0, 0), 4).astype(np.float32) / 255
+    hint = (
+        cv2.GaussianBlur(
+            cv2.resize(cv2.resize(poor, (32, 32), interpolation=cv2.INTER_AREA), (size, size)), (0, 0), 4
+        ).astype(np.float32)
+        / 255
+    )
     known = Known(hint, np.zeros((17, 3)), "coco17", None, None)
     plate = (ground.astype(np.uint8), np.full((size, size), 2, np.uint8)) if plated else None
     found = person_matte(picture, known, plate, THRESHOLD, MARGIN)
@@ -74,7 +84,9 @@ def test_what_no_other_view_confirms_goes_and_what_they_confirm_stays() -> None:
     assert not (phantom & (person.mask[0, 0] > 0)).any()
     # An onlooker in the same clothes, segmented with the subject in one view.
     person.color[0, 0][phantom] = person.color[0, 0][person.mask[0, 0] == 255][: phantom.sum()]
-    arrays["detection/person"][0, 0, 0] = np.maximum(arrays["detection/person"][0, 0, 0], cv2.resize(255 * phantom.astype(np.uint8), (256, 256)))
+    arrays["detection/person"][0, 0, 0] = np.maximum(
+        arrays["detection/person"][0, 0, 0], cv2.resize(255 * phantom.astype(np.uint8), (256, 256))
+    )
     together = hints_of(person, arrays, 0).known(0, 0)
     alone = replace(together, possible=None, confirmed=None)
     assert (cut(person, alone)[phantom] > 127).mean() > 0.8
@@ -89,7 +101,13 @@ def test_a_limb_that_only_the_own_segmentation_misses_comes_back() -> None:
     names = ["LKnee", "LAnkle"]
     knee, ankle = (person.joints2d[0, 0, COCO17.names.index(n), :2] for n in names)
     shin = np.zeros((SIZE, SIZE), np.uint8)
-    cv2.line(shin, np.rint(knee + 0.2 * (ankle - knee)).astype(int).tolist(), np.rint(ankle + 0.4 * (ankle - knee)).astype(int).tolist(), 1, 16)
+    cv2.line(
+        shin,
+        np.rint(knee + 0.2 * (ankle - knee)).astype(int).tolist(),
+        np.rint(ankle + 0.4 * (ankle - knee)).astype(int).tolist(),
+        1,
+        16,
+    )
     missing = (shin > 0) & (person.mask[0, 0] > 127)
     arrays["detection/person"][0, 0, 0][cv2.resize(shin, (256, 256)) > 0] = 0
     together = hints_of(person, arrays, 0).known(0, 0)
@@ -102,9 +120,29 @@ def arrays_of(person: PersonCapture, walls: np.ndarray) -> dict[str, np.ndarray]
     return {**segmented(person, 64), "survey/plate": walls, "survey/spread": np.full(walls.shape[:3], 2, np.uint8)}
 
 
-def run(person: PersonCapture, arrays: dict[str, np.ndarray], view: int, length: int | None = None, facts: frozenset[str] = FACTS, **more) -> np.ndarray:
+def run(
+    person: PersonCapture,
+    arrays: dict[str, np.ndarray],
+    view: int,
+    length: int | None = None,
+    facts: frozenset[str] = FACTS,
+    **more,
+) -> np.ndarray:
     pictures = Pictures([list(person.color[:, v]) for v in range(len(person.rig))])
-    out = run_stage(STAGE, FramesParams(matte="person"), arrays, person.rig, more.pop("roles", person.views), len(person.mask), length, view=view, sources={"pictures": pictures}, facts=facts, joint_set="coco17", **more)
+    out = run_stage(
+        STAGE,
+        FramesParams(matte="person"),
+        arrays,
+        person.rig,
+        more.pop("roles", person.views),
+        len(person.mask),
+        length,
+        view=view,
+        sources={"pictures": pictures},
+        facts=facts,
+        joint_set="coco17",
+        **more,
+    )
     return out["frames/mask"][:, view]
 
 
@@ -154,7 +192,10 @@ def test_where_nobody_is_known_the_plate_tells_alone_and_says_so() -> None:
     person, walls = before_a_wall()
     arrays = arrays_of(person, walls)
     arrays["pose/chosen"] = np.full_like(arrays["pose/chosen"], -1)
-    arrays["pose/joints2d"], arrays["pose/joints3d"] = np.zeros_like(arrays["pose/joints2d"]), np.zeros_like(arrays["pose/joints3d"])
+    arrays["pose/joints2d"], arrays["pose/joints3d"] = (
+        np.zeros_like(arrays["pose/joints2d"]),
+        np.zeros_like(arrays["pose/joints3d"]),
+    )
     assert overlap(run(person, arrays, 0)[0], person.mask[0, 0]) > 0.85
     assert not run(person, arrays, 0, facts=FACTS - {"several_frames"}).any()
 

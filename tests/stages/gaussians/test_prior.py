@@ -76,14 +76,21 @@ def test_a_gaussian_covers_its_own_pixel(normal: np.ndarray) -> None:
     depth = (-2.0 / np.tensordot(normal, rays(k, H, W).astype(np.float64), 1)).astype(np.float32)
     n = np.broadcast_to(normal[:, None, None], (3, H, W)).astype(np.float32)
     s = scales(depth, n, k, 0.5, 0.1, 0.1)
-    lifted = lift(Maps(np.full((H, W, 3), 99, np.uint8), depth, s, n, np.full((2, H, W), 0.9)), k, np.eye(4), torch.float64, torch.device("cpu"))
+    lifted = lift(
+        Maps(np.full((H, W, 3), 99, np.uint8), depth, s, n, np.full((2, H, W), 0.9)),
+        k,
+        np.eye(4),
+        torch.float64,
+        torch.device("cpu"),
+    )
     camera = Camera(k, np.eye(4), W, H)
     p = project(lifted.seen_from(camera), camera, Cutoffs())
     assert len(p.depth) == H * W
     w = p.whitening.numpy().reshape(-1, 2, 2)
     covariance = np.linalg.inv(w.transpose(0, 2, 1) @ w)
     across = np.sqrt(covariance[:, [0, 1], [0, 1]])
-    # exact in the middle of the picture; the frame leans against the slope by the ray's few degrees aside, and the thickness adds
+    # exact in the middle of the picture; the frame leans against the slope by the ray's few degrees aside, and the
+    # thickness adds
     np.testing.assert_allclose(across, 0.5, rtol=0.03)
     np.testing.assert_allclose(p.mean.numpy().reshape(H, W, 2)[3, 7], [7.5, 3.5], atol=1e-5)
 
@@ -94,7 +101,14 @@ def test_total_variance_does_not_depend_on_the_direction_of_the_slope() -> None:
     sums = []
     for angle in np.radians([0, 20, 45, 70, 90]):
         n = unit(0.8 * np.cos(angle), 0.8 * np.sin(angle), -1)
-        s = scales(np.full((H, W), 2.0, np.float32), np.broadcast_to(n[:, None, None], (3, H, W)).astype(np.float32), k, 0.5, 0.1, 0.1)[pixel]
+        s = scales(
+            np.full((H, W), 2.0, np.float32),
+            np.broadcast_to(n[:, None, None], (3, H, W)).astype(np.float32),
+            k,
+            0.5,
+            0.1,
+            0.1,
+        )[pixel]
         sums.append(s[0] ** 2 + s[1] ** 2)
         assert s[2] == pytest.approx(0.1 * 0.5 * 2 / 60)
     np.testing.assert_allclose(sums, (0.5 * 2 / 60) ** 2 * (1 + 1 + 0.64), rtol=1e-4)
@@ -123,8 +137,20 @@ def test_what_is_no_surface_is_zero_in_every_map() -> None:
 def test_opacity_follows_confidence_and_coverage() -> None:
     depth, confidence = np.full((H, W), 2.0, np.float32), np.linspace(0, 1, H * W).reshape(H, W)
     for mask in (255, 51):
-        opacity = prior(depth, confidence, np.full((H, W), mask, np.uint8), K, GaussiansParams(opacity=0.9, grazing=0.5, confidence_power=0.5, confidence_min=0.0))[2]
+        opacity = prior(
+            depth,
+            confidence,
+            np.full((H, W), mask, np.uint8),
+            K,
+            GaussiansParams(opacity=0.9, grazing=0.5, confidence_power=0.5, confidence_min=0.0),
+        )[2]
         np.testing.assert_allclose(opacity[0], 0.9 * np.sqrt(confidence) * mask / 255, atol=1e-6)
         np.testing.assert_allclose(opacity[1], 0.45 * np.sqrt(confidence) * mask / 255, atol=1e-6)
-    ignoring = prior(depth, confidence, np.full((H, W), 255, np.uint8), K, GaussiansParams(opacity=0.9, confidence_power=0.0, confidence_min=0.0))[2]
+    ignoring = prior(
+        depth,
+        confidence,
+        np.full((H, W), 255, np.uint8),
+        K,
+        GaussiansParams(opacity=0.9, confidence_power=0.0, confidence_min=0.0),
+    )[2]
     assert (ignoring[0] == np.where(confidence > 0, np.float32(0.9), 0)).all()

@@ -33,7 +33,9 @@ def rig_of(poses: list[np.ndarray], size: tuple[int, int] = (1024, 1024), focal:
     k = np.zeros((n, 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = focal
     k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
-    return Rig(tuple(f"cam{i}" for i in range(n)), k, np.zeros((n, 8)), np.stack(poses), np.tile(np.array(size), (n, 1)))
+    return Rig(
+        tuple(f"cam{i}" for i in range(n)), k, np.zeros((n, 8)), np.stack(poses), np.tile(np.array(size), (n, 1))
+    )
 
 
 def ring(views: int, size: tuple[int, int] = (64, 64), focal: float = 60.0, radius: float = 2.0) -> Rig:
@@ -63,6 +65,9 @@ def textured_sphere(rig: Rig, view: int, centre: np.ndarray, radius: float) -> t
     """Picture [h, w, 3] uint8 and true depth of a sphere whose colour is a smooth function of the point."""
     depth = sphere_depth(rig, view, centre, radius)
     p = unproject(depth, rig.intrinsics[view], rig.world_to_camera[view])
-    waves = [np.sin(p @ np.array(k)) * np.cos(p @ np.array(m)) for k, m in (((31, 17, 23), (5, 29, -11)), ((13, -37, 7), (19, 3, 31)), ((-23, 11, 29), (37, 7, 13)))]
+    waves = [
+        np.sin(p @ np.array(k)) * np.cos(p @ np.array(m))
+        for k, m in (((31, 17, 23), (5, 29, -11)), ((13, -37, 7), (19, 3, 31)), ((-23, 11, 29), (37, 7, 13)))
+    ]
     color = np.where((depth > 0)[..., None], 127.5 + 120 * np.stack(waves, axis=-1), 0)
     return np.rint(color).astype(np.uint8), depth.astype(np.float32)

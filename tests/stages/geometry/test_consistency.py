@@ -26,7 +26,12 @@ def seen(rig: Rig, view: int) -> tuple[np.ndarray, np.ndarray]:
 def test_joints_projected_by_their_own_cameras_have_no_residual_and_shifted_ones_their_shift(rig: Rig) -> None:
     world = np.hstack([np.random.default_rng(1).uniform(-0.4, 0.4, (17, 3)), np.ones((17, 1))])
     world[3, 3] = 0
-    joints = np.stack([np.hstack([project(world[:, :3], rig.intrinsics[v], rig.world_to_camera[v])[0], np.ones((17, 1))]) for v in range(len(rig))])
+    joints = np.stack(
+        [
+            np.hstack([project(world[:, :3], rig.intrinsics[v], rig.world_to_camera[v])[0], np.ones((17, 1))])
+            for v in range(len(rig))
+        ]
+    )
     joints[2, 5] = (1e4, 1e4, 0)
     residual = reprojection_residual(rig, joints, world)
     assert len(residual) == 16 * len(rig) - 1, "what is unknown in the world or in a view is left out"
@@ -49,7 +54,9 @@ def test_views_of_one_surface_agree_and_a_gain_or_a_shifted_camera_shows(rig: Ri
 
 def test_points_that_the_other_view_cannot_see_are_left_out(rig: Rig) -> None:
     (a, za), (b, zb) = seen(rig, 0), seen(rig, 4)
-    assert len(photometric_disagreement(rig, (0, 4), (a, b), (za, zb))) < 0.02 * (za > 0).sum(), "opposite views share no surface"
+    assert len(photometric_disagreement(rig, (0, 4), (a, b), (za, zb))) < 0.02 * (za > 0).sum(), (
+        "opposite views share no surface"
+    )
     assert len(photometric_disagreement(rig, (0, 4), (a, b), (np.zeros_like(za), zb))) == 0
 
 
@@ -59,7 +66,9 @@ def test_an_outline_tells_how_far_it_lies_from_the_edge(grown: int) -> None:
     big = np.zeros((size * scale, size * scale), np.uint8)
     cv2.circle(big, (480, 500), 320, 255, -1)
     exact = cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA)
-    color = np.rint(exact[..., None] / 255 * np.array([200, 120, 60]) + (1 - exact[..., None] / 255) * np.array([30, 60, 90])).astype(np.uint8)
+    color = np.rint(
+        exact[..., None] / 255 * np.array([200, 120, 60]) + (1 - exact[..., None] / 255) * np.array([30, 60, 90])
+    ).astype(np.uint8)
     big[:] = 0
     cv2.circle(big, (480, 500), 320 + grown * scale, 255, -1)
     mask = cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA)

@@ -15,7 +15,15 @@ from posegaussian.storage.model.cameras import Rig
 from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 
-def visual_hull(rig: Rig, view: int, masks: dict[int, np.ndarray], centre: np.ndarray, radius: float, tolerance: tuple[float, float] = (0.0, 1.5), votes: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def visual_hull(
+    rig: Rig,
+    view: int,
+    masks: dict[int, np.ndarray],
+    centre: np.ndarray,
+    radius: float,
+    tolerance: tuple[float, float] = (0.0, 1.5),
+    votes: bool = True,
+) -> tuple[np.ndarray, np.ndarray]:
     return hull_of(rig, view, masks[view], Silhouettes.of(rig, masks, centre, radius), tolerance, votes)
 
 
@@ -25,7 +33,9 @@ CENTRE, RADIUS = np.array([0.1, -0.05, 0.1]), 0.5
 def sphere_hull(rig: Rig, view: int = 0, **more: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """True depth, near and far of a sphere's hull."""
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(len(rig))}
-    return sphere_depth(rig, view, CENTRE, RADIUS), *visual_hull(rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), **more)  # type: ignore[arg-type]
+    return sphere_depth(rig, view, CENTRE, RADIUS), *visual_hull(
+        rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), **more
+    )  # type: ignore[arg-type]
 
 
 def test_the_hull_holds_the_surface_and_shrinks_with_more_views():
@@ -36,7 +46,8 @@ def test_the_hull_holds_the_surface_and_shrinks_with_more_views():
         both = (truth > 0) & (near > 0)
         assert both.sum() > 0.97 * (truth > 0).sum()
         entry = unproject(near, rig.intrinsics[0], rig.world_to_camera[0])[both]
-        # The hull may cut into the sphere by a quarter of a pixel (2 m / 60 px / 4), what an edge of 4 x 4 samples can be off.
+        # The hull may cut into the sphere by a quarter of a pixel (2 m / 60 px / 4), what an edge of 4 x 4 samples can
+        # be off.
         assert (np.linalg.norm(entry - CENTRE, axis=1) >= RADIUS - 0.0085).all()
         behind = unproject(far, rig.intrinsics[0], rig.world_to_camera[0])[both]
         assert (np.linalg.norm(behind - CENTRE, axis=1) >= RADIUS - 0.0085).all()
@@ -126,7 +137,8 @@ def person() -> PersonCapture:
 
 
 def hull_errors(c: PersonCapture, masks: dict[int, np.ndarray]) -> tuple[float, float]:
-    """Mean distance of the hull's surface from the truth, m, and share of the surface without a hull: over views whose mask is the true one."""
+    """Mean distance of the hull's surface from the truth, m, and share of the surface without a hull: over views
+    whose mask is the true one."""
     params = DepthParams(method="hull")
     found = hulls(Geometry.of(c.rig, tuple(range(8)), params), Frame({}, masks))
     apart, missing = [], []
@@ -141,9 +153,13 @@ def hull_errors(c: PersonCapture, masks: dict[int, np.ndarray]) -> tuple[float, 
 
 def test_masks_that_are_a_pixel_too_small_still_have_a_hull(person: PersonCapture) -> None:
     masks = {v: cv2.erode(person.mask[0, v], np.ones((3, 3), np.uint8)) for v in range(8)}
-    whole, (apart, missing) = hull_errors(person, {v: person.mask[0, v] for v in range(8)})[0], hull_errors(person, masks)
+    whole, (apart, missing) = (
+        hull_errors(person, {v: person.mask[0, v] for v in range(8)})[0],
+        hull_errors(person, masks),
+    )
     assert missing < 0.01
-    # A pixel is 1.8 cm at this size; a silhouette that closes in by one moves the surface by up to 1.4 along a ray 45 degrees off.
+    # A pixel is 1.8 cm at this size; a silhouette that closes in by one moves the surface by up to 1.4 along a ray 45
+    # degrees off.
     assert apart < whole + 1.4 * 0.018
 
 
@@ -154,7 +170,12 @@ def test_one_wrong_mask_costs_no_more_than_the_view_itself(person: PersonCapture
     params = DepthParams(method="hull")
     views = tuple(seven)
     lean = hulls(Geometry.of(person.rig, views, params), Frame({}, seven))
-    masks[3] = {"empty": np.zeros_like(masks[3]), "full": np.full_like(masks[3], 255), "shifted": np.roll(masks[3], 24, axis=1), "of nobody": np.roll(masks[3][::-1], 40, axis=1)}[kind]
+    masks[3] = {
+        "empty": np.zeros_like(masks[3]),
+        "full": np.full_like(masks[3], 255),
+        "shifted": np.roll(masks[3], 24, axis=1),
+        "of nobody": np.roll(masks[3][::-1], 40, axis=1),
+    }[kind]
     found = hulls(Geometry.of(person.rig, tuple(range(8)), params), Frame({}, masks))
     for v in views:
         surface = person.depth[0, v] > 0
@@ -184,7 +205,10 @@ def test_a_view_that_the_picture_cuts_off_carves_nothing_beyond_its_picture(pers
     masks[1][half:] = 0
     rig = replace(person.rig, size=size)
     found = hulls(Geometry.of(rig, tuple(range(8)), DepthParams(method="hull")), Frame({}, masks))
-    whole = hulls(Geometry.of(person.rig, tuple(range(8)), DepthParams(method="hull")), Frame({}, {v: person.mask[0, v] for v in range(8)}))
+    whole = hulls(
+        Geometry.of(person.rig, tuple(range(8)), DepthParams(method="hull")),
+        Frame({}, {v: person.mask[0, v] for v in range(8)}),
+    )
     for v in (0, 2, 3, 5):
         surface = (person.depth[0, v] > 0) & (whole[v][0] > 0)
         assert (found[v][0][surface] > 0).all()
@@ -202,7 +226,9 @@ def test_a_ray_that_grazes_a_hull_thinner_than_a_step_has_a_far_end_behind_its_n
             a, b = rng.integers(0, 64, (2, 2))
             cv2.line(mask, a.tolist(), b.tolist(), int(rng.integers(120, 256)), 1, cv2.LINE_AA)
     for view in range(4):
-        near, far = visual_hull(rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), (0.0, 0.3))
+        near, far = visual_hull(
+            rig, view, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)), (0.0, 0.3)
+        )
         assert (near > 0).any()
         assert (near >= 0).all()
         assert (far >= near).all()

@@ -1,4 +1,5 @@
-"""The rows of the catalogue of pairs: ring radius 2 m, elevation 8 degrees, focal length 819.2, 1024 x 1024, person of 1.8 m."""
+"""The rows of the catalogue of pairs: ring radius 2 m, elevation 8 degrees, focal length 819.2, 1024 x 1024, person
+of 1.8 m."""
 
 import numpy as np
 import pytest
@@ -64,7 +65,9 @@ def test_the_worse_of_the_two_tilts_decides():
     rig = rig_of([REFERENCE, camera(on_ring(20, 24), ORIGIN)])
     report = classify(rig, 0, 1)
     assert report.verdict is Verdict.VERTICAL
-    single = [abs(np.degrees(np.arctan2(r[1] @ (b := rig.centres[1] - rig.centres[0]), r[0] @ b))) for r in rig.rotations]
+    single = [
+        abs(np.degrees(np.arctan2(r[1] @ (b := rig.centres[1] - rig.centres[0]), r[0] @ b))) for r in rig.rotations
+    ]
     assert report.measured == pytest.approx(max(single))
     assert min(single) < report.bound
 
@@ -91,7 +94,9 @@ def test_the_body_lies_inside_both_rectified_pictures_of_a_usable_pair(row: str)
     rig = ROWS[row][0]
     pair = rectify(rig, 0, 1, ORIGIN)
     for which in (0, 1):
-        pixels, depth = project(body_points(ORIGIN, np.array([0.0, 0, 1])), pair.intrinsics[which], pair.world_to_camera(which))
+        pixels, depth = project(
+            body_points(ORIGIN, np.array([0.0, 0, 1])), pair.intrinsics[which], pair.world_to_camera(which)
+        )
         assert (depth > 0).all()
         assert (pixels >= 0).all()
         assert (pixels <= pair.size).all()
@@ -138,7 +143,10 @@ def test_every_pair_that_is_not_matched_is_spoken_of() -> None:
         count = sum(r.verdict is verdict for r in refused)
         assert any(f"{count} of {len(reports)} pairs" in n and str(verdict) in n for n in notes)
     served = {v for r in reports if r.usable for v in r.views}
-    assert [n for n in notes if n.startswith("no usable pair serves")] == [f"no usable pair serves {', '.join(rig.names[v] for v in range(4) if v not in served)}: hull depth with low confidence there"]
+    assert [n for n in notes if n.startswith("no usable pair serves")] == [
+        f"no usable pair serves {', '.join(rig.names[v] for v in range(4) if v not in served)}: hull depth with low"
+        " confidence there"
+    ]
 
 
 def test_a_ring_whose_neighbours_all_match_leaves_no_view_alone() -> None:

@@ -1,4 +1,5 @@
-"""Laws of camera paths: rigid, exact ends, constant distance, the subject still in the picture; and a sentence for every fault."""
+"""Laws of camera paths: rigid, exact ends, constant distance, the subject still in the picture; and a sentence for
+every fault."""
 
 import json
 from pathlib import Path
@@ -14,7 +15,8 @@ from posegaussian.storage.model.cameras import CameraPath, Rig, rigid
 from posegaussian.storage.model.errors import UserError
 
 NEAR = 1e-4
-"""Metres: `look_at_point` is pulled 5e-5 m off the ring's middle where focal lengths differ. Interpolated translations miss by 0.1 m."""
+"""Metres: `look_at_point` is pulled 5e-5 m off the ring's middle where focal lengths differ. Interpolated
+translations miss by 0.1 m."""
 
 
 def ring(count: int = 8, origin: tuple[float, float, float] = (0, 0, 0), tilt: float = 0.5, step: float = 45.0) -> Rig:
@@ -93,8 +95,11 @@ def test_moving_paths_are_one_camera_or_48_steps_of_one_frame(text: str) -> None
 
 @pytest.mark.parametrize("origin", [(0, 0, 0), (1.8, -3.0, 0.7)])
 @pytest.mark.parametrize("other", ["cam1", "cam2", "cam3", "cam4"])
-def test_k1_an_arc_keeps_its_distance_and_the_subject_wherever_the_origin_lies(other: str, origin: tuple[float, float, float]) -> None:
-    """Up to 180 degrees (K2): translations that are interpolated would cut the corner as soon as the origin is elsewhere."""
+def test_k1_an_arc_keeps_its_distance_and_the_subject_wherever_the_origin_lies(
+    other: str, origin: tuple[float, float, float]
+) -> None:
+    """Up to 180 degrees (K2): translations that are interpolated would cut the corner as soon as the origin is
+    elsewhere."""
     rig = ring(origin=origin)
     path, subject = make(f"arc cam0 {other}", 21, rig), look_at_point(rig)
     np.testing.assert_array_equal(path.world_to_camera[0, 0], rig.world_to_camera[0])
@@ -103,10 +108,15 @@ def test_k1_an_arc_keeps_its_distance_and_the_subject_wherever_the_origin_lies(o
     offset = centres(path)[:, 0] - subject
     distance = np.linalg.norm(rig.centres[0] - subject)
     np.testing.assert_allclose(np.linalg.norm(offset, axis=1), distance, atol=NEAR)
-    np.testing.assert_allclose(offset @ up_direction(rig), offset[0] @ up_direction(rig), atol=NEAR)  # on the ring, not over the head
+    np.testing.assert_allclose(
+        offset @ up_direction(rig), offset[0] @ up_direction(rig), atol=NEAR
+    )  # on the ring, not over the head
     steps = np.linalg.norm(np.diff(offset, axis=0), axis=1)
     np.testing.assert_allclose(steps, steps[0], atol=NEAR)
-    at = np.einsum("fij,fj->fi", path.world_to_camera[:, 0, :3, :3], subject + 0 * offset) + path.world_to_camera[:, 0, :3, 3]
+    at = (
+        np.einsum("fij,fj->fi", path.world_to_camera[:, 0, :3, :3], subject + 0 * offset)
+        + path.world_to_camera[:, 0, :3, 3]
+    )
     pixel = np.einsum("fij,fj->fi", path.intrinsics[:, 0], at)
     np.testing.assert_allclose(pixel[:, :2] / pixel[:, 2:], [[160, 120]] * 21, atol=0.02)
 
@@ -134,7 +144,9 @@ def test_an_arc_between_cameras_of_different_distance_and_size() -> None:
 
 def test_an_arc_from_a_camera_to_itself_stands_still() -> None:
     path = make("arc cam2 cam2", 4)
-    np.testing.assert_allclose(path.world_to_camera, np.broadcast_to(path.world_to_camera[:1], path.world_to_camera.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        path.world_to_camera, np.broadcast_to(path.world_to_camera[:1], path.world_to_camera.shape), atol=1e-12
+    )
 
 
 def test_an_orbit_goes_once_around_at_the_mean_radius_and_height() -> None:
@@ -186,14 +198,25 @@ def test_an_orbit_needs_a_radius() -> None:
     rig = ring(1)
     down = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
     rig.world_to_camera[0] = rigid(down, -down @ [0, 0, 3.0])
-    well_formed(make_path("orbit", rig, views(rig, ()), np.arange(3)), 3)  # its own up is sideways: an orbit over the top
-    above = Rig(("a", "b"), rig.intrinsics[[0, 0]], rig.distortion[[0, 0]], rig.world_to_camera[[0, 0]].copy(), rig.size[[0, 0]])
+    well_formed(
+        make_path("orbit", rig, views(rig, ()), np.arange(3)), 3
+    )  # its own up is sideways: an orbit over the top
+    above = Rig(
+        ("a", "b"), rig.intrinsics[[0, 0]], rig.distortion[[0, 0]], rig.world_to_camera[[0, 0]].copy(), rig.size[[0, 0]]
+    )
     above.world_to_camera[:, :3, :3] = [np.diag([1.0, 1, 1]), np.diag([1.0, 1, 1])]
     well_formed(make_path("orbit", above, views(above, ()), np.arange(3)), 3)
 
 
 def entry(name: str = "a", **changes: Any) -> dict[str, Any]:
-    e = {"name": name, "width": 64, "height": 48, "K": [[50, 0, 31.5], [0, 50, 23.5], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0, 0, 2]}
+    e = {
+        "name": name,
+        "width": 64,
+        "height": 48,
+        "K": [[50, 0, 31.5], [0, 50, 23.5], [0, 0, 1]],
+        "R": np.eye(3).tolist(),
+        "t": [0, 0, 2],
+    }
     e |= changes
     return {k: v for k, v in e.items() if v is not None}
 
@@ -251,7 +274,7 @@ def test_a_faulty_camera_gets_a_sentence(tmp_path: Path, cameras: Any, says: str
 def test_a_faulty_file_gets_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='"pixel_center" is missing'):
         from_file(tmp_path, [entry()], pixel_center=None)
-    with pytest.raises(UserError, match='"pixel_center" is \'corner\''):
+    with pytest.raises(UserError, match="\"pixel_center\" is 'corner'"):
         from_file(tmp_path, [entry()], pixel_center="corner")
     file = tmp_path / "broken.json"
     file.write_text('{"pixel_center": "half",\n "cameras": [}')

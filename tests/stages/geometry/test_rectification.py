@@ -31,7 +31,9 @@ def test_rotation_is_rigid_and_the_subject_is_in_the_middle_of_both_pictures():
     np.testing.assert_allclose(pair.rotation @ pair.rotation.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(pair.rotation) == pytest.approx(1)
     for which in (0, 1):
-        np.testing.assert_allclose(project(ORIGIN, pair.intrinsics[which], pair.world_to_camera(which))[0], np.array(pair.size) / 2, atol=1e-9)
+        np.testing.assert_allclose(
+            project(ORIGIN, pair.intrinsics[which], pair.world_to_camera(which))[0], np.array(pair.size) / 2, atol=1e-9
+        )
 
 
 def test_swapping_the_order_swaps_the_pictures_and_the_sign():
@@ -58,7 +60,8 @@ def test_source_and_rectified_pixels_invert_each_other_and_agree_with_projection
 
 
 def test_maps_have_no_half_pixel_bias():
-    """A ramp survives: the rectified picture holds, at every pixel centre, the source coordinate that the homography names."""
+    """A ramp survives: the rectified picture holds, at every pixel centre, the source coordinate that the homography
+    names."""
     rig = rig_of([camera(on_ring(0), ORIGIN), camera(on_ring(30), ORIGIN)], (96, 64), 80.0)
     pair = rectify(rig, 0, 1, ORIGIN)
     ramp = pixel_centres((96, 64)).astype(np.float32)
@@ -80,7 +83,9 @@ def test_round_trip_of_true_depth_through_disparity_has_no_bias():
     source = pixel_centres((64, 48))[known]
     rectified, ratio = pair.rectified_pixels(0, source)
     disparity = pair.disparity(depth[known] * ratio)
-    truth, _ = project(unproject(depth, rig.intrinsics[0], rig.world_to_camera[0])[known], pair.intrinsics[1], pair.world_to_camera(1))
+    truth, _ = project(
+        unproject(depth, rig.intrinsics[0], rig.world_to_camera[0])[known], pair.intrinsics[1], pair.world_to_camera(1)
+    )
     np.testing.assert_allclose(rectified[:, 0] - disparity, truth[:, 0], atol=1e-10)
 
 
@@ -90,7 +95,9 @@ def test_scale_refines_the_grid_and_nothing_else():
     assert fine.size == (144, 144)
     assert fine.focal == pytest.approx(1.5 * coarse.focal)
     assert fine.sensitivity == pytest.approx(coarse.sensitivity)
-    assert coarse.source_pixels(0, np.array([48.0, 48]))[0] == pytest.approx(fine.source_pixels(0, np.array([72.0, 72]))[0])
+    assert coarse.source_pixels(0, np.array([48.0, 48]))[0] == pytest.approx(
+        fine.source_pixels(0, np.array([72.0, 72]))[0]
+    )
 
 
 def test_what_has_no_rectification_is_an_error():

@@ -1,4 +1,5 @@
-"""Laws of the default path: it stays between neighbours that depth can match, closes where they stand all round, and follows the cameras wherever the world lies."""
+"""Laws of the default path: it stays between neighbours that depth can match, closes where they stand all round, and
+follows the cameras wherever the world lies."""
 
 from __future__ import annotations
 
@@ -33,7 +34,9 @@ RIGS = {
     "three of five": places(*row(160, 0, 40, 80, 250)),
     "an arc given out of order": places((90, 5, 2), (0, 30, 2.5), (60, 10, 3), (30, 20, 2)),
     "eight around": ring(8, size=(1024, 1024), focal=819.2),
-    "uneven, all around": places((0, 8, 2), (40, 12, 2.3), (100, 5, 2), (150, 20, 2.6), (200, 8, 2), (250, 0, 1.9), (310, 8, 2.2)),
+    "uneven, all around": places(
+        (0, 8, 2), (40, 12, 2.3), (100, 5, 2), (150, 20, 2.6), (200, 8, 2), (250, 0, 1.9), (310, 8, 2.2)
+    ),
     "two rows, all around": places(*row(*range(0, 360, 40), elevation=0), *row(*range(20, 380, 40), elevation=35)),
     "a camera above": places(*row(0, 40, 80), (0, 89.9, 2)),
 }
@@ -42,7 +45,12 @@ CLOSED = {"eight around", "uneven, all around", "two rows, all around"}
 
 def path_of(rig: Rig, frames: int = 36, sources: tuple[int, ...] | None = None) -> CameraPath:
     chosen = tuple(range(len(rig))) if sources is None else sources
-    return make_path("between", rig, Views(rig.names, chosen, tuple(v for v in range(len(rig)) if v not in chosen)), np.arange(frames))
+    return make_path(
+        "between",
+        rig,
+        Views(rig.names, chosen, tuple(v for v in range(len(rig)) if v not in chosen)),
+        np.arange(frames),
+    )
 
 
 def centres(path: CameraPath) -> np.ndarray:
@@ -57,16 +65,26 @@ def cylinder(rig: Rig, points: np.ndarray) -> np.ndarray:
     side /= np.linalg.norm(side)
     offset = points - subject
     height = offset @ up
-    return np.stack([np.arctan2(offset @ np.cross(up, side), offset @ side), height, np.linalg.norm(offset - height[:, None] * up, axis=1)], axis=1)
+    return np.stack(
+        [
+            np.arctan2(offset @ np.cross(up, side), offset @ side),
+            height,
+            np.linalg.norm(offset - height[:, None] * up, axis=1),
+        ],
+        axis=1,
+    )
 
 
 @pytest.mark.parametrize("name", RIGS)
 def test_every_camera_lies_between_two_neighbours_that_can_be_matched(name: str) -> None:
-    """In azimuth, height and distance, so that it is nowhere farther from the two than they are from each other, but for the bulge of a parallel (2 degrees)."""
+    """In azimuth, height and distance, so that it is nowhere farther from the two than they are from each other, but
+    for the bulge of a parallel (2 degrees)."""
     rig, slack = RIGS[name], 1e-9
     known, subject = cylinder(rig, rig.centres), look_at_point(rig)
     usable = [r for r in pair_report(rig) if r.usable]
-    for centre, (azimuth, height, distance) in zip(centres(path_of(rig)), cylinder(rig, centres(path_of(rig))), strict=True):
+    for centre, (azimuth, height, distance) in zip(
+        centres(path_of(rig)), cylinder(rig, centres(path_of(rig))), strict=True
+    ):
         within = False
         for r in usable:
             assert r.angle <= MAX_ANGLE
@@ -74,7 +92,12 @@ def test_every_camera_lies_between_two_neighbours_that_can_be_matched(name: str)
             gap = (known[r.views[1], 0] - known[r.views[0], 0] + np.pi) % (2 * np.pi) - np.pi
             on = ((azimuth - known[r.views[0], 0] + np.pi) % (2 * np.pi) - np.pi) * np.sign(gap)
             near = max(angle_at(subject, centre, rig.centres[v]) for v in r.views) <= r.angle + 2
-            within |= bool(-slack <= on <= abs(gap) + slack and low[1] - slack <= height <= high[1] + slack and low[2] - slack <= distance <= high[2] + slack and near)
+            within |= bool(
+                -slack <= on <= abs(gap) + slack
+                and low[1] - slack <= height <= high[1] + slack
+                and low[2] - slack <= distance <= high[2] + slack
+                and near
+            )
         assert within
 
 
@@ -87,7 +110,8 @@ def test_it_closes_and_moves_in_small_even_steps(name: str) -> None:
     assert stretch.closed == (name in CLOSED)
     where = centres(path)
     steps = np.linalg.norm(np.diff(np.concatenate([where, where[:1]]), axis=0), axis=1)
-    # Even speed around; there and back the middle of a cosine is pi / 2 times as fast as the mean. Twice for heights and distances on the way.
+    # Even speed around; there and back the middle of a cosine is pi / 2 times as fast as the mean. Twice for heights
+    # and distances on the way.
     assert steps.max() <= 2 * np.pi / 2 * steps.mean()
     turned = np.unwrap(cylinder(rig, where)[:, 0])
     if name in CLOSED:
@@ -95,10 +119,20 @@ def test_it_closes_and_moves_in_small_even_steps(name: str) -> None:
         assert steps.max() - steps.min() < steps.mean()
     else:
         np.testing.assert_allclose(where[1:], where[:0:-1], atol=1e-9, err_msg="the way back is the way there")
-        np.testing.assert_allclose([where[0], where[frames // 2]], rig.centres[[stretch.views[0], stretch.views[-1]]], atol=1e-9)
+        np.testing.assert_allclose(
+            [where[0], where[frames // 2]], rig.centres[[stretch.views[0], stretch.views[-1]]], atol=1e-9
+        )
 
 
-@pytest.mark.parametrize(("name", "views"), [("two groups", (0, 1)), ("three of five", (1, 2, 3)), ("an arc given out of order", (1, 3, 2, 0)), ("a camera above", (0, 1, 2))])
+@pytest.mark.parametrize(
+    ("name", "views"),
+    [
+        ("two groups", (0, 1)),
+        ("three of five", (1, 2, 3)),
+        ("an arc given out of order", (1, 3, 2, 0)),
+        ("a camera above", (0, 1, 2)),
+    ],
+)
 def test_the_best_covered_stretch_is_chosen(name: str, views: tuple[int, ...]) -> None:
     stretch = best_stretch(RIGS[name], range(len(RIGS[name])))
     assert stretch is not None

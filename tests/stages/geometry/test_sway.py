@@ -32,7 +32,9 @@ def test_it_begins_at_the_only_source_camera_and_keeps_its_lens() -> None:
     assert (path.intrinsics == rig.intrinsics[1]).all()
     assert (path.size == rig.size[1]).all()
     rotations = path.world_to_camera[:, 0, :3, :3]
-    np.testing.assert_allclose(rotations @ rotations.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("text", "degrees"), [("sway", SWAY), ("sway cam0 2.5", 2.5)])
@@ -73,7 +75,13 @@ def test_one_frame_gets_48_cameras() -> None:
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("sway cam9", "cam9"), ("sway cam0 much", "no number of degrees"), ("sway cam0 0", "not between 0 and 90"), ("sway cam0 nan", "not between"), ("sway a b c", "takes 0 or 1 or 2")],
+    [
+        ("sway cam9", "cam9"),
+        ("sway cam0 much", "no number of degrees"),
+        ("sway cam0 0", "not between 0 and 90"),
+        ("sway cam0 nan", "not between"),
+        ("sway a b c", "takes 0 or 1 or 2"),
+    ],
 )
 def test_faults_are_sentences(text: str, said: str) -> None:
     with pytest.raises(UserError, match=said):

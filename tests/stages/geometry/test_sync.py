@@ -1,4 +1,5 @@
-"""Offsets between cameras are found from made tracks whose offsets are known, and nothing is claimed of a subject that stands still."""
+"""Offsets between cameras are found from made tracks whose offsets are known, and nothing is claimed of a subject
+that stands still."""
 
 from __future__ import annotations
 
@@ -32,7 +33,9 @@ def filmed(rig: Rig, offsets: list[float], noise: float = 0.0, speed: float = 1.
     random = np.random.default_rng(7)
     out = np.ones((FRAMES, len(rig), JOINTS, 3))
     for v, late in enumerate(offsets):
-        out[:, v, :, :2] = project(joints_at(np.arange(FRAMES) - late, speed), rig.intrinsics[v], rig.world_to_camera[v])[0]
+        out[:, v, :, :2] = project(
+            joints_at(np.arange(FRAMES) - late, speed), rig.intrinsics[v], rig.world_to_camera[v]
+        )[0]
     out[..., :2] += random.normal(size=out[..., :2].shape) * noise
     wild = random.random(out.shape[:3]) < outliers
     out[wild, :2] = random.uniform(0, 1000, (int(wild.sum()), 2))
@@ -41,7 +44,8 @@ def filmed(rig: Rig, offsets: list[float], noise: float = 0.0, speed: float = 1.
 
 @pytest.mark.parametrize(("noise", "outliers", "tolerance"), [(0.0, 0.0, 0.1), (2.0, 0.0, 0.15), (4.0, 0.1, 0.3)])
 def test_known_offsets_are_found(noise: float, outliers: float, tolerance: float) -> None:
-    """Without noise the parabola's error alone is left: the motion is not quadratic in time. A standard error says the size of the rest."""
+    """Without noise the parabola's error alone is left: the motion is not quadratic in time. A standard error says
+    the size of the rest."""
     found = time_offsets(made_rig(), filmed(made_rig(), OFFSETS, noise, outliers=outliers))
     assert found.told.all()
     np.testing.assert_allclose(found.frames - found.frames[0], OFFSETS, atol=tolerance)

@@ -57,7 +57,9 @@ def test_scatter_alone_is_no_error() -> None:
     rig, seen, space = rig_and_joints(8.0)
     found = refit(rig, seen, space)
     assert found is not None
-    assert all(pair_error(rig, found, a, b)[0] < 3 * pair_error(rig, found, a, b)[1] for a in range(4) for b in range(a + 1, 4))
+    assert all(
+        pair_error(rig, found, a, b)[0] < 3 * pair_error(rig, found, a, b)[1] for a in range(4) for b in range(a + 1, 4)
+    )
 
 
 def test_too_few_joints_are_not_fitted() -> None:

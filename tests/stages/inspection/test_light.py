@@ -27,7 +27,9 @@ def surface(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
 
 
 def footage(cameras: int = 4) -> Any:
-    return SimpleNamespace(rig=range(cameras), names=tuple("abcd"[:cameras]), numbers=[np.arange(3)] * cameras, inputs=None)
+    return SimpleNamespace(
+        rig=range(cameras), names=tuple("abcd"[:cameras]), numbers=[np.arange(3)] * cameras, inputs=None
+    )
 
 
 def test_an_inspection_says_what_the_effect_is_decided_by(surface: np.ndarray) -> None:
@@ -49,6 +51,8 @@ def test_clipped_black_and_glinting_colours_do_not_count() -> None:
     picture[:, :20], picture[:, 60:70] = 20, 255
     picture[:, 70:] = 60
     picture[30:32, 84:86] = 230
-    found = colors_at(picture, np.array([[5.0, 20.0], [40.0, 20.0], [58.0, 20.0], [85.0, 31.0], [95.0, 10.0]]), blur=2.0)
+    found = colors_at(
+        picture, np.array([[5.0, 20.0], [40.0, 20.0], [58.0, 20.0], [85.0, 31.0], [95.0, 10.0]]), blur=2.0
+    )
     assert (found[[0, 2, 3]] == 0).all()
     np.testing.assert_allclose(found[[1, 4]], [[0.2159] * 3, [0.0452] * 3], atol=1e-3)  # sRGB 128 and 60

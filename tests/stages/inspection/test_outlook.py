@@ -1,4 +1,5 @@
-"""The outlook says what depth compares and takes for a matte, and its tier follows cameras, mattes and all that is wrong."""
+"""The outlook says what depth compares and takes for a matte, and its tier follows cameras, mattes and all that is
+wrong."""
 
 from __future__ import annotations
 
@@ -47,7 +48,9 @@ def findings(plan: Planned, *more: Finding) -> list[Finding]:
         (around(0, 90, 180, 270), "given", (), "not fit to be shown"),
     ],
 )
-def test_the_tier_is_that_of_cameras_mattes_and_faults(rig: Rig, matte: str, more: tuple[Finding, ...], expects: str) -> None:
+def test_the_tier_is_that_of_cameras_mattes_and_faults(
+    rig: Rig, matte: str, more: tuple[Finding, ...], expects: str
+) -> None:
     plan = planned(rig, matte=matte)
     found = findings(plan, *more)
     assert tier(plan, found) == expects
@@ -73,7 +76,16 @@ def test_every_matched_pair_is_named_and_every_refused_one_has_its_reason() -> N
     assert "leaves" in "\n".join(pair_lines(planned(around(0, 15, 30, 45), pairs=1)))
 
 
-@pytest.mark.parametrize(("matte", "facts", "verdict"), [("given", set(), Verdict.NOTE), ("person", {SEGMENTED}, Verdict.GOOD), ("person", set(), Verdict.DOUBTFUL), ("plate", set(), Verdict.DOUBTFUL), ("none", set(), Verdict.BAD)])
+@pytest.mark.parametrize(
+    ("matte", "facts", "verdict"),
+    [
+        ("given", set(), Verdict.NOTE),
+        ("person", {SEGMENTED}, Verdict.GOOD),
+        ("person", set(), Verdict.DOUBTFUL),
+        ("plate", set(), Verdict.DOUBTFUL),
+        ("none", set(), Verdict.BAD),
+    ],
+)
 def test_a_matte_is_judged_by_what_it_reached_elsewhere(matte: str, facts: set[str], verdict: Verdict) -> None:
     found = of_matte(planned(TWO_PAIRS, matte=matte, facts=frozenset({"joints2d", *facts})))
     assert found.verdict is verdict

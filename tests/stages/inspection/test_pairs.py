@@ -72,7 +72,9 @@ def test_the_pairs_that_are_predicted_are_those_that_depth_compares(name: str, m
     rig, views = RIGS[name], tuple(range(len(RIGS[name])))
     plan = planned(rig, method=method)
     geometry = Geometry.of(rig, views, plan.depth)
-    compared = {(min(p), max(p)) for p in geometry.pairs} | {(min(v, w), max(v, w)) for v, n in geometry.neighbours.items() for w in n.views}
+    compared = {(min(p), max(p)) for p in geometry.pairs} | {
+        (min(v, w), max(v, w)) for v, n in geometry.neighbours.items() for w in n.views
+    }
     assert plan.matched == compared
     assert {p.views for p in every_pair(plan) if p.fate == "matched"} == compared
 

@@ -41,12 +41,29 @@ class Joints:
 
 def footage(**readers: Any) -> Footage:
     facts = frozenset({"joints2d"} if "joints" in readers else ())
-    return Footage(RIG, RIG, np.tile([1.0, 0, 0], (4, 1)), np.tile([1.0, 0, 0], (4, 1)), RIG.size, [np.arange(20)] * 4, 25.0, readers, facts)
+    return Footage(
+        RIG,
+        RIG,
+        np.tile([1.0, 0, 0], (4, 1)),
+        np.tile([1.0, 0, 0], (4, 1)),
+        RIG.size,
+        [np.arange(20)] * 4,
+        25.0,
+        readers,
+        facts,
+    )
 
 
 @pytest.mark.parametrize(
     ("found", "count"),
-    [([], 0), ([person(100)], 1), ([person(100), person(60)], 2), ([person(100), person(10)], 1), ([person(100), person(60, joints=4)], 1), ([np.zeros((17, 3))], 0)],
+    [
+        ([], 0),
+        ([person(100)], 1),
+        ([person(100), person(60)], 2),
+        ([person(100), person(10)], 1),
+        ([person(100), person(60, joints=4)], 1),
+        ([np.zeros((17, 3))], 0),
+    ],
 )
 def test_people_are_those_with_joints_that_are_not_tiny(found: list[np.ndarray], count: int) -> None:
     assert people(np.array(found).reshape(-1, 17, 3)) == count
@@ -88,7 +105,13 @@ def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:
         def find(self, picture: np.ndarray, most: int) -> Found:
             nobody = Found.nobody(17)
             joints = np.stack([person(100), person(80), person(60)]).astype(np.float32)
-            return Found(joints, np.zeros((3, 4), np.float32), nobody.heatmaps, nobody.person, np.array([0.9, SURE + 0.05, SURE - 0.05], np.float32))
+            return Found(
+                joints,
+                np.zeros((3, 4), np.float32),
+                nobody.heatmaps,
+                nobody.person,
+                np.array([0.9, SURE + 0.05, SURE - 0.05], np.float32),
+            )
 
     class Pictures:
         def read(self, view: int, numbers: list[int]) -> list[np.ndarray]:

@@ -15,7 +15,9 @@ def boxes(blur: float, contrast: float = 150.0, noise: float = 0.0) -> np.ndarra
     for x in range(3):
         corners = cv2.boxPoints(((500 + 500 * x, 800), (260, 900), 10 + 20 * x)).astype(np.int32)
         cv2.fillConvexPoly(fine, corners, 50 + contrast)
-    gray = cv2.resize(cv2.GaussianBlur(fine, (0, 0), 8 * blur) if blur else fine, (240, 200), interpolation=cv2.INTER_AREA)
+    gray = cv2.resize(
+        cv2.GaussianBlur(fine, (0, 0), 8 * blur) if blur else fine, (240, 200), interpolation=cv2.INTER_AREA
+    )
     gray = gray + noise * np.random.default_rng(1).normal(size=gray.shape)
     return np.repeat(np.clip(gray, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 

@@ -23,7 +23,10 @@ def test_the_error_is_the_distance_of_the_projected_points_in_the_rectified_part
     pair = nearest_pair(RIG, 0, range(8))
     assert pair.views == (0, 1)
     wrong = np.where(TRUTH > 0, TRUTH * 1.03, 2.0)
-    seen = [project(unproject(z, RIG.intrinsics[0], RIG.world_to_camera[0]), pair.intrinsics[1], pair.world_to_camera(1))[0] for z in (np.where(TRUTH > 0, TRUTH, 2.0), wrong)]
+    seen = [
+        project(unproject(z, RIG.intrinsics[0], RIG.world_to_camera[0]), pair.intrinsics[1], pair.world_to_camera(1))[0]
+        for z in (np.where(TRUTH > 0, TRUTH, 2.0), wrong)
+    ]
     by_hand = np.abs(seen[0] - seen[1])[..., 0]
     np.testing.assert_allclose(disparity_error(wrong, TRUTH, pair)[TRUTH > 0], by_hand[TRUTH > 0], rtol=1e-9)
 

@@ -31,7 +31,9 @@ def test_the_published_numbers() -> None:
     assert seen.max() == pytest.approx(0.983044, abs=1e-4)
     ordered = np.sort(seen.ravel())
     weight = np.cumsum(ordered) / ordered.sum()
-    assert [ordered[np.searchsorted(weight, q)] for q in (0.25, 0.5, 0.75)] == pytest.approx([0.184924, 0.333241, 0.503441], abs=1e-4)
+    assert [ordered[np.searchsorted(weight, q)] for q in (0.25, 0.5, 0.75)] == pytest.approx(
+        [0.184924, 0.333241, 0.503441], abs=1e-4
+    )
 
 
 def test_equal_pictures_have_no_difference_and_a_change_is_seen_where_it_is() -> None:

@@ -71,7 +71,10 @@ def test_ms_ssim_of_the_box_is_that_of_the_cut_out() -> None:
     rendered, truth, mask = scene()
     values = measure(rendered, truth, mask, MetricsParams(measures=["ms_ssim"]))
     reference = truth * (mask[..., None] / 255.0)
-    assert values == {("full", "ms_ssim"): ms_ssim(rendered, reference, 255.0), ("box", "ms_ssim"): ms_ssim(rendered[BOX], reference[BOX], 255.0)}
+    assert values == {
+        ("full", "ms_ssim"): ms_ssim(rendered, reference, 255.0),
+        ("box", "ms_ssim"): ms_ssim(rendered[BOX], reference[BOX], 255.0),
+    }
 
 
 def test_a_region_that_is_too_small_has_rows_without_a_value_and_one_warning() -> None:
@@ -82,7 +85,9 @@ def test_a_region_that_is_too_small_has_rows_without_a_value_and_one_warning() -
     for i in without:
         assert data["value"][i] is None
         assert data["definition"][i] == UNAVAILABLE + "a region of less than 161 px height or width"
-    assert check(Block("metrics/{path}", data), params) == ["ms_ssim is not available: a region of less than 161 px height or width"]
+    assert check(Block("metrics/{path}", data), params) == [
+        "ms_ssim is not available: a region of less than 161 px height or width"
+    ]
 
 
 @pytest.mark.parametrize("name", ["lpips_alex", "lpips_vgg"])
@@ -100,14 +105,24 @@ def test_lpips_without_weights_is_not_available_and_never_a_number(name: str) ->
 
 def test_lpips_of_the_files_in_the_settings(tmp_path: Path) -> None:
     path, sha, heads, heads_sha = saved(tmp_path, *made_weights(ALEX))
-    params = MetricsParams(measures=["lpips_alex"], lpips_weights={"alex": path, "alex_linear": heads}, lpips_sha256={"alex": sha, "alex_linear": heads_sha})
+    params = MetricsParams(
+        measures=["lpips_alex"],
+        lpips_weights={"alex": path, "alex_linear": heads},
+        lpips_sha256={"alex": sha, "alex_linear": heads_sha},
+    )
     rendered, truth, mask = scene()
     values, reference = measure(rendered, truth, mask, params), truth * (mask[..., None] / 255.0)
     network = load_network("lpips_alex", path, sha, heads, heads_sha)
-    assert values == {("full", "lpips_alex"): network.distance(rendered, reference, 255.0), ("box", "lpips_alex"): network.distance(rendered[BOX], reference[BOX], 255.0)}
+    assert values == {
+        ("full", "lpips_alex"): network.distance(rendered, reference, 255.0),
+        ("box", "lpips_alex"): network.distance(rendered[BOX], reference[BOX], 255.0),
+    }
     assert "lpips_weights" not in params.hashed()  # where the files lie cannot change a result; what they are can
     assert params.hashed()["lpips_sha256"] == {"alex": sha, "alex_linear": heads_sha}
-    assert METRICS.needs(SHAPE, params).ram >= METRICS.needs(SHAPE, MetricsParams(measures=["lpips_alex"])).ram + WEIGHTS["lpips_alex"]
+    assert (
+        METRICS.needs(SHAPE, params).ram
+        >= METRICS.needs(SHAPE, MetricsParams(measures=["lpips_alex"])).ram + WEIGHTS["lpips_alex"]
+    )
     small = {name: values[:14, :14] for name, values in (("rendered", rendered), ("truth", truth), ("mask", mask))}
     assert isinstance(measure(*small.values(), params)["full", "lpips_alex"], Unavailable)
 
@@ -118,7 +133,10 @@ def test_flip_of_the_box_is_the_mean_of_the_full_map() -> None:
     params = MetricsParams(measures=["flip"], flip_pixels_per_degree=40)
     seen = flip.flip_map(rendered, truth * (mask[..., None] / 255.0), 255.0, 40)
     values = measure(rendered, truth, mask, params)
-    assert values == {("full", "flip"): pytest.approx(seen.mean(), rel=1e-6), ("box", "flip"): pytest.approx(seen[BOX].mean(), rel=1e-6)}
+    assert values == {
+        ("full", "flip"): pytest.approx(seen.mean(), rel=1e-6),
+        ("box", "flip"): pytest.approx(seen[BOX].mean(), rel=1e-6),
+    }
     assert "40 px a degree" in table(params)["definition"][0]
 
 
@@ -135,7 +153,14 @@ def test_settings_that_cannot_be_served_are_refused_in_a_sentence(monkeypatch: p
     monkeypatch.setattr(flip, "PACKAGE", "no-such-package")
     assert "not installed; `pip install" in str(refusal(measures=["flip"]))
     assert refusal(measures=["psnr"]) is None
-    for wrong in ({"measures": []}, {"measures": ["psnr", "psnr"]}, {"measures": ["mse"]}, {"lpips_weights": {"squeeze": "x"}}, {"lpips_sha256": {"alex": "abc"}}, {"flip_pixels_per_degree": 0}):
+    for wrong in (
+        {"measures": []},
+        {"measures": ["psnr", "psnr"]},
+        {"measures": ["mse"]},
+        {"lpips_weights": {"squeeze": "x"}},
+        {"lpips_sha256": {"alex": "abc"}},
+        {"flip_pixels_per_degree": 0},
+    ):
         with pytest.raises(ValidationError):
             MetricsParams(**wrong)
 

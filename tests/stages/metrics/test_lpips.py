@@ -1,7 +1,7 @@
 """LPIPS: our stacks with made weights against a plain numpy implementation; files, hashes and what is wrong with them.
 
-Official weights are not shipped. Where POSEGAUSSIAN_LPIPS names a folder with vgg16-397923af.pth and vgg.pth, the published
-value of a pair of pictures is compared, too.
+Official weights are not shipped. Where POSEGAUSSIAN_LPIPS names a folder with vgg16-397923af.pth and vgg.pth, the
+published value of a pair of pictures is compared, too.
 """
 
 import hashlib
@@ -25,8 +25,13 @@ def made_weights(stack: Stack, seed: int = 0) -> tuple[dict[str, torch.Tensor], 
     trunk = {"classifier.6.bias": torch.zeros(1000)}
     for c in stack.layers:
         kernel = rng.normal(0, np.sqrt(2 / (c.channels[0] * c.size**2)), (c.channels[1], c.channels[0], c.size, c.size))
-        trunk[f"{c.key}.weight"], trunk[f"{c.key}.bias"] = (torch.tensor(a, dtype=torch.float32) for a in (kernel, rng.normal(0, 0.1, c.channels[1])))
-    heads = {f"lin{i}.model.1.weight": torch.tensor(rng.uniform(0, 1, (1, n, 1, 1)), dtype=torch.float32) for i, n in enumerate(stack.widths)}
+        trunk[f"{c.key}.weight"], trunk[f"{c.key}.bias"] = (
+            torch.tensor(a, dtype=torch.float32) for a in (kernel, rng.normal(0, 0.1, c.channels[1]))
+        )
+    heads = {
+        f"lin{i}.model.1.weight": torch.tensor(rng.uniform(0, 1, (1, n, 1, 1)), dtype=torch.float32)
+        for i, n in enumerate(stack.widths)
+    }
     return trunk, heads
 
 
@@ -42,7 +47,9 @@ def saved(folder: Path, trunk: object, heads: object) -> tuple[str, str, str, st
 def convolved(x: np.ndarray, kernel: np.ndarray, bias: np.ndarray, stride: int, padding: int) -> np.ndarray:
     """[O, h, w] cross-correlation of [C, h, w], zeros around it."""
     k = kernel.shape[2]
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, ((0, 0), (padding, padding), (padding, padding))), (k, k), axis=(1, 2))[:, ::stride, ::stride]
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(x, ((0, 0), (padding, padding), (padding, padding))), (k, k), axis=(1, 2)
+    )[:, ::stride, ::stride]
     return np.tensordot(kernel, windows, axes=([1, 2, 3], [0, 3, 4])) + bias[:, None, None]
 
 
@@ -51,19 +58,41 @@ def pooled(x: np.ndarray, size: int) -> np.ndarray:
 
 
 PLANS = {
-    "lpips_alex": [("c", 0, 4, 2, True), ("p", 3), ("c", 3, 1, 2, True), ("p", 3), ("c", 6, 1, 1, True), ("c", 8, 1, 1, True), ("c", 10, 1, 1, True)],
+    "lpips_alex": [
+        ("c", 0, 4, 2, True),
+        ("p", 3),
+        ("c", 3, 1, 2, True),
+        ("p", 3),
+        ("c", 6, 1, 1, True),
+        ("c", 8, 1, 1, True),
+        ("c", 10, 1, 1, True),
+    ],
     "lpips_vgg": [
         *(("c", 0, 1, 1, False), ("c", 2, 1, 1, True), ("p", 2), ("c", 5, 1, 1, False), ("c", 7, 1, 1, True), ("p", 2)),
-        *(("c", 10, 1, 1, False), ("c", 12, 1, 1, False), ("c", 14, 1, 1, True), ("p", 2), ("c", 17, 1, 1, False), ("c", 19, 1, 1, False), ("c", 21, 1, 1, True)),
+        *(
+            ("c", 10, 1, 1, False),
+            ("c", 12, 1, 1, False),
+            ("c", 14, 1, 1, True),
+            ("p", 2),
+            ("c", 17, 1, 1, False),
+            ("c", 19, 1, 1, False),
+            ("c", 21, 1, 1, True),
+        ),
         *(("p", 2), ("c", 24, 1, 1, False), ("c", 26, 1, 1, False), ("c", 28, 1, 1, True)),
     ],
 }
-"""The two networks once more, written from torchvision's: convolutions (number, stride, padding, compared) and maxima (size)."""
+"""The two networks once more, written from torchvision's: convolutions (number, stride, padding, compared) and
+maxima (size)."""
 
 
-def by_hand(measure: str, a: np.ndarray, b: np.ndarray, trunk: dict[str, torch.Tensor], heads: dict[str, torch.Tensor]) -> float:
+def by_hand(
+    measure: str, a: np.ndarray, b: np.ndarray, trunk: dict[str, torch.Tensor], heads: dict[str, torch.Tensor]
+) -> float:
     """LPIPS in float64 with numpy alone."""
-    x, y = (((p / 255 * 2 - 1 - np.array([-0.030, -0.088, -0.188])) / np.array([0.458, 0.448, 0.450])).transpose(2, 0, 1) for p in (a, b))
+    x, y = (
+        ((p / 255 * 2 - 1 - np.array([-0.030, -0.088, -0.188])) / np.array([0.458, 0.448, 0.450])).transpose(2, 0, 1)
+        for p in (a, b)
+    )
     total, head = 0.0, 0
     for kind, *rest in PLANS[measure]:
         if kind == "p":
@@ -74,7 +103,11 @@ def by_hand(measure: str, a: np.ndarray, b: np.ndarray, trunk: dict[str, torch.T
         x, y = (np.maximum(convolved(p, kernel, bias, stride, padding), 0) for p in (x, y))
         if compared:
             unit = [p / (np.sqrt((p**2).sum(axis=0)) + 1e-10) for p in (x, y)]
-            total += (heads[f"lin{head}.model.1.weight"].numpy().reshape(-1, 1, 1) * (unit[0] - unit[1]) ** 2).sum(axis=0).mean()
+            total += (
+                (heads[f"lin{head}.model.1.weight"].numpy().reshape(-1, 1, 1) * (unit[0] - unit[1]) ** 2)
+                .sum(axis=0)
+                .mean()
+            )
             head += 1
     assert head == 5
     return float(total)
@@ -177,9 +210,16 @@ def test_files_that_are_not_what_was_meant_are_named(tmp_path: Path) -> None:
 def test_official_weights_give_the_published_value() -> None:
     folder = os.environ.get("POSEGAUSSIAN_LPIPS")
     if folder is None or not (FOLDER / "apple.png").exists():
-        pytest.skip("POSEGAUSSIAN_LPIPS names no folder with vgg16-397923af.pth and vgg.pth, or the pair of pictures is not here")
+        pytest.skip(
+            "POSEGAUSSIAN_LPIPS names no folder with vgg16-397923af.pth and vgg.pth, or the pair of pictures is not"
+            " here"
+        )
     import cv2
 
-    files = [part for name in ("vgg16-397923af.pth", "vgg.pth") for part in (str(Path(folder) / name), hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest())]
+    files = [
+        part
+        for name in ("vgg16-397923af.pth", "vgg.pth")
+        for part in (str(Path(folder) / name), hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest())
+    ]
     a, b = (cv2.imread(str(FOLDER / n))[..., ::-1].astype(np.float64) for n in ("apple.png", "pear.png"))
     assert load_network("lpips_vgg", *files).distance(a, b, 255.0) == pytest.approx(0.6571019887924194, abs=1e-4)

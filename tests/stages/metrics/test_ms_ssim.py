@@ -16,10 +16,17 @@ def by_definition(x: np.ndarray, y: np.ndarray, data_range: float) -> float:
     value = 1.0
     for scale, weight in enumerate(PUBLISHED):
         if scale:
-            x, y = (p[: p.shape[0] // 2 * 2, : p.shape[1] // 2 * 2].reshape(p.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3)) for p in (x, y))
+            x, y = (
+                p[: p.shape[0] // 2 * 2, : p.shape[1] // 2 * 2].reshape(p.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3))
+                for p in (x, y)
+            )
         a, b = (np.lib.stride_tricks.sliding_window_view(p, (11, 11)) for p in (x, y))
         ma, mb = (np.einsum("ijkl,kl->ij", p, w) for p in (a, b))
-        va, vb, c = np.einsum("ijkl,kl->ij", a * a, w) - ma**2, np.einsum("ijkl,kl->ij", b * b, w) - mb**2, np.einsum("ijkl,kl->ij", a * b, w) - ma * mb
+        va, vb, c = (
+            np.einsum("ijkl,kl->ij", a * a, w) - ma**2,
+            np.einsum("ijkl,kl->ij", b * b, w) - mb**2,
+            np.einsum("ijkl,kl->ij", a * b, w) - ma * mb,
+        )
         contrast = (2 * c + c2) / (va + vb + c2)
         term = contrast.mean() if scale < 4 else (contrast * (2 * ma * mb + c1) / (ma**2 + mb**2 + c1)).mean()
         value *= term**weight
@@ -43,7 +50,9 @@ def test_the_definition() -> None:
 
 def test_colour_is_the_mean_over_channels_and_the_order_of_pictures_does_not_matter() -> None:
     x, y = pair(176, 180, (3,))
-    assert ms_ssim(x, y, 255.0) == pytest.approx(np.mean([ms_ssim(x[..., c], y[..., c], 255.0) for c in range(3)]), abs=1e-14)
+    assert ms_ssim(x, y, 255.0) == pytest.approx(
+        np.mean([ms_ssim(x[..., c], y[..., c], 255.0) for c in range(3)]), abs=1e-14
+    )
     assert ms_ssim(x, y, 255.0) == ms_ssim(y, x, 255.0)
 
 

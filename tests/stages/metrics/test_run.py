@@ -21,7 +21,13 @@ Row = tuple[str, int, str, str]
 def world() -> tuple[Rig, Views, CameraPath, dict[str, np.ndarray]]:
     """One source and two held-out views, the second of which is smaller than the arrays."""
     k = np.repeat(np.array([[30.0, 0, 12], [0, 30, 10], [0, 0, 1]])[None], 3, axis=0)
-    rig = Rig(("src", "mid0", "mid1"), k, np.zeros((3, 8)), np.repeat(np.eye(4)[None], 3, axis=0), np.array([[W, H], [W, H], [W - 5, H - 3]]))
+    rig = Rig(
+        ("src", "mid0", "mid1"),
+        k,
+        np.zeros((3, 8)),
+        np.repeat(np.eye(4)[None], 3, axis=0),
+        np.array([[W, H], [W, H], [W - 5, H - 3]]),
+    )
     views = Views(rig.names, (0,), (1, 2))
     rng = np.random.default_rng(0)
     mask = np.zeros((F, 3, H, W), np.uint8)
@@ -30,10 +36,17 @@ def world() -> tuple[Rig, Views, CameraPath, dict[str, np.ndarray]]:
     color = rng.integers(0, 256, (F, 3, H, W, 3), np.uint8)
     truth = color[:, 1:] * (mask[:, 1:, ..., None] / 255)
     rendered = np.clip(np.rint(truth + rng.normal(0, 6, truth.shape)), 0, 255).astype(np.uint8)
-    return rig, views, make_path("held_out", rig, views, np.arange(F)), {"frames/color": color, "frames/mask": mask, "rendering/{path}/color": rendered}
+    return (
+        rig,
+        views,
+        make_path("held_out", rig, views, np.arange(F)),
+        {"frames/color": color, "frames/mask": mask, "rendering/{path}/color": rendered},
+    )
 
 
-def table(length: int = F, path: CameraPath | None = None, arrays: dict[str, np.ndarray] | None = None, **more: object) -> dict[Row, float]:
+def table(
+    length: int = F, path: CameraPath | None = None, arrays: dict[str, np.ndarray] | None = None, **more: object
+) -> dict[Row, float]:
     """Rows by key, over partitions whose path is sliced to the frames they read."""
     rig, views, whole, given = world()
     path, given = path or whole, given | (arrays or {})
@@ -57,7 +70,9 @@ def test_every_camera_frame_region_and_measure_has_a_row() -> None:
     for camera in ("mid0", "mid1"):
         for region in ("full", "box"):
             for frame in range(F):
-                assert {m for c, f, r, m in rows if (c, f, r) == (camera, frame, region)} == {"psnr", "ssim"} | ({"delta_ssim"} if frame else set())
+                assert {m for c, f, r, m in rows if (c, f, r) == (camera, frame, region)} == {"psnr", "ssim"} | (
+                    {"delta_ssim"} if frame else set()
+                )
                 if frame:
                     expected = abs(rows[camera, frame, region, "ssim"] - rows[camera, frame - 1, region, "ssim"])
                     assert rows[camera, frame, region, "delta_ssim"] == expected
@@ -66,13 +81,18 @@ def test_every_camera_frame_region_and_measure_has_a_row() -> None:
 
 def test_columns_are_the_declared_ones() -> None:
     rig, views, path, arrays = world()
-    (data,) = run_stage(stage("metrics"), MetricsParams(psnr_cap=80.0), arrays, rig, views, F, path=path)["metrics/{path}"]
+    (data,) = run_stage(stage("metrics"), MetricsParams(psnr_cap=80.0), arrays, rig, views, F, path=path)[
+        "metrics/{path}"
+    ]
     assert tuple(data) == tuple(name for name, _ in stage("metrics").writes[0].columns)  # type: ignore[union-attr]
     assert set(data["background"]) == {"black"}
     assert any("at most 80 dB" in d for d in data["definition"])
     assert check(Block("metrics/{path}", data), MetricsParams()) == []
     with pytest.raises(ValueError, match="psnr of camera"):
-        check(Block("metrics/{path}", {k: v[:1] for k, v in data.items()} | {"value": [np.nan], "measure": ["psnr"]}), MetricsParams())
+        check(
+            Block("metrics/{path}", {k: v[:1] for k, v in data.items()} | {"value": [np.nan], "measure": ["psnr"]}),
+            MetricsParams(),
+        )
 
 
 @pytest.mark.parametrize("length", [1, 2, 3])
@@ -120,4 +140,6 @@ def test_the_background_of_the_truth_carries_no_error() -> None:
     rendered = arrays["rendering/{path}/color"][0, 0]
     assert measure(rendered, color, mask, MetricsParams()) == measure(rendered, other, mask, MetricsParams())
     perfect = color * (mask[..., None] / 255)
-    assert measure(perfect, color, mask, MetricsParams()) == {(r, m): pytest.approx(v) for r in ("full", "box") for m, v in (("psnr", 100.0), ("ssim", 1.0))}
+    assert measure(perfect, color, mask, MetricsParams()) == {
+        (r, m): pytest.approx(v) for r in ("full", "box") for m, v in (("psnr", 100.0), ("ssim", 1.0))
+    }

@@ -29,17 +29,23 @@ def two_cameras(size: tuple[int, int] = (128, 128), angles: tuple[float, ...] = 
 
 def plane_depth(rig: Rig, view: int, plane: tuple[np.ndarray, float] = UPRIGHT, disc: float = DISC) -> np.ndarray:
     """[h, w] float32 depth along the optical axis at the pixel centres, 0 beside the disc."""
-    return depth_of_plane(rig.intrinsics[view], rig.world_to_camera[view], tuple(rig.size[view]), plane, disc).astype(np.float32)
+    return depth_of_plane(rig.intrinsics[view], rig.world_to_camera[view], tuple(rig.size[view]), plane, disc).astype(
+        np.float32
+    )
 
 
-def depth_of_plane(intrinsics: np.ndarray, pose: np.ndarray, size: tuple[int, int], plane: tuple[np.ndarray, float], disc: float) -> np.ndarray:
+def depth_of_plane(
+    intrinsics: np.ndarray, pose: np.ndarray, size: tuple[int, int], plane: tuple[np.ndarray, float], disc: float
+) -> np.ndarray:
     normal, distance = plane
     origin, directions = rays(pixel_centres(size), intrinsics, pose)
     depth = (distance - normal @ origin) / (directions @ normal)
     return np.where(np.linalg.norm(unproject(depth, intrinsics, pose), axis=-1) < disc, depth, 0.0)
 
 
-def plane_disparity(pair: RectifiedPair, which: int, window: Window, other: Window, plane: tuple[np.ndarray, float]) -> np.ndarray:
+def plane_disparity(
+    pair: RectifiedPair, which: int, window: Window, other: Window, plane: tuple[np.ndarray, float]
+) -> np.ndarray:
     """[H, W] px between windows of an endless plane, from the rectified cameras alone."""
     intrinsics = pair.intrinsics[which].copy()
     intrinsics[:2, 2] -= window[:2]
@@ -52,7 +58,13 @@ def source(rig: Rig, view: int, depth: np.ndarray) -> SourceView:
     points = unproject(depth, rig.intrinsics[view], rig.world_to_camera[view])
     color = np.stack([np.sin(points @ np.array(k)) for k in ((0, 28.0, 9), (0, 11, 30), (0, -23, 21))], axis=-1)
     mask = np.where(depth > 0, 255, 0).astype(np.uint8)
-    return SourceView(np.where((depth > 0)[..., None], np.rint(127.5 + 120 * color), 0).astype(np.uint8), mask, depth.astype(np.float32), (depth > 0).astype(np.float16), None)
+    return SourceView(
+        np.where((depth > 0)[..., None], np.rint(127.5 + 120 * color), 0).astype(np.uint8),
+        mask,
+        depth.astype(np.float32),
+        (depth > 0).astype(np.float16),
+        None,
+    )
 
 
 def pair_of(rig: Rig) -> RectifiedPair:
@@ -64,17 +76,28 @@ def random_views(pairs: int, side: int = 64, seed: int = 0) -> Views:
     g = torch.Generator().manual_seed(seed)
     batch = 2 * pairs
     scale = torch.tensor([600.0, -600.0] * pairs, dtype=torch.float64)
-    coding = Coding(scale, torch.zeros(batch, dtype=torch.float64), torch.full((batch,), 1.5, dtype=torch.float64), torch.full((batch,), 100.0, dtype=torch.float64))
-    slope = torch.linspace(250, 320, side)[None, None, None, :].expand(batch, 1, side, side) + 5 * torch.rand(batch, 1, side, side, generator=g)
+    coding = Coding(
+        scale,
+        torch.zeros(batch, dtype=torch.float64),
+        torch.full((batch,), 1.5, dtype=torch.float64),
+        torch.full((batch,), 100.0, dtype=torch.float64),
+    )
+    slope = torch.linspace(250, 320, side)[None, None, None, :].expand(batch, 1, side, side) + 5 * torch.rand(
+        batch, 1, side, side, generator=g
+    )
     start = (slope * torch.sign(scale).float()[:, None, None, None]).contiguous()
     start[..., 10:20, 30:50] = torch.nan
     color, cover = torch.rand(batch, 3, side, side, generator=g), torch.ones(batch, 1, side, side)
-    heatmaps, confidence = torch.rand(batch, 17, side // 4, side // 4, generator=g), torch.rand(batch, 1, side, side, generator=g)
+    heatmaps, confidence = (
+        torch.rand(batch, 17, side // 4, side // 4, generator=g),
+        torch.rand(batch, 1, side, side, generator=g),
+    )
     return Views(color, heatmaps, start, torch.where(torch.isfinite(start), confidence, 0), cover, coding)
 
 
 def network(preset: str = "fast", shaken: bool = True, seed: int = 0, **variant: object) -> PoseGaussianNetwork:
-    """An untrained network; `shaken`: its layers that begin at 0 begin at random instead, so that every output says something."""
+    """An untrained network; `shaken`: its layers that begin at 0 begin at random instead, so that every output says
+    something."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         made = PoseGaussianNetwork(replace(PRESETS[preset], **variant)).eval()  # type: ignore[arg-type]

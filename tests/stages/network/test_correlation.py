@@ -1,4 +1,5 @@
-"""Correlation along rows: equal to plain loops, matches where they are, exact coordinates, and what lies beside the picture."""
+"""Correlation along rows: equal to plain loops, matches where they are, exact coordinates, and what lies beside the
+picture."""
 
 from __future__ import annotations
 
@@ -60,7 +61,10 @@ def test_shifted_features_shift_the_peak_by_as_much(shift: int) -> None:
     second = torch.roll(first, -shift, 3)  # what is at column j here is at column j - shift there
     found = Correlation(first, second, 1, 5).look_up(columns_of(torch.zeros(1, 1, 4, 24)))
     assert (found.argmax(1)[..., 6:18] - 5 == -shift).all()
-    assert torch.equal(Correlation(first, second, 1, 0).look_up(columns_of(torch.full((1, 1, 4, 24), float(shift))))[..., 6:18], found[:, 5 - shift, None, :, 6:18])
+    assert torch.equal(
+        Correlation(first, second, 1, 0).look_up(columns_of(torch.full((1, 1, 4, 24), float(shift))))[..., 6:18],
+        found[:, 5 - shift, None, :, 6:18],
+    )
 
 
 def test_at_whole_columns_a_look_up_is_exact_and_between_them_linear() -> None:
@@ -71,7 +75,9 @@ def test_at_whole_columns_a_look_up_is_exact_and_between_them_linear() -> None:
     middle = correlation.look_up(columns)[:, 1]
     assert torch.equal(middle, correlation.volume[0].diagonal(dim1=2, dim2=3))
     half = correlation.look_up(columns + 0.5)[:, 1, :, :-1]
-    assert torch.equal(half, 0.5 * correlation.look_up(columns)[:, 1, :, :-1] + 0.5 * correlation.look_up(columns)[:, 2, :, :-1])
+    assert torch.equal(
+        half, 0.5 * correlation.look_up(columns)[:, 1, :, :-1] + 0.5 * correlation.look_up(columns)[:, 2, :, :-1]
+    )
 
 
 @pytest.mark.parametrize("budget", [2**20, 0], ids=["volume", "at the look-up"])
@@ -89,7 +95,9 @@ def test_the_gradient_reaches_columns_only_where_it_is_asked_for() -> None:
     first, second = (f.requires_grad_() for f in features())
     for wanted in (False, True):
         columns = places(11, 11).requires_grad_()
-        Correlation(first, second, LEVELS, RADIUS).look_up(columns, coordinate_gradient=wanted).square().sum().backward()
+        Correlation(first, second, LEVELS, RADIUS).look_up(
+            columns, coordinate_gradient=wanted
+        ).square().sum().backward()
         assert (columns.grad is not None) == wanted
     assert first.grad is not None
     assert second.grad is not None

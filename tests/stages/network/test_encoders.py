@@ -1,4 +1,5 @@
-"""Laws of the encoders: shapes, cost, gradients, and what a result may not depend on. Pictures are a few cells large."""
+"""Laws of the encoders: shapes, cost, gradients, and what a result may not depend on. Pictures are a few cells
+large."""
 
 from __future__ import annotations
 
@@ -11,14 +12,25 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from posegaussian.stages.network.model.encoders import Encoder, SqueezeExcitation, depth_encoder, heatmaps_on, image_encoder, pose_encoder
+from posegaussian.stages.network.model.encoders import (
+    Encoder,
+    SqueezeExcitation,
+    depth_encoder,
+    heatmaps_on,
+    image_encoder,
+    pose_encoder,
+)
 from posegaussian.stages.network.model.fusion import depth_fusion
 from posegaussian.stages.network.model.presets import COSTS, PRESETS, Preset
 
 TINY = Preset("tiny", widths=(8, 8, 16, 16))
 VARIANTS = [
     replace(TINY, stem_stride=stem, stages=stages, normalisation=norm, residual=residual, downsampling=down)
-    for stem, stages, (norm, residual, down) in itertools.product((1, 2), (3, 4), (("group", True, "stride"), ("batch", False, "pool"), ("group", False, "stride"), ("batch", True, "pool")))
+    for stem, stages, (norm, residual, down) in itertools.product(
+        (1, 2),
+        (3, 4),
+        (("group", True, "stride"), ("batch", False, "pool"), ("group", False, "stride"), ("batch", True, "pool")),
+    )
 ]
 JOINTS = 17
 
@@ -51,7 +63,9 @@ def test_every_level_has_the_shape_it_declares(preset: Preset, cells: tuple[int,
     encoder = image_encoder(preset)
     height, width = (c * preset.stride for c in cells)
     levels = encoder(torch.randn(2, 3, height, width))
-    assert [tuple(x.shape) for x in levels] == [(2, c, height // s, width // s) for c, s in zip(encoder.channels, encoder.strides, strict=True)]
+    assert [tuple(x.shape) for x in levels] == [
+        (2, c, height // s, width // s) for c, s in zip(encoder.channels, encoder.strides, strict=True)
+    ]
     assert encoder.strides == tuple(2**i for i in range(preset.stem_stride - 1, preset.stages + 1))
     assert encoder.channels[-1] == preset.widths[-1]
     assert all(torch.isfinite(x).all() for x in levels)
@@ -73,8 +87,14 @@ def test_other_channels_are_refused(shape: tuple[int, ...]) -> None:
 def test_gradients_reach_every_parameter(preset: Preset) -> None:
     encoder = _stirred(image_encoder(preset))
     # At least two cells a channel, or a batch norm has nothing to divide by.
-    sum((x * torch.randn_like(x)).sum() for x in encoder(torch.randn(2, 3, 2 * preset.stride, 2 * preset.stride))).backward()
-    dead = [n for n, p in encoder.named_parameters() if p.grad is None or not torch.isfinite(p.grad).all() or not p.grad.any()]
+    sum(
+        (x * torch.randn_like(x)).sum() for x in encoder(torch.randn(2, 3, 2 * preset.stride, 2 * preset.stride))
+    ).backward()
+    dead = [
+        n
+        for n, p in encoder.named_parameters()
+        if p.grad is None or not torch.isfinite(p.grad).all() or not p.grad.any()
+    ]
     assert not dead
 
 
@@ -99,7 +119,10 @@ def test_batch_neighbours_do_not_matter(preset: Preset) -> None:
     others = pictures.clone()
     others[1] = 9 * torch.randn_like(others[1])
     with torch.no_grad():
-        assert all(torch.equal(a[0], b[0]) and not torch.equal(a[1], b[1]) for a, b in zip(encoder(pictures), encoder(others), strict=True))
+        assert all(
+            torch.equal(a[0], b[0]) and not torch.equal(a[1], b[1])
+            for a, b in zip(encoder(pictures), encoder(others), strict=True)
+        )
 
 
 def test_group_norm_in_training_sees_no_neighbours() -> None:
@@ -145,7 +168,8 @@ def test_squeeze_and_excitation_is_one_number_a_channel() -> None:
 
 @pytest.mark.parametrize(("downsampling", "stem"), [("stride", 1), ("stride", 2), ("pool", 2)])
 def test_features_lie_where_the_lag_says(downsampling: str, stem: int) -> None:
-    """The middle of the pixels that a cell answers to, over all channels of several untrained encoders; their kernels' own leaning is left, under a px."""
+    """The middle of the pixels that a cell answers to, over all channels of several untrained encoders; their
+    kernels' own leaning is left, under a px."""
     middles = []
     for seed in range(6):
         with torch.random.fork_rng(devices=[]):
@@ -177,8 +201,12 @@ def test_heatmaps_on_cells_they_do_not_fill_are_refused(cell: int, said: str) ->
         heatmaps_on(torch.zeros(1, 2, 6, 8), cell)
 
 
-@pytest.mark.parametrize(("name", "parameters", "gflop"), [("paper", 2.44e6, 61.1), ("base", 2.44e6, 17.1), ("fast", 0.619e6, 4.34)])
-def test_three_encoders_and_the_fusion_cost_their_share_of_the_network(name: str, parameters: float, gflop: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "parameters", "gflop"), [("paper", 2.44e6, 61.1), ("base", 2.44e6, 17.1), ("fast", 0.619e6, 4.34)]
+)
+def test_three_encoders_and_the_fusion_cost_their_share_of_the_network(
+    name: str, parameters: float, gflop: float
+) -> None:
     # To half a per cent, which is the rounding of these figures; 256 px, both directions.
     preset = PRESETS[name]
     with torch.device("meta"):
@@ -197,13 +225,24 @@ def test_three_encoders_and_the_fusion_cost_their_share_of_the_network(name: str
     assert found[256] == pytest.approx(gflop, rel=5e-3)
     # Convolutions cost by the area; the whole network's figures are rounded to a unit of at least 22.
     assert found[512] / found[256] == pytest.approx(COSTS[name].gflop[512] / COSTS[name].gflop[256], rel=0.03)
-    # What is left is the recurrent update's and the decoder's: more than a third, less than two thirds of the numbers learnt.
+    # What is left is the recurrent update's and the decoder's: more than a third, less than two thirds of the numbers
+    # learnt.
     assert 1 / 3 < 1 - counted / COSTS[name].parameters < 2 / 3
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"stages": 5}, {"stem_stride": 4}, {"widths": (8, 8, 12, 16)}, {"widths": (8, 8, 16)}, {"hidden": 0}, {"fusion": "sum"}, {"normalisation": "layer"}, {"pose_in": frozenset({"head"})}, {"rotation_head": "euler"}],
+    [
+        {"stages": 5},
+        {"stem_stride": 4},
+        {"widths": (8, 8, 12, 16)},
+        {"widths": (8, 8, 16)},
+        {"hidden": 0},
+        {"fusion": "sum"},
+        {"normalisation": "layer"},
+        {"pose_in": frozenset({"head"})},
+        {"rotation_head": "euler"},
+    ],
     ids=str,
 )
 def test_presets_that_cannot_be_built_are_refused(wrong: dict) -> None:

@@ -42,7 +42,16 @@ def test_every_kind_that_can_be_chosen_exists() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "thousands"), [("concatenation", 167), ("attention", 179), ("gated", 317), ("addition", 150), ("multiplication", 150), ("weighted", 150), ("outer", 817)]
+    ("kind", "thousands"),
+    [
+        ("concatenation", 167),
+        ("attention", 179),
+        ("gated", 317),
+        ("addition", 150),
+        ("multiplication", 150),
+        ("weighted", 150),
+        ("outer", 817),
+    ],
 )
 def test_parameters_of_128_channels_and_17_joints(kind: FusionKind, thousands: int) -> None:
     assert round(sum(p.numel() for p in FUSIONS[kind](128, 17).parameters()) / 1000) == thousands
@@ -72,7 +81,11 @@ def test_both_inputs_matter_everywhere_and_gradients_reach_every_parameter(kind:
         # Every channel of every cell has its say.
         assert torch.isfinite(gradient).all()
         assert gradient.ne(0).all()
-    dead = [n for n, p in fusion.named_parameters() if p.grad is None or not torch.isfinite(p.grad).all() or not p.grad.any()]
+    dead = [
+        n
+        for n, p in fusion.named_parameters()
+        if p.grad is None or not torch.isfinite(p.grad).all() or not p.grad.any()
+    ]
     assert not dead
 
 

@@ -33,7 +33,11 @@ FAR = torch.tensor([-1e4, -50.0, -6.0, -0.5, 0.0, 0.5, 6.0, 50.0, 1e4])
 def facing(count: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
     """Unit normals [1, 3, 1, n] that face the camera along unit rays [1, 3, 1, n], float64."""
     g = torch.Generator().manual_seed(seed)
-    rays = torch.nn.functional.normalize(torch.randn(1, 3, 1, count, generator=g, dtype=torch.float64) * 0.3 + torch.tensor([0, 0, 1.0])[None, :, None, None], dim=1)
+    rays = torch.nn.functional.normalize(
+        torch.randn(1, 3, 1, count, generator=g, dtype=torch.float64) * 0.3
+        + torch.tensor([0, 0, 1.0])[None, :, None, None],
+        dim=1,
+    )
     n = torch.nn.functional.normalize(torch.randn(1, 3, 1, count, generator=g, dtype=torch.float64), dim=1)
     return torch.where((n * rays).sum(dim=1, keepdim=True) > 0, -n, n), rays
 
@@ -45,7 +49,10 @@ def prior(h: int = 4, w: int = 6, dtype: torch.dtype = torch.float32) -> tuple[P
     there[..., 0] = 0
     g = torch.Generator().manual_seed(1)
     face_on = (0.1 + 0.8 * torch.rand(1, 1, h, w, generator=g, dtype=dtype)) * there
-    return Prior(8 * there, 0.002 * there.expand(1, 3, h, w), n * there, torch.cat([face_on, 0.8 * face_on], dim=1)), rays
+    return (
+        Prior(8 * there, 0.002 * there.expand(1, 3, h, w), n * there, torch.cat([face_on, 0.8 * face_on], dim=1)),
+        rays,
+    )
 
 
 def everything(x: float, dtype: torch.dtype = torch.float64, shape: tuple[int, ...] = (1, 3, 1, 5)) -> torch.Tensor:
@@ -56,7 +63,9 @@ def test_numbers_of_0_give_the_prior() -> None:
     (p, rays), zero = prior(dtype=torch.float64), torch.zeros(1, 3, 4, 6, dtype=torch.float64)
     steep = (p.normal * rays).sum(dim=1, keepdim=True) < -FACING
     torch.testing.assert_close(learned_scale(zero, p.scale), p.scale)
-    torch.testing.assert_close(torch.where(steep, learned_normal(zero, p.normal, rays), 0), torch.where(steep, p.normal, 0))
+    torch.testing.assert_close(
+        torch.where(steep, learned_normal(zero, p.normal, rays), 0), torch.where(steep, p.normal, 0)
+    )
     torch.testing.assert_close(learned_opacity(zero[:, :2], p.opacity), p.opacity)
     torch.testing.assert_close(learned_quaternion(zero[:, [0, 0, 0, 0]], p.normal), quaternion_of(p.normal))
 
@@ -82,17 +91,23 @@ def test_no_number_is_lost_to_training() -> None:
 @pytest.mark.parametrize("size", [0.0, 1.0, 1e3, 1e8])
 def test_rotations_are_unit_and_normals_face_the_camera(kind: str, size: float) -> None:
     n, rays = facing(500)
-    x = size * torch.randn(1, 3 if kind == "normal" else 4, 1, 500, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    x = size * torch.randn(
+        1, 3 if kind == "normal" else 4, 1, 500, generator=torch.Generator().manual_seed(2), dtype=torch.float64
+    )
     found = learned_normal(x, n, rays) if kind == "normal" else learned_quaternion(x, n)
     torch.testing.assert_close((found**2).sum(dim=1), torch.ones(1, 1, 500, dtype=torch.float64))
     if kind == "normal":
-        assert float((found * rays).sum(dim=1).max()) < -0.9 * FACING  # the length before the last division is at most 1.06
+        assert (
+            float((found * rays).sum(dim=1).max()) < -0.9 * FACING
+        )  # the length before the last division is at most 1.06
         assert float((found * n).sum(dim=1).min()) > 0
 
 
 def test_the_quaternion_of_a_normal_is_its_frame_without_twist() -> None:
     n, _ = facing(100)
-    columns = torch.stack([*(torch.stack(t, dim=1) for t in tangents(*n.unbind(dim=1))), n], dim=2)[0, :, :, 0].permute(2, 0, 1)
+    columns = torch.stack([*(torch.stack(t, dim=1) for t in tangents(*n.unbind(dim=1))), n], dim=2)[0, :, :, 0].permute(
+        2, 0, 1
+    )
     torch.testing.assert_close(rotations(quaternion_of(n)[0, :, 0].T), columns)
 
 
@@ -116,7 +131,9 @@ def test_gradients_are_those_of_finite_differences(name: str) -> None:
 
 
 def test_quaternions_blend_in_one_hemisphere() -> None:
-    q = torch.nn.functional.normalize(torch.randn(1, 4, 1, 50, generator=torch.Generator().manual_seed(4), dtype=torch.float64), dim=1)
+    q = torch.nn.functional.normalize(
+        torch.randn(1, 4, 1, 50, generator=torch.Generator().manual_seed(4), dtype=torch.float64), dim=1
+    )
     half = everything(0.5, shape=(1, 1, 1, 50))
     torch.testing.assert_close(blend_quaternions(q, -q, half), q)
 
@@ -157,11 +174,15 @@ def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int,
     torch.testing.assert_close(found.disparity, p.disparity)
     torch.testing.assert_close(found.scale, p.scale)
     assert found.rotation.shape[1] == (3 if rotation == "normal" else 4)
-    torch.testing.assert_close(found.confidence[p.surface], torch.full_like(found.confidence[p.surface], torch.sigmoid(torch.tensor(1.0))))
+    torch.testing.assert_close(
+        found.confidence[p.surface], torch.full_like(found.confidence[p.surface], torch.sigmoid(torch.tensor(1.0)))
+    )
     assert not any(bool(m[..., 0].any()) for m in found)  # no surface, no Gaussian
     said = heads.numbers(features)
     change = moved(said, torch.ones(1, 1, 4, 6), heads.reach)
-    torch.testing.assert_close(change, torch.full_like(change, 0.5))  # half of the refinement's move, and nothing of its own
+    torch.testing.assert_close(
+        change, torch.full_like(change, 0.5)
+    )  # half of the refinement's move, and nothing of its own
     (sum(m.sum() for m in found) + change.sum()).backward()
     assert all(torch.isfinite(v.grad).all() for v in heads.parameters())
     assert {name for name, last in heads.last.items() if bool(last.bias.grad.any())} == set(said)
@@ -210,7 +231,9 @@ def test_features_of_another_resolution_are_refused() -> None:
 @pytest.mark.parametrize("pose", [True, False])
 @pytest.mark.parametrize("size", [(16, 24), (17, 23)])
 @pytest.mark.parametrize("normalisation", ["group", "batch"])
-def test_the_decoder_ends_at_the_finest_skip_and_every_input_counts(pose: bool, size: tuple[int, int], normalisation: str) -> None:
+def test_the_decoder_ends_at_the_finest_skip_and_every_input_counts(
+    pose: bool, size: tuple[int, int], normalisation: str
+) -> None:
     g = torch.Generator().manual_seed(8)
     sizes = [size, (-(-size[0] // 2), -(-size[1] // 2)), (-(-size[0] // 4), -(-size[1] // 4))]
     levels = [[torch.randn(2, 8, h, w, generator=g).requires_grad_() for h, w in sizes] for _ in range(3)]

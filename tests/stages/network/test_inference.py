@@ -1,4 +1,5 @@
-"""From the network's grid back to a view's own pixels: silence changes no bit, a true move gives the true depth, whatever the pictures' shape."""
+"""From the network's grid back to a view's own pixels: silence changes no bit, a true move gives the true depth,
+whatever the pictures' shape."""
 
 from __future__ import annotations
 
@@ -31,8 +32,13 @@ class Oracle:
         self.moves, self.confidence, self.seen = moves, confidence, 0
 
     def __call__(self, views: Views, iterations: int, only_last: bool = False, timer: object = None) -> Prediction:
-        move = torch.stack([torch.as_tensor(np.broadcast_to(m, views.start.shape[2:]).copy(), dtype=torch.float32) for m in self.moves])[:, None]
-        numbers = {name: torch.full((2, n, *views.start.shape[2:]), 0.1 * n) for name, n in (("scale", 3), ("rotation", 3), ("opacity", 2))}
+        move = torch.stack(
+            [torch.as_tensor(np.broadcast_to(m, views.start.shape[2:]).copy(), dtype=torch.float32) for m in self.moves]
+        )[:, None]
+        numbers = {
+            name: torch.full((2, n, *views.start.shape[2:]), 0.1 * n)
+            for name, n in (("scale", 3), ("rotation", 3), ("opacity", 2))
+        }
         numbers["confidence"] = torch.full_like(views.start, np.log(self.confidence / (1 - self.confidence)))
         self.seen += 1
         return Prediction([], torch.ones_like(views.start), numbers, move, views.start + move, torch.zeros(1), None)
@@ -48,10 +54,15 @@ def inner(depth: np.ndarray) -> np.ndarray:
 
 
 def moves(pair: RectifiedPair, views: dict[int, SourceView]) -> list[np.ndarray]:
-    """By how much `TRUE` lies off `UPRIGHT` in both directions, px: linear in the pixel, so that interpolation is exact."""
+    """By how much `TRUE` lies off `UPRIGHT` in both directions, px: linear in the pixel, so that interpolation is
+    exact."""
     found = windows(pair, (views[pair.views[0]].depth > 0, views[pair.views[1]].depth > 0), Oracle.preset.stride)
     assert found is not None
-    return [plane_disparity(pair, w, found[w], found[1 - w], TRUE) - plane_disparity(pair, w, found[w], found[1 - w], UPRIGHT) for w in (0, 1)]
+    return [
+        plane_disparity(pair, w, found[w], found[1 - w], TRUE)
+        - plane_disparity(pair, w, found[w], found[1 - w], UPRIGHT)
+        for w in (0, 1)
+    ]
 
 
 def test_what_says_nothing_changes_no_bit() -> None:
@@ -77,7 +88,8 @@ def test_inverse_depth_is_changed_within_a_bound_and_no_surface_comes_up() -> No
 
 @pytest.mark.parametrize("size", [(128, 128), (640, 480), (480, 640), (1280, 960)], ids=str)
 def test_a_true_move_gives_the_true_depth_whatever_the_pictures_shape(size: tuple[int, int]) -> None:
-    """To a thousandth of a px of disparity; the largest is looked at in half its size. D15: nothing takes width for height."""
+    """To a thousandth of a px of disparity; the largest is looked at in half its size. D15: nothing takes width for
+    height."""
     rig = two_cameras(size)
     views = shown(rig)
     looks = Looks.of(rig, (0, 1), 2)
@@ -106,13 +118,20 @@ def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
     np.testing.assert_allclose(found.confidence[found.confidence > 0], said, rtol=1e-5)
     assert found.numbers.shape[0] == NUMBERS
     expected = np.repeat([0.3, 0.3, 0.2], [3, 3, 2])
-    np.testing.assert_allclose(found.numbers[:, inner(views[1].depth)], np.broadcast_to(expected[:, None], (8, inner(views[1].depth).sum())), rtol=1e-5)
+    np.testing.assert_allclose(
+        found.numbers[:, inner(views[1].depth)],
+        np.broadcast_to(expected[:, None], (8, inner(views[1].depth).sum())),
+        rtol=1e-5,
+    )
     assert HEADS == ("scale", "rotation", "opacity")
     assert refined(views[1].depth, found).tobytes() == views[1].depth.tobytes()
 
 
 def test_what_pairs_say_is_averaged_by_their_confidence() -> None:
-    a, b = (Learned(np.full((1, 3), x, np.float32), np.array(c, np.float32)[None], np.full((8, 1, 3), x, np.float32)) for x, c in ((1.0, [0.2, 0.5, 0.0]), (4.0, [0.6, 0.0, 0.0])))
+    a, b = (
+        Learned(np.full((1, 3), x, np.float32), np.array(c, np.float32)[None], np.full((8, 1, 3), x, np.float32))
+        for x, c in ((1.0, [0.2, 0.5, 0.0]), (4.0, [0.6, 0.0, 0.0]))
+    )
     both = _merged([a, b])
     np.testing.assert_allclose(both.inverse_depth[0], [3.25, 1, 0], rtol=1e-6)
     np.testing.assert_allclose(both.confidence[0], [0.5, 0.5, 0], rtol=1e-6)
@@ -130,7 +149,8 @@ def test_a_view_between_two_others_hears_both_pairs() -> None:
     found = look(oracle, looks, shown(rig), 1, "float32")  # type: ignore[arg-type]
     assert oracle.seen == 2
     assert set(found) == {0, 1, 2}
-    # of the first pair view 1 is the second view and of the second the first: the same px mean opposite changes, which cancel
+    # of the first pair view 1 is the second view and of the second the first: the same px mean opposite changes, which
+    # cancel
     sure = inner(shown(rig)[1].depth)
     assert np.abs(found[1].inverse_depth[sure]).max() < 0.2 * np.abs(found[0].inverse_depth).max()
 

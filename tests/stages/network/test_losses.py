@@ -5,7 +5,17 @@ import pytest
 import torch
 
 from posegaussian.stages.metrics.ssim import ssim_map as measured
-from posegaussian.stages.network.losses import FAINT, PoseFusion, effective_rank, heatmap_probe, masked_mean, render_loss, sequence_loss, ssim_map, standardised
+from posegaussian.stages.network.losses import (
+    FAINT,
+    PoseFusion,
+    effective_rank,
+    heatmap_probe,
+    masked_mean,
+    render_loss,
+    sequence_loss,
+    ssim_map,
+    standardised,
+)
 
 torch.set_num_threads(1)
 
@@ -85,7 +95,9 @@ def test_a_sequence_weighs_late_predictions_more(iterations: int) -> None:
 
 def test_sequence_gradients_are_those_of_finite_differences_and_no_prediction_is_refused() -> None:
     predictions = [drawn(1, 1, 3, 4, seed=s).requires_grad_() for s in range(3)]
-    assert torch.autograd.gradcheck(lambda *p: sequence_loss(p, torch.ones(1, 1, 3, 4).double() / 2, drawn(1, 1, 3, 4, seed=9) > 0.3), predictions)
+    assert torch.autograd.gradcheck(
+        lambda *p: sequence_loss(p, torch.ones(1, 1, 3, 4).double() / 2, drawn(1, 1, 3, 4, seed=9) > 0.3), predictions
+    )
     with pytest.raises(ValueError, match="at least 1 iteration"):
         sequence_loss([], torch.zeros(1, 1, 2, 2), torch.ones(1, 1, 2, 2))
 
@@ -106,8 +118,13 @@ def test_the_pose_side_gets_no_gradient_from_the_alignment() -> None:
 
 
 def test_unread_heatmaps_cost_1_and_faint_ones_less() -> None:
-    """The error is a share of the heatmaps' own squares, or of `FAINT`: crops that show hardly a joint are no louder than others."""
-    fusion, f, maps = PoseFusion(6, 6, 3), drawn(1, 6, 4, 4, dtype=torch.float32), drawn(1, 3, 4, 4, seed=1, dtype=torch.float32)
+    """The error is a share of the heatmaps' own squares, or of `FAINT`: crops that show hardly a joint are no louder
+    than others."""
+    fusion, f, maps = (
+        PoseFusion(6, 6, 3),
+        drawn(1, 6, 4, 4, dtype=torch.float32),
+        drawn(1, 3, 4, 4, seed=1, dtype=torch.float32),
+    )
     power = float((maps**2).mean())
     for scale in (1.0, 0.1, 1e-2, 0.0):
         expected = scale**2 * power / max(scale**2 * power, FAINT)
@@ -164,7 +181,8 @@ def optimised(ours: bool, steps: int = 60) -> tuple[float, float, float, float]:
 
 
 def test_the_plain_pose_loss_collapses_and_ours_does_not() -> None:
-    """What need not be lost is one direction a joint: five heatmaps, so a rank of 5 of the 16 channels' 9.8 at the start."""
+    """What need not be lost is one direction a joint: five heatmaps, so a rank of 5 of the 16 channels' 9.8 at the
+    start."""
     before, plain, _, plain_probe = optimised(ours=False)
     _, kept, start_probe, kept_probe = optimised(ours=True)
     assert plain < 0.5 * before

@@ -1,4 +1,5 @@
-"""Laws of the whole network: the start at a confidence of 0, unknown stays unknown, neighbours and threads change nothing, costs as stated."""
+"""Laws of the whole network: the start at a confidence of 0, unknown stays unknown, neighbours and threads change
+nothing, costs as stated."""
 
 from dataclasses import fields, replace
 
@@ -26,7 +27,9 @@ def outputs(p: Prediction) -> dict[str, torch.Tensor]:
 def assert_same_bytes(a: Prediction, b: Prediction, rows: slice = slice(None)) -> None:
     for name, x in outputs(a).items():
         y = outputs(b)[name]
-        assert torch.equal(x[rows].nan_to_num(nan=-7e7), y[rows].nan_to_num(nan=-7e7)), f"{name} differs by {float((x[rows] - y[rows]).abs().nan_to_num().max()):g}"
+        assert torch.equal(x[rows].nan_to_num(nan=-7e7), y[rows].nan_to_num(nan=-7e7)), (
+            f"{name} differs by {float((x[rows] - y[rows]).abs().nan_to_num().max()):g}"
+        )
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,9 @@ def said(shaken: PoseGaussianNetwork, views: Views) -> Prediction:
     return shaken(views, 3)
 
 
-def test_a_confidence_of_0_is_the_start_to_the_bit(shaken: PoseGaussianNetwork, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_confidence_of_0_is_the_start_to_the_bit(
+    shaken: PoseGaussianNetwork, views: Views, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     found = shaken(views, 1)
     assert bool(found.change.any())
@@ -52,7 +57,8 @@ def test_a_confidence_of_0_is_the_start_to_the_bit(shaken: PoseGaussianNetwork, 
 
 
 def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: Views) -> None:
-    """Its heads are 0, the refinement stays at the start's cells: half of what a cell of 8 px blurs, by a confidence of sigmoid(1)."""
+    """Its heads are 0, the refinement stays at the start's cells: half of what a cell of 8 px blurs, by a confidence
+    of sigmoid(1)."""
     plain = network(shaken=False)(views, 2)
     for name, x in plain.numbers.items():
         assert bool(x.any()) == (name == "confidence")
@@ -72,7 +78,9 @@ def test_what_has_no_start_gets_none_and_all_else_is_finite(said: Prediction, vi
 
 def test_a_pair_without_any_start_is_finite(shaken: PoseGaussianNetwork) -> None:
     views = random_views(1)
-    nothing = replace(views, start=torch.full_like(views.start, torch.nan), confidence=torch.zeros_like(views.confidence))
+    nothing = replace(
+        views, start=torch.full_like(views.start, torch.nan), confidence=torch.zeros_like(views.confidence)
+    )
     found = shaken(nothing, 1)
     assert not torch.isfinite(found.disparity).any()
     assert all(torch.isfinite(x).all() for name, x in outputs(found).items() if name != "disparity")
@@ -80,7 +88,12 @@ def test_a_pair_without_any_start_is_finite(shaken: PoseGaussianNetwork) -> None
 
 def test_neighbours_in_the_batch_change_nothing(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
     other = random_views(2, seed=1)
-    mixed = Views(*(torch.cat([getattr(views, name)[:2], getattr(other, name)[2:]]) for name in MAPS), Coding(*(torch.cat([getattr(views.coding, f.name)[:2], getattr(other.coding, f.name)[2:]]) for f in fields(Coding))))
+    mixed = Views(
+        *(torch.cat([getattr(views, name)[:2], getattr(other, name)[2:]]) for name in MAPS),
+        Coding(
+            *(torch.cat([getattr(views.coding, f.name)[:2], getattr(other.coding, f.name)[2:]]) for f in fields(Coding))
+        ),
+    )
     found = shaken(mixed, 3)
     assert_same_bytes(said, found, slice(0, 2))
     assert not torch.equal(said.numbers["scale"][2:], found.numbers["scale"][2:])
@@ -94,7 +107,9 @@ def test_both_directions_see_each_other(shaken: PoseGaussianNetwork, said: Predi
     assert_same_bytes(said, found, slice(2, 4))
 
 
-def test_the_first_iterations_do_not_know_how_many_follow(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
+def test_the_first_iterations_do_not_know_how_many_follow(
+    shaken: PoseGaussianNetwork, said: Prediction, views: Views
+) -> None:
     short = shaken(views, 2)
     assert len(said.disparities) == 3
     assert all(torch.equal(a, b) for a, b in zip(short.disparities, said.disparities, strict=False))
@@ -104,7 +119,9 @@ def test_the_first_iterations_do_not_know_how_many_follow(shaken: PoseGaussianNe
     assert torch.equal(last.disparity[views.known], said.disparity[views.known])
 
 
-def test_sizes_that_hold_no_whole_cells_and_no_iterations_are_refused(shaken: PoseGaussianNetwork, views: Views) -> None:
+def test_sizes_that_hold_no_whole_cells_and_no_iterations_are_refused(
+    shaken: PoseGaussianNetwork, views: Views
+) -> None:
     with pytest.raises(ValueError, match="at least 1"):
         shaken(views, 0)
     odd = Views(*(getattr(views, name)[..., : (15 if name == "heatmaps" else 60)] for name in MAPS), views.coding)
@@ -138,12 +155,21 @@ def test_threads_change_no_byte(shaken: PoseGaussianNetwork, views: Views, preci
 
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_parameters_and_operations_are_those_of_the_table(name: str) -> None:
-    """To a hundredth: one pair at 256 px, both directions, 8 iterations. Nothing is computed: tensors without values."""
+    """To a hundredth: one pair at 256 px, both directions, 8 iterations. Nothing is computed: tensors without
+    values."""
     coding = random_views(1, 8).coding
     with FakeTensorMode(allow_non_fake_inputs=True):
         whole = PoseGaussianNetwork(PRESETS[name])
-        shapes = {"color": (2, 3, 256, 256), "heatmaps": (2, 17, 64, 64), "start": (2, 1, 256, 256), "confidence": (2, 1, 256, 256), "cover": (2, 1, 256, 256)}
+        shapes = {
+            "color": (2, 3, 256, 256),
+            "heatmaps": (2, 17, 64, 64),
+            "start": (2, 1, 256, 256),
+            "confidence": (2, 1, 256, 256),
+            "cover": (2, 1, 256, 256),
+        }
         with torch.no_grad(), FlopCounterMode(display=False) as counter:
             whole(Views(*(torch.zeros(s) for s in shapes.values()), coding), 8, only_last=True)
     assert sum(p.numel() for p in whole.parameters()) == pytest.approx(COSTS[name].parameters, rel=0.01)
-    assert counter.get_total_flops() / 1e9 == pytest.approx(COSTS[name].gflop[256], rel=0.03)  # rounded to 1 of at least 22
+    assert counter.get_total_flops() / 1e9 == pytest.approx(
+        COSTS[name].gflop[256], rel=0.03
+    )  # rounded to 1 of at least 22

@@ -1,4 +1,5 @@
-"""The stage's kernel: every view, zeros where a view is no source, frames by themselves, and frames that a camera missed."""
+"""The stage's kernel: every view, zeros where a view is no source, frames by themselves, and frames that a camera
+missed."""
 
 import copy
 
@@ -36,14 +37,24 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def arrays(rig: Rig) -> dict[str, np.ndarray]:
     """A plane that comes nearer from frame to frame; heatmaps of noise."""
-    shown = [[source(rig, v, plane_depth(rig, v, (np.array([1.0, 0.2, 0.1]), 0.05 * f))) for v in range(4)] for f in range(FRAMES)]
-    found = {f"frames/{name}": np.array([[getattr(s, name) for s in row] for row in shown]) for name in ("color", "mask")}
-    found |= {f"depth/{name}": np.array([[getattr(s, name) for s in row] for row in shown]) for name in ("depth", "confidence")}
+    shown = [
+        [source(rig, v, plane_depth(rig, v, (np.array([1.0, 0.2, 0.1]), 0.05 * f))) for v in range(4)]
+        for f in range(FRAMES)
+    ]
+    found = {
+        f"frames/{name}": np.array([[getattr(s, name) for s in row] for row in shown]) for name in ("color", "mask")
+    }
+    found |= {
+        f"depth/{name}": np.array([[getattr(s, name) for s in row] for row in shown])
+        for name in ("depth", "confidence")
+    }
     heatmaps = np.random.default_rng(0).random((FRAMES, 4, 17, SIDE // 4, SIDE // 4)).astype(np.float16)
     return {**found, "pose/heatmaps": heatmaps, "smoothing/heatmaps": heatmaps[:, :, ::-1].copy()}
 
 
-def maps(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], length: int | None = None, **more: object) -> dict[str, np.ndarray]:
+def maps(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], length: int | None = None, **more: object
+) -> dict[str, np.ndarray]:
     return run_stage(STAGE, PARAMS, arrays, rig, VIEWS, FRAMES, length, sources={"network": net}, **{**PLAIN, **more})
 
 
@@ -52,11 +63,17 @@ def whole(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray]) -> 
     return maps(net, rig, arrays)
 
 
-def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray], frames: slice = slice(None), views: slice = slice(None)) -> bool:
-    return a.keys() == b.keys() and all(a[name][frames, views].tobytes() == b[name][frames, views].tobytes() for name in a)
+def same(
+    a: dict[str, np.ndarray], b: dict[str, np.ndarray], frames: slice = slice(None), views: slice = slice(None)
+) -> bool:
+    return a.keys() == b.keys() and all(
+        a[name][frames, views].tobytes() == b[name][frames, views].tobytes() for name in a
+    )
 
 
-def test_sources_get_depth_where_they_had_one_and_other_views_get_zeros(whole: dict[str, np.ndarray], arrays: dict[str, np.ndarray]) -> None:
+def test_sources_get_depth_where_they_had_one_and_other_views_get_zeros(
+    whole: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
+) -> None:
     assert {name: (a.dtype, a.shape) for name, a in whole.items()} == {
         "network/depth": (np.float32, (FRAMES, 4, SIDE, SIDE)), "network/confidence": (np.float16, (FRAMES, 4, SIDE, SIDE)), "network/share": (np.float32, (FRAMES, 4, 1)), "network/numbers": (np.float16, (FRAMES, 4, 8, SIDE, SIDE)),
     }  # fmt: skip
@@ -70,13 +87,17 @@ def test_sources_get_depth_where_they_had_one_and_other_views_get_zeros(whole: d
             assert check(Block(name, data[:, view], view), NetworkParams()) == []
 
 
-def test_partitions_and_their_order_change_nothing(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> None:
+def test_partitions_and_their_order_change_nothing(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]
+) -> None:
     assert same(maps(net, rig, arrays, length=1), whole)
     backwards = maps(net, rig, {name: a[::-1].copy() for name, a in arrays.items()}, length=2)
     assert same({name: a[::-1] for name, a in backwards.items()}, whole)
 
 
-def test_a_frame_that_a_camera_missed_is_the_analytic_one_there(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> None:
+def test_a_frame_that_a_camera_missed_is_the_analytic_one_there(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]
+) -> None:
     valid = np.ones((FRAMES, 4), bool)
     valid[1, 0], valid[2, :2] = False, False
     found = maps(net, rig, arrays, length=2, valid_all=valid)
@@ -86,7 +107,9 @@ def test_a_frame_that_a_camera_missed_is_the_analytic_one_there(net: PoseGaussia
         assert not found["network/confidence"][f, view].any()
         assert not found["network/numbers"][f, view].any()
     assert found["network/confidence"][1, 1].any()
-    two = run_stage(STAGE, PARAMS, arrays, rig, Views(tuple("abcd"), (1, 2), (0, 3)), FRAMES, sources={"network": net}, **PLAIN)
+    two = run_stage(
+        STAGE, PARAMS, arrays, rig, Views(tuple("abcd"), (1, 2), (0, 3)), FRAMES, sources={"network": net}, **PLAIN
+    )
     assert same(found, two, slice(1, 2), slice(1, 4)), "as if it were no source"
 
 
@@ -95,32 +118,55 @@ def test_third_views_are_sources_of_the_same_frame(rig: Rig, arrays: dict[str, n
     further = network(further_views=True)
     whole = maps(further, rig, arrays)
     noise = np.random.default_rng(1)
-    spoilt = {name: np.concatenate([a[:, :3], (a[:, 3:] * noise.random(a[:, 3:].shape)).astype(a.dtype)], axis=1) for name, a in arrays.items()}
+    spoilt = {
+        name: np.concatenate([a[:, :3], (a[:, 3:] * noise.random(a[:, 3:].shape)).astype(a.dtype)], axis=1)
+        for name, a in arrays.items()
+    }
     assert same(maps(further, rig, spoilt, length=1), whole)
     valid = np.ones((FRAMES, 4), bool)
     valid[1, 2] = False
     found = maps(further, rig, arrays, valid_all=valid)
     assert same(found, whole, slice(0, 1))
-    two = run_stage(STAGE, PARAMS, arrays, rig, Views(tuple("abcd"), (0, 1), (2, 3)), FRAMES, sources={"network": further}, **PLAIN)
+    two = run_stage(
+        STAGE, PARAMS, arrays, rig, Views(tuple("abcd"), (0, 1), (2, 3)), FRAMES, sources={"network": further}, **PLAIN
+    )
     assert same(found, two, slice(1, 2), slice(0, 2)), "as if it were no source"
     assert not same(found, whole, slice(1, 2), slice(0, 1)), "it had a say"
 
 
-def test_heatmaps_count_where_they_are_declared_and_the_smoothed_ones_first(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> None:
+def test_heatmaps_count_where_they_are_declared_and_the_smoothed_ones_first(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]
+) -> None:
     once = {name: a[:1] for name, a in arrays.items()}
-    plain, smoothed = (run_stage(STAGE, PARAMS, once, rig, VIEWS, 1, sources={"network": net}, effects=frozenset(on)) for on in ({"pose_heatmaps"}, {"pose_heatmaps", "temporal_smoothing"}))
+    plain, smoothed = (
+        run_stage(STAGE, PARAMS, once, rig, VIEWS, 1, sources={"network": net}, effects=frozenset(on))
+        for on in ({"pose_heatmaps"}, {"pose_heatmaps", "temporal_smoothing"})
+    )
     assert not same(plain, smoothed)
     assert plain["network/numbers"].tobytes() != whole["network/numbers"][:1].tobytes()
-    swapped = run_stage(STAGE, PARAMS, {**once, "pose/heatmaps": once["smoothing/heatmaps"]}, rig, VIEWS, 1, sources={"network": net}, effects=frozenset({"pose_heatmaps"}))
+    swapped = run_stage(
+        STAGE,
+        PARAMS,
+        {**once, "pose/heatmaps": once["smoothing/heatmaps"]},
+        rig,
+        VIEWS,
+        1,
+        sources={"network": net},
+        effects=frozenset({"pose_heatmaps"}),
+    )
     assert same(swapped, smoothed)
 
 
-def test_a_network_that_says_nothing_is_reported(net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray]) -> None:
+def test_a_network_that_says_nothing_is_reported(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray]
+) -> None:
     silent = copy.deepcopy(net)
     for last in silent.heads.last.values():
         torch.nn.init.zeros_(last.weight)
         torch.nn.init.constant_(last.bias, -1e6)
-    inputs = MemoryInputs(STAGE, PARAMS, arrays, rig, VIEWS, range(1), FRAMES, sources={"network": silent}, effects=frozenset())
+    inputs = MemoryInputs(
+        STAGE, PARAMS, arrays, rig, VIEWS, range(1), FRAMES, sources={"network": silent}, effects=frozenset()
+    )
     notes = [n for block in resolve(STAGE.run)(inputs, PARAMS) for n in block.notes]
     assert len(notes) == 3
     assert "mean confidence is 0.00" in notes[0]
@@ -134,6 +180,12 @@ def test_it_is_left_out_without_weights_and_for_a_single_view() -> None:
 
 def test_check_names_what_is_impossible() -> None:
     assert resolve(STAGE.check or "") is check
-    for array, value in (("depth", np.nan), ("depth", -1), ("confidence", 1.01), ("confidence", -0.1), ("numbers", np.inf)):
+    for array, value in (
+        ("depth", np.nan),
+        ("depth", -1),
+        ("confidence", 1.01),
+        ("confidence", -0.1),
+        ("numbers", np.inf),
+    ):
         with pytest.raises(ValueError, match=f"network/{array} of view 2: 1 values"):
             check(Block(f"network/{array}", np.array([0.0, value]), 2), NetworkParams())

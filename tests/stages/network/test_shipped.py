@@ -1,4 +1,5 @@
-"""Laws of the weights that ship: they fit the network their card describes, are as small as promised, and change depth by little where all is right."""
+"""Laws of the weights that ship: they fit the network their card describes, are as small as promised, and change
+depth by little where all is right."""
 
 from __future__ import annotations
 

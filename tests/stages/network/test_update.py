@@ -1,4 +1,5 @@
-"""The recurrent refinement: depth coding and its bounds, convex up-sampling, and steps that do not depend on what follows."""
+"""The recurrent refinement: depth coding and its bounds, convex up-sampling, and steps that do not depend on what
+follows."""
 
 from __future__ import annotations
 
@@ -44,14 +45,17 @@ def inputs(batch: int = 1, seed: int = 1) -> tuple[torch.Tensor, torch.Tensor, t
 
 
 def plane(height: int, width: int) -> torch.Tensor:
-    y, x = torch.meshgrid(torch.arange(height, dtype=torch.float64), torch.arange(width, dtype=torch.float64), indexing="ij")
+    y, x = torch.meshgrid(
+        torch.arange(height, dtype=torch.float64), torch.arange(width, dtype=torch.float64), indexing="ij"
+    )
     return (0.25 * x - 0.1 * y + 2)[None, None]
 
 
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("start", [(0, 0), (17, 5)])
 def test_disparity_is_the_distance_of_the_columns_of_both_windows(which: int, start: tuple[int, int]) -> None:
-    """Projecting a point into both rectified cameras, in either direction and in cropped windows, gives the coded disparity and its depth back."""
+    """Projecting a point into both rectified cameras, in either direction and in cropped windows, gives the coded
+    disparity and its depth back."""
     points = np.random.default_rng(0).uniform(-0.3, 0.3, (20, 3))
     windows = [(start[0], 3, 60, 60), (start[1], 3, 60, 60)]
     (a, depth), (b, _) = (project(points, PAIR.intrinsics[i], PAIR.world_to_camera(i)) for i in (which, 1 - which))
@@ -66,7 +70,9 @@ def test_disparity_is_the_distance_of_the_columns_of_both_windows(which: int, st
 def test_no_disparity_gives_a_depth_that_is_negative_infinite_or_beyond_the_bounds(scale: float) -> None:
     code = coding(scale=scale)
     low, high = code.bounds()
-    values = torch.tensor([-torch.inf, -1e30, -30.0, -29.9999, 0.0, 1e-8, 30.0, 1e30, torch.inf], dtype=torch.float32).reshape(1, 1, 3, 3)
+    values = torch.tensor(
+        [-torch.inf, -1e30, -30.0, -29.9999, 0.0, 1e-8, 30.0, 1e30, torch.inf], dtype=torch.float32
+    ).reshape(1, 1, 3, 3)
     for disparity in (values, values.half(), code.limit(values)):
         depth = code.depth(disparity)
         assert depth.dtype == torch.float32
@@ -108,7 +114,12 @@ def test_the_start_is_the_mean_of_what_is_known() -> None:
 def test_depth_without_surface_has_no_disparity_and_bad_codings_are_refused() -> None:
     depth = torch.tensor([[0.0, -1.0], [torch.nan, torch.inf]])[None, None]
     assert coding().disparity(depth).isnan().all()
-    for bad, words in (({"scale": 0.0}, "baseline"), ({"near": 4.0}, "near < far"), ({"near": 0.0}, "near < far"), ({"offset": np.nan}, "finite")):
+    for bad, words in (
+        ({"scale": 0.0}, "baseline"),
+        ({"near": 4.0}, "near < far"),
+        ({"near": 0.0}, "near < far"),
+        ({"offset": np.nan}, "finite"),
+    ):
         with pytest.raises(ValueError, match=words):
             coding(**bad)
 
@@ -142,7 +153,9 @@ def test_up_sampling_places_each_weight_at_its_pixel() -> None:
     cells, weights = torch.randn(1, 1, 3, 2, generator=g), convex_weights(torch.randn(1, 9 * 4, 3, 2, generator=g), 2)
     padded, fine = F.pad(cells, (1, 1, 1, 1), mode="replicate")[0, 0], upsample(cells, weights)
     for y, x, i, j in np.ndindex(3, 2, 2, 2):
-        expected = sum(weights[0, y, x, 3 * a + b, 2 * i + j] * padded[y + a, x + b] for a in range(3) for b in range(3))
+        expected = sum(
+            weights[0, y, x, 3 * a + b, 2 * i + j] * padded[y + a, x + b] for a in range(3) for b in range(3)
+        )
         assert float(fine[0, 0, 2 * y + i, 2 * x + j]) == pytest.approx(float(expected), abs=1e-6)
 
 
@@ -193,7 +206,8 @@ def test_a_network_that_has_gone_wild_stays_within_the_depth_bounds(scale: float
 
 
 def test_windows_that_start_elsewhere_give_the_same_depth() -> None:
-    """Two cells cut from the other picture, as many as one of the coarsest level holds, move every disparity by two cells and nothing else."""
+    """Two cells cut from the other picture, as many as one of the coarsest level holds, move every disparity by two
+    cells and nothing else."""
     net, (first, second, start) = network(wild=0.5), inputs()
     second = F.pad(second, (8, 8))
     at, cut = coding(offset=-30.0 - 8 * FACTOR), coding(offset=-30.0 - 6 * FACTOR)
@@ -241,18 +255,22 @@ def test_further_views_have_a_say_and_only_in_a_network_built_for_them() -> None
 
 
 def test_the_pairs_own_other_view_says_the_same_by_warping_as_along_the_rows() -> None:
-    """The hypotheses of a further view are the disparities of the look-up, in its order: seen through the rig or along the row, one value."""
+    """The hypotheses of a further view are the disparities of the look-up, in its order: seen through the rig or
+    along the row, one value."""
     whole = (0, 0, *PAIR.size)
     net, code = network(True), Coding.of([(PAIR, 0, whole, whole)], 0.5, 10)
     width, height = (s // FACTOR for s in PAIR.size)
     first, second = torch.randn(2, 1, 8, height, width, generator=torch.Generator().manual_seed(5))
-    there = projection(PAIR.intrinsics[0], PAIR.world_to_camera(0), PAIR.intrinsics[1], PAIR.world_to_camera(1), FACTOR)[None]
+    there = projection(
+        PAIR.intrinsics[0], PAIR.world_to_camera(0), PAIR.intrinsics[1], PAIR.world_to_camera(1), FACTOR
+    )[None]
     disparity = torch.full((1, 1, height, width), 1.3)
     seen = net._seen(Correlation(first, second, 2, 2), first, disparity, code, [(second, there)])
     rows, warped, share = seen[:, :5], seen[:, 10:15], seen[:, 15:]
     inner = (..., slice(6, -6))
     assert (share[inner] == 1).all()
-    # Depth and back through two matrices in float32: places of tens of cells, to 1e-5, of features that differ by a few.
+    # Depth and back through two matrices in float32: places of tens of cells, to 1e-5, of features that differ by a
+    # few.
     torch.testing.assert_close(warped[inner], rows[inner], rtol=0, atol=1e-3)
 
 
@@ -270,7 +288,8 @@ def test_disparities_are_float32_under_autocast_and_near_those_without() -> None
 
 
 def test_one_and_two_threads_give_the_same_bytes() -> None:
-    """Of results; gradients are sums over the picture that threads share, and training resumes bit-exactly on one thread."""
+    """Of results; gradients are sums over the picture that threads share, and training resumes bit-exactly on one
+    thread."""
     net, results, before = network(True, wild=0.5), [], torch.get_num_threads()
     try:
         for threads in (1, 2):

@@ -1,4 +1,5 @@
-"""What the network is shown: starts that mean the same point in space as the depth they come from, matches, evidence, windows."""
+"""What the network is shown: starts that mean the same point in space as the depth they come from, matches,
+evidence, windows."""
 
 from dataclasses import replace
 
@@ -8,7 +9,19 @@ import torch
 
 from posegaussian.stages.geometry.projection import pixel_centres, project
 from posegaussian.stages.geometry.rectification import Window
-from posegaussian.stages.network.model.pairs import APART, MARGIN, SourceView, Views, evidence, others, rectified_pair, relief, sampled, start_on, windows
+from posegaussian.stages.network.model.pairs import (
+    APART,
+    MARGIN,
+    SourceView,
+    Views,
+    evidence,
+    others,
+    rectified_pair,
+    relief,
+    sampled,
+    start_on,
+    windows,
+)
 from tests.stages.geometry.scenes import sphere_depth
 from tests.stages.network.made import UPRIGHT, pair_of, plane_depth, plane_disparity, source, two_cameras
 
@@ -60,7 +73,10 @@ def test_a_start_is_the_disparity_of_the_point_that_the_depth_means(which: int) 
 def test_a_start_leads_back_to_its_depth_in_both_directions(surface: str) -> None:
     rig = two_cameras()
     pair = pair_of(rig)
-    depths = [plane_depth(rig, v) if surface == "plane" else sphere_depth(rig, v, np.zeros(3), 0.4).astype(np.float32) for v in (0, 1)]
+    depths = [
+        plane_depth(rig, v) if surface == "plane" else sphere_depth(rig, v, np.zeros(3), 0.4).astype(np.float32)
+        for v in (0, 1)
+    ]
     views = rectified_pair(pair, (source(rig, 0, depths[0]), source(rig, 1, depths[1])), SHIFTED)
     back = views.coding.depth(views.start)[:, 0].double().numpy()
     for which in (0, 1):
@@ -69,7 +85,8 @@ def test_a_start_leads_back_to_its_depth_in_both_directions(surface: str) -> Non
         held = ((cells >= 0) & (cells < 128)).all(axis=-1)
         expected = np.where(held, depths[which][cells[..., 1].clip(0, 127), cells[..., 0].clip(0, 127)], 0)
         known = np.isfinite(back[which])
-        # float32 of a disparity of 300 px is 3e-5 px, 2e-7 of the depth; a place on the line between two pixels may fall to either
+        # float32 of a disparity of 300 px is 3e-5 px, 2e-7 of the depth; a place on the line between two pixels may
+        # fall to either
         off = np.abs(back[which] * ratio - expected)[known]
         assert np.mean(off > 2e-6) < 1e-3
         assert np.mean(known != (expected > 0)) < 1e-3
@@ -84,7 +101,9 @@ def test_others_are_the_other_view_of_the_same_pair() -> None:
 def test_the_other_picture_at_the_true_match_shows_the_same_and_elsewhere_it_does_not() -> None:
     views = plane_views()
     start, sure = views.start.nan_to_num(), inner(views.known)
-    right, wrong = ((sampled(others(views.color), start + px) - views.color).abs().mean(1, keepdim=True)[sure] for px in (0.0, 6.0))
+    right, wrong = (
+        (sampled(others(views.color), start + px) - views.color).abs().mean(1, keepdim=True)[sure] for px in (0.0, 6.0)
+    )
     # 8 bits, two interpolations of waves of 25 px and depths of the nearest pixel: 1 of 255 on average
     assert float(right.mean()) < 0.008
     assert float(wrong.mean()) > 10 * float(right.mean())
@@ -109,7 +128,9 @@ def test_evidence_is_small_where_the_start_is_right_and_large_where_it_is_wrong(
     # what matches nothing any more, and what disagrees by 20 px, counts 2
     torch.testing.assert_close(bad[:, 4:5][sure], torch.full_like(bad[:, 4:5][sure], 2.0))
     for found, views in ((good, right), (bad, wrong)):
-        torch.testing.assert_close(found[:, :3], torch.cat([views.known[:1].float(), views.confidence[:1], views.cover[:1]], dim=1))
+        torch.testing.assert_close(
+            found[:, :3], torch.cat([views.known[:1].float(), views.confidence[:1], views.cover[:1]], dim=1)
+        )
 
 
 def test_evidence_of_starts_that_are_not_there_is_finite_and_nothing() -> None:
@@ -187,7 +208,13 @@ def plane_of_other_start(views: Views) -> Views:
 
 def test_two_views_without_any_depth_are_shown_as_unknown() -> None:
     rig = two_cameras()
-    nothing = SourceView(np.zeros((128, 128, 3), np.uint8), np.zeros((128, 128), np.uint8), np.zeros((128, 128), np.float32), np.zeros((128, 128), np.float16), None)
+    nothing = SourceView(
+        np.zeros((128, 128, 3), np.uint8),
+        np.zeros((128, 128), np.uint8),
+        np.zeros((128, 128), np.float32),
+        np.zeros((128, 128), np.float16),
+        None,
+    )
     views = rectified_pair(pair_of(rig), (nothing, nothing), SHIFTED)
     assert not views.known.any()
     assert torch.isfinite(evidence(views)).all()

@@ -10,7 +10,18 @@ from posegaussian.stages.network.card import Card, WeightsError, read_card
 from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.stages.network.weights import load_weights, sha256
 
-CARD = Card("tiny", "fast", PRESETS["fast"].as_json(), 6, "Two spheres.", "1 and 2", 0.5, "one core", (("measure", "value"), ("EPE", "1.5")), ("Anything at all.",))
+CARD = Card(
+    "tiny",
+    "fast",
+    PRESETS["fast"].as_json(),
+    6,
+    "Two spheres.",
+    "1 and 2",
+    0.5,
+    "one core",
+    (("measure", "value"), ("EPE", "1.5")),
+    ("Anything at all.",),
+)
 
 
 def network(width: int = 8, seed: int = 0) -> torch.nn.Module:
@@ -63,7 +74,10 @@ def test_weights_that_do_not_fit_say_which_and_change_nothing(tmp_path: Path) ->
     save_weights(file, network().state_dict(), CARD)
     wide = network(16)
     before = {k: v.clone() for k, v in wide.state_dict().items()}
-    with pytest.raises(WeightsError, match=r"tiny\.safetensors .*0\.weight is \(8, 3, 3, 3\) in the file, \(16, 3, 3, 3\) in the network"):
+    with pytest.raises(
+        WeightsError,
+        match=r"tiny\.safetensors .*0\.weight is \(8, 3, 3, 3\) in the file, \(16, 3, 3, 3\) in the network",
+    ):
         load_weights(file, wide)
     assert all(torch.equal(v, before[k]) for k, v in wide.state_dict().items())
     with pytest.raises(WeightsError, match=r"3\.bias \(4,\) is missing in the file"):

@@ -12,8 +12,22 @@ from posegaussian.storage.model.cameras import Rig, rigid
 SKELETON = np.array(
     [
         *[(0.12, 0.0, 1.60), (0.10, 0.03, 1.64), (0.10, -0.03, 1.64), (0.02, 0.08, 1.62), (0.02, -0.08, 1.62)],
-        *[(0.0, 0.19, 1.42), (0.0, -0.19, 1.42), (0.02, 0.32, 1.16), (0.02, -0.32, 1.16), (0.12, 0.36, 0.93), (0.12, -0.36, 0.93)],
-        *[(0.0, 0.10, 0.92), (0.0, -0.10, 0.92), (0.04, 0.12, 0.49), (0.04, -0.12, 0.49), (0.0, 0.13, 0.08), (0.0, -0.13, 0.08)],
+        *[
+            (0.0, 0.19, 1.42),
+            (0.0, -0.19, 1.42),
+            (0.02, 0.32, 1.16),
+            (0.02, -0.32, 1.16),
+            (0.12, 0.36, 0.93),
+            (0.12, -0.36, 0.93),
+        ],
+        *[
+            (0.0, 0.10, 0.92),
+            (0.0, -0.10, 0.92),
+            (0.04, 0.12, 0.49),
+            (0.04, -0.12, 0.49),
+            (0.0, 0.13, 0.08),
+            (0.0, -0.13, 0.08),
+        ],
     ]
 )
 """[17, 3] COCO-17 of a standing person, metres, Z up."""
@@ -32,7 +46,13 @@ def ring(views: int, size: int = 256, radius: float = 2.6, focal: float = 1.0, d
         rotation = np.stack([right, np.cross(forward, right), forward])
         poses.append(rigid(rotation, -rotation @ centre))
     k = np.array([[focal * size, 0, size / 2 + 3], [0, focal * size * 1.02, size / 2 - 2], [0, 0, 1.0]])
-    return Rig(tuple(f"cam{v:02d}" for v in range(views)), np.tile(k, (views, 1, 1)), np.zeros((views, 8)), np.stack(poses), np.full((views, 2), size))
+    return Rig(
+        tuple(f"cam{v:02d}" for v in range(views)),
+        np.tile(k, (views, 1, 1)),
+        np.zeros((views, 8)),
+        np.stack(poses),
+        np.full((views, 2), size),
+    )
 
 
 def pixels(rig: Rig, points: np.ndarray) -> np.ndarray:
@@ -87,7 +107,9 @@ def moving(frames: int) -> np.ndarray:
     out = np.repeat(SKELETON[None], frames, axis=0)
     out[:, 9] += np.column_stack([0.1 * np.sin(0.5 * t), 0 * t, 0.2 * np.cos(0.5 * t)])
     c, s = np.cos(0.1 * t), np.sin(0.1 * t)
-    turn = np.stack([np.stack([c, -s, 0 * c]), np.stack([s, c, 0 * c]), np.stack([0 * c, 0 * c, 1 + 0 * c])]).transpose(2, 0, 1)
+    turn = np.stack([np.stack([c, -s, 0 * c]), np.stack([s, c, 0 * c]), np.stack([0 * c, 0 * c, 1 + 0 * c])]).transpose(
+        2, 0, 1
+    )
     return np.einsum("fab,fjb->fja", turn, out) + 0.02 * t[:, None, None]
 
 

@@ -16,10 +16,18 @@ LELBOW, LWRIST, RKNEE, RANKLE = 7, 9, 14, 16
 
 
 def swinging(frames: int) -> np.ndarray:
-    """[F, 17, 4] a walking person whose arms and legs swing about shoulders, elbows, hips and knees, 30 frames a second."""
+    """[F, 17, 4] a walking person whose arms and legs swing about shoulders, elbows, hips and knees, 30 frames a
+    second."""
     out = np.concatenate([np.repeat(SKELETON[None], frames, axis=0), np.full((frames, 17, 1), 0.9)], axis=-1)
     t = np.arange(frames) / 30
-    for root, below, size, shift in ((5, (7, 9), 0.5, 0.0), (6, (8, 10), 0.5, 0.5), (7, (9,), 0.3, 0.1), (11, (13, 15), 0.4, 0.5), (12, (14, 16), 0.4, 0.0), (14, (16,), 0.4, 0.2)):
+    for root, below, size, shift in (
+        (5, (7, 9), 0.5, 0.0),
+        (6, (8, 10), 0.5, 0.5),
+        (7, (9,), 0.3, 0.1),
+        (11, (13, 15), 0.4, 0.5),
+        (12, (14, 16), 0.4, 0.0),
+        (14, (16,), 0.4, 0.2),
+    ):
         angle = size * np.sin(2 * np.pi * (t + shift))
         c, s = np.cos(angle), np.sin(angle)
         for j in below:
@@ -112,7 +120,9 @@ def test_any_window_that_holds_the_reach_gives_the_same_bytes(reach: int) -> Non
     whole = bridged(points, joints, reach)
     for at in range(26):
         first, last = max(0, at - reach), min(26, at + reach + 1)
-        assert bridge(RIG, joints[at], points[first:last], at - first, reach, BONES, 0.2).tobytes() == whole[at].tobytes()
+        assert (
+            bridge(RIG, joints[at], points[first:last], at - first, reach, BONES, 0.2).tobytes() == whole[at].tobytes()
+        )
 
 
 def test_one_view_says_where_and_the_bone_says_how_deep() -> None:
@@ -120,7 +130,9 @@ def test_one_view_says_where_and_the_bone_says_how_deep() -> None:
     joints = np.zeros((30, len(RIG), 17, 3))
     joints[:, 1] = pixels(RIG, points[..., :3])[:, 1]
     gap = without(points, RANKLE, slice(10, 19))
-    blind, seen = (np.linalg.norm((bridged(gap, j)[..., :3] - points[..., :3])[10:19, RANKLE], axis=-1) for j in (None, joints))
+    blind, seen = (
+        np.linalg.norm((bridged(gap, j)[..., :3] - points[..., :3])[10:19, RANKLE], axis=-1) for j in (None, joints)
+    )
     assert seen.max() < 0.5 * blind.max()
     assert seen.max() < 0.03
 
@@ -139,7 +151,9 @@ def test_one_view_goes_on_where_a_capture_ends_in_an_occlusion() -> None:
 
 @pytest.mark.parametrize("joint", [LELBOW, LWRIST, RKNEE, RANKLE, 5, 11, 3])
 @pytest.mark.parametrize("frames", [(0,), (11,), (11, 12), (23,)])
-def test_a_joint_at_the_end_of_bones_of_the_wrong_length_is_rejected_and_no_other(joint: int, frames: tuple[int, ...]) -> None:
+def test_a_joint_at_the_end_of_bones_of_the_wrong_length_is_rejected_and_no_other(
+    joint: int, frames: tuple[int, ...]
+) -> None:
     points = swinging(24)
     points[..., :3] += np.random.default_rng(0).normal(0, 0.005, points[..., :3].shape)
     wrong = points.copy()
@@ -163,7 +177,9 @@ def test_a_jump_away_and_back_is_rejected_where_no_bone_says_so() -> None:
     alone = Bones(np.zeros((0, 2), np.int64), BONES.order, (-1,) * 17)
     points[9, 0, :3] += [0.0, 1.5, 0.0]
     assert np.argwhere(rejected(points, alone)).tolist() == [[9, 0]]
-    assert not rejected(swinging(24) + np.linspace(0, 30, 24)[:, None, None] * [1, 0, 0, 0], alone).any()  # a body that runs
+    assert not rejected(
+        swinging(24) + np.linspace(0, 30, 24)[:, None, None] * [1, 0, 0, 0], alone
+    ).any()  # a body that runs
 
 
 def test_a_short_capture_judges_no_bone() -> None:

@@ -37,7 +37,16 @@ def test_noisy_joints_of_the_capsule_person_come_back_in_every_view() -> None:
     wrong = rng.random(given.shape[:3]) < 0.02
     given[wrong, :2] += 12.0
     forbidden = {(f, v) for f in range(3) for v in person.views.held_out}
-    found = run_stage(STAGE, PoseParams(), {}, person.rig, person.views, 3, sources={"joints": Joints2D.single(given, forbidden=forbidden)}, facts=frozenset({"joints2d"}))
+    found = run_stage(
+        STAGE,
+        PoseParams(),
+        {},
+        person.rig,
+        person.views,
+        3,
+        sources={"joints": Joints2D.single(given, forbidden=forbidden)},
+        facts=frozenset({"joints2d"}),
+    )
     assert (found["pose/joints3d"][..., 3] > 0).all()
     off = np.linalg.norm(found["pose/joints2d"][..., :2] - person.joints2d[..., :2], axis=-1)
     assert off.max() < 1.0  # px; the bound on outliers is 0.96 px, noise reaches 0.6
@@ -50,13 +59,23 @@ def calibration() -> Rig:
     cameras = [tables[f"int_{name}_img"] for name in CAMERAS]
     poses = [rigid(cv2.Rodrigues(np.array(c["rotation"]))[0], np.array(c["translation"])) for c in cameras]
     lenses = [np.pad(c["distortions"], (0, 4)) for c in cameras]
-    return Rig(CAMERAS, from_integer_centres(np.array([c["matrix"] for c in cameras])), np.stack(lenses), np.stack(poses), np.array([c["size"] for c in cameras], dtype=np.int64))
+    return Rig(
+        CAMERAS,
+        from_integer_centres(np.array([c["matrix"] for c in cameras])),
+        np.stack(lenses),
+        np.stack(poses),
+        np.array([c["size"] for c in cameras], dtype=np.int64),
+    )
 
 
 def detections(view: int, number: int) -> list[np.ndarray]:
     name = CAMERAS[view]
-    people = json.loads((BALANCE / "keypoints" / "openpose_body25b" / f"{name}_json" / f"{name}.{number:04d}.json").read_text())["people"]
-    joints = [np.array(p["pose_keypoints_2d"], dtype=np.float64).reshape(-1, 3) for p in people if p.get("pose_keypoints_2d")]
+    people = json.loads(
+        (BALANCE / "keypoints" / "openpose_body25b" / f"{name}_json" / f"{name}.{number:04d}.json").read_text()
+    )["people"]
+    joints = [
+        np.array(p["pose_keypoints_2d"], dtype=np.float64).reshape(-1, 3) for p in people if p.get("pose_keypoints_2d")
+    ]
     return [np.concatenate([points_from_integer_centres(j[:, :2]), j[:, 2:]], axis=-1) for j in joints]
 
 
@@ -71,12 +90,23 @@ def test_balance_is_triangulated_to_its_detector_accuracy(joints_frame: str) -> 
     params = PoseParams(joints_frame=joints_frame)  # type: ignore[arg-type]
     views = Views(CAMERAS, (0, 1, 2, 3), ())
     found = run_stage(
-        STAGE, params, {}, rig, views, 10, sources={"joints": Joints2D(people, joint_set="body_25b")}, facts=frozenset({"joints2d"}), source_rig=source, captured_to_calibrated=crop
+        STAGE,
+        params,
+        {},
+        rig,
+        views,
+        10,
+        sources={"joints": Joints2D(people, joint_set="body_25b")},
+        facts=frozenset({"joints2d"}),
+        source_rig=source,
+        captured_to_calibrated=crop,
     )
     joints3d = found["pose/joints3d"].astype(np.float64)
     assert (joints3d[..., 3] > 0).mean() > 0.98
     again = np.moveaxis(project(rig, joints3d[..., :3])[0], 1, 2)
-    off = np.linalg.norm(found["pose/joints2d"][..., :2] - again, axis=-1)[found["pose/joints2d"][..., 2] != joints3d[:, None, :, 3].astype(np.float32)]
+    off = np.linalg.norm(found["pose/joints2d"][..., :2] - again, axis=-1)[
+        found["pose/joints2d"][..., 2] != joints3d[:, None, :, 3].astype(np.float32)
+    ]
     assert 5 < np.median(off) < 11  # px at 1088 x 1920, of which 7-8 are the detector's own 5 px grid
     body = to_set(joints3d, "body_25b", "trc21")[0]
     assert 1.5 < body[:, 2].max() < 1.95  # a standing man in metres, Z up, feet near the floor
@@ -86,7 +116,8 @@ def test_balance_is_triangulated_to_its_detector_accuracy(joints_frame: str) -> 
 @pytest.mark.captures
 @pytest.mark.skipif(not BALANCE.is_dir(), reason=f"no capture at {BALANCE}; set POSEGAUSSIAN_CAPTURES")
 def test_sides_exchanged_in_real_detections_are_put_back_and_no_others() -> None:
-    """A frame in ten wrong in all four views, a picture in ten in one: of a view alone all but the undecidable come back."""
+    """A frame in ten wrong in all four views, a picture in ten in one: of a view alone all but the undecidable come
+    back."""
     frames, rng, sides = 24, np.random.default_rng(0), Sides.of("body_25b")
     source = calibration()
     rig = Rig(source.names, source.intrinsics, np.zeros((4, 8)), source.world_to_camera, source.size)
@@ -99,7 +130,19 @@ def test_sides_exchanged_in_real_detections_are_put_back_and_no_others() -> None
     spoilt = [[[sides.exchange(p, wrong[f, v]) for p in people[f][v]] for v in range(4)] for f in range(frames)]
 
     def followed(given: list[list[list[np.ndarray]]]) -> Followed:
-        inputs = MemoryInputs(STAGE, PoseParams(), {}, rig, Views(CAMERAS, (0, 1, 2, 3), ()), range(frames), frames, sources={"joints": Joints2D(given, joint_set="body_25b")}, facts=frozenset({"joints2d"}), source_rig=source, captured_to_calibrated=crop)
+        inputs = MemoryInputs(
+            STAGE,
+            PoseParams(),
+            {},
+            rig,
+            Views(CAMERAS, (0, 1, 2, 3), ()),
+            range(frames),
+            frames,
+            sources={"joints": Joints2D(given, joint_set="body_25b")},
+            facts=frozenset({"joints2d"}),
+            source_rig=source,
+            captured_to_calibrated=crop,
+        )
         return follow(inputs, PoseParams(), "body_25b")
 
     right, mended = followed(people), followed(spoilt)
@@ -115,5 +158,14 @@ def test_a_ring_of_fifty_views_is_handled() -> None:
     person = np.zeros((1, 50, 17, 3))
     point = np.array([0.1, 0.2, 1.0])
     person[0, :, 0] = np.concatenate([project(rig, point)[0], np.ones((50, 1))], axis=-1)
-    found = run_stage(STAGE, PoseParams(), {}, rig, Views(rig.names, tuple(range(50)), ()), 1, sources={"joints": Joints2D.single(person)}, facts=frozenset({"joints2d"}))
+    found = run_stage(
+        STAGE,
+        PoseParams(),
+        {},
+        rig,
+        Views(rig.names, tuple(range(50)), ()),
+        1,
+        sources={"joints": Joints2D.single(person)},
+        facts=frozenset({"joints2d"}),
+    )
     np.testing.assert_allclose(found["pose/joints3d"][0, 0], [*point, 1.0], atol=1e-6)

@@ -10,7 +10,14 @@ from posegaussian.stages.pose.heatmaps import FLOOR, draw, grid_of
 SIZE, GRID = (64, 48), (12, 16)
 
 
-def one(u: float, v: float, score: float = 1.0, sigma: float = 6.0, size: tuple[int, int] = SIZE, grid: tuple[int, int] = GRID) -> np.ndarray:
+def one(
+    u: float,
+    v: float,
+    score: float = 1.0,
+    sigma: float = 6.0,
+    size: tuple[int, int] = SIZE,
+    grid: tuple[int, int] = GRID,
+) -> np.ndarray:
     return draw(np.array([[[u, v, score]]]), np.array([[sigma]]), size, grid)[0, 0]
 
 

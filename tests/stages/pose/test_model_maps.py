@@ -30,7 +30,16 @@ def detected(rig: Rig, joints: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def run(rig: Rig, arrays: dict[str, np.ndarray], length: int | None = None) -> dict[str, Any]:
-    return run_stage(STAGE, PoseParams(), arrays, rig, roles(rig), FRAMES, length, facts=frozenset({"joints2d", "detected", "segmented"}))
+    return run_stage(
+        STAGE,
+        PoseParams(),
+        arrays,
+        rig,
+        roles(rig),
+        FRAMES,
+        length,
+        facts=frozenset({"joints2d", "detected", "segmented"}),
+    )
 
 
 def test_maps_follow_joints_whose_sides_are_put_right() -> None:

@@ -11,19 +11,41 @@ from tests.stages.pose.scene import SKELETON, pixels, ring
 
 
 def lens(rig: Rig, coefficients: list[float]) -> Rig:
-    return Rig(rig.names, rig.intrinsics, np.tile(np.pad(coefficients, (0, 8 - len(coefficients))), (len(rig), 1)), rig.world_to_camera, rig.size)
+    return Rig(
+        rig.names,
+        rig.intrinsics,
+        np.tile(np.pad(coefficients, (0, 8 - len(coefficients))), (len(rig), 1)),
+        rig.world_to_camera,
+        rig.size,
+    )
 
 
 def test_captured_pixels_reach_frames_pixels_through_crop_lens_and_scale() -> None:
-    frames, k = ring(1, size=200), np.array([[812.0, 0, 401.0], [0, 808.0, 295.0], [0, 0, 1]])  # OpenCV's own convention
-    source = lens(Rig(frames.names, from_integer_centres(k)[None], frames.distortion, frames.world_to_camera, np.array([[800, 600]])), [-0.21, 0.08, 0.002, -0.003, 0.01])
+    frames, k = (
+        ring(1, size=200),
+        np.array([[812.0, 0, 401.0], [0, 808.0, 295.0], [0, 0, 1]]),
+    )  # OpenCV's own convention
+    source = lens(
+        Rig(
+            frames.names,
+            from_integer_centres(k)[None],
+            frames.distortion,
+            frames.world_to_camera,
+            np.array([[800, 600]]),
+        ),
+        [-0.21, 0.08, 0.002, -0.003, 0.01],
+    )
     rotation = cv2.Rodrigues(source.rotations[0])[0]
-    calibrated = points_from_integer_centres(cv2.projectPoints(SKELETON, rotation, source.world_to_camera[0, :3, 3], k, source.distortion[0])[0][:, 0])
+    calibrated = points_from_integer_centres(
+        cv2.projectPoints(SKELETON, rotation, source.world_to_camera[0, :3, 3], k, source.distortion[0])[0][:, 0]
+    )
     scale, offset = 1.25, np.array([-3.0, 17.0])
     captured = (calibrated - offset) / scale
     out, mapped = to_frames(captured, np.array([scale, *offset]), source, frames, 0)
     assert mapped.all()
-    np.testing.assert_allclose(out, pixels(frames, SKELETON[None])[0, 0, :, :2], atol=1e-6)  # iterations stop at 1e-12 of a focal length
+    np.testing.assert_allclose(
+        out, pixels(frames, SKELETON[None])[0, 0, :, :2], atol=1e-6
+    )  # iterations stop at 1e-12 of a focal length
 
 
 def test_a_rig_without_lens_and_crop_is_the_identity() -> None:

@@ -19,10 +19,20 @@ from tests.stages.pose.scene import SKELETON, Joints2D, Joints3D, pixels, ring, 
 NAMES = ("pose/joints2d", "pose/joints3d", "pose/heatmaps")
 
 
-def pose(rig: Rig, frames: int, joints: Joints2D | None = None, joints3d: Joints3D | None = None, held_out: tuple[int, ...] = (), params: PoseParams | None = None, **more: Any) -> Any:
+def pose(
+    rig: Rig,
+    frames: int,
+    joints: Joints2D | None = None,
+    joints3d: Joints3D | None = None,
+    held_out: tuple[int, ...] = (),
+    params: PoseParams | None = None,
+    **more: Any,
+) -> Any:
     sources: dict[str, Any] = {"joints": joints} | ({"joints3d": joints3d} if joints3d else {})
     facts = frozenset({"joints2d"} if joints else set()) | frozenset({"joints3d"} if joints3d else set())
-    whole = run_stage(STAGE, params or PoseParams(), {}, rig, roles(rig, held_out), frames, sources=sources, facts=facts, **more)
+    whole = run_stage(
+        STAGE, params or PoseParams(), {}, rig, roles(rig, held_out), frames, sources=sources, facts=facts, **more
+    )
     for name in NAMES:
         assert not [w for w in check(Block(name, whole[name]), params or PoseParams()) if "not finite" in w]
     return tuple(whole[n] for n in NAMES)
@@ -31,7 +41,9 @@ def pose(rig: Rig, frames: int, joints: Joints2D | None = None, joints3d: Joints
 def test_held_out_views_are_filled_from_the_others_and_never_read() -> None:
     rig, points = ring(6, size=96), walk(3)
     exact = pixels(rig, points)
-    two, three, maps = pose(rig, 3, Joints2D.single(exact, forbidden={(f, v) for f in range(3) for v in (1, 4)}), held_out=(1, 4))
+    two, three, maps = pose(
+        rig, 3, Joints2D.single(exact, forbidden={(f, v) for f in range(3) for v in (1, 4)}), held_out=(1, 4)
+    )
     np.testing.assert_allclose(three[..., :3], points, atol=1e-6)  # stored as float32
     np.testing.assert_allclose(two, exact, atol=1e-4)
     assert maps.shape == (3, 6, 17, 24, 24)
@@ -71,12 +83,15 @@ def test_partitions_do_not_change_a_byte(length: int) -> None:
     rng = np.random.default_rng(3)
     given[..., :2] += rng.normal(0, 0.7, given[..., :2].shape)
     given[..., 2] = np.where(rng.random(given.shape[:-1]) < 0.2, 0, rng.uniform(0.3, 1, given.shape[:-1]))
-    for a, b in zip(pose(rig, 7, Joints2D.single(given)), pose(rig, 7, Joints2D.single(given), length=length), strict=True):
+    for a, b in zip(
+        pose(rig, 7, Joints2D.single(given)), pose(rig, 7, Joints2D.single(given), length=length), strict=True
+    ):
         assert a.tobytes() == b.tobytes()
 
 
 def crowd(rig: Rig, order: np.random.Generator) -> tuple[np.ndarray, Joints2D]:
-    """The subject in the middle, a second person behind in every view, an onlooker that only view 0 sees; in any order."""
+    """The subject in the middle, a second person behind in every view, an onlooker that only view 0 sees; in any
+    order."""
     points = walk(4)
     subject = pixels(rig, points)
     other = pixels(rig, SKELETON[None] * [0.9, 0.9, 1.05] + np.array([-0.9, 0.7, 0.0]))[0]
@@ -172,14 +187,24 @@ def test_joints_keep_their_set_and_heatmaps_are_coco() -> None:
 
 def test_sigma_in_metres_is_projected_and_unknown_depths_take_the_mean() -> None:
     near, far = ring(4, size=256, focal=1.2), ring(4, size=256, radius=5.2, focal=2.4)
+
     def spread(rig: Rig, **settings: Any) -> np.ndarray:
-        maps = pose(rig, 1, Joints2D.single(pixels(rig, SKELETON[None])), params=PoseParams(**settings))[2][0].astype(np.float64)
+        maps = pose(rig, 1, Joints2D.single(pixels(rig, SKELETON[None])), params=PoseParams(**settings))[2][0].astype(
+            np.float64
+        )
         return np.sqrt(maps.sum(axis=(2, 3)) / (2 * np.pi))  # in cells
-    depth = np.stack([SKELETON @ r[2] + t[2] for r, t in zip(near.rotations, near.world_to_camera[:, :3, 3], strict=True)])
+
+    depth = np.stack(
+        [SKELETON @ r[2] + t[2] for r, t in zip(near.rotations, near.world_to_camera[:, :3, 3], strict=True)]
+    )
     f = 1.2 * 256 * np.sqrt(1.02)
-    np.testing.assert_allclose(spread(near, sigma=0.1), 0.1 * f / depth / 4, rtol=0.02)  # the tail below 1e-3 is missing
+    np.testing.assert_allclose(
+        spread(near, sigma=0.1), 0.1 * f / depth / 4, rtol=0.02
+    )  # the tail below 1e-3 is missing
     np.testing.assert_allclose(spread(near, sigma=8.0, sigma_unit="px"), 2.0, rtol=0.02)
-    np.testing.assert_allclose(spread(far, sigma=0.1), spread(near, sigma=0.1), rtol=0.2)  # twice as far, twice the focal length
+    np.testing.assert_allclose(
+        spread(far, sigma=0.1), spread(near, sigma=0.1), rtol=0.2
+    )  # twice as far, twice the focal length
     lonely = pixels(near, SKELETON[None])
     lonely[0, 1:, 9] = 0  # one view alone sees the left wrist
     maps = pose(near, 1, Joints2D.single(lonely), params=PoseParams(sigma=0.1))[2][0].astype(np.float64)
@@ -196,7 +221,9 @@ def test_the_crop_applies_to_video_pixels_only() -> None:
     captured[..., :2] = (exact[..., :2] - crop[:, None, 1:]) / crop[:, None, :1]
     two, _, _ = pose(rig, 1, Joints2D.single(captured), captured_to_calibrated=crop)
     np.testing.assert_allclose(two, exact, atol=1e-4)
-    two, _, _ = pose(rig, 1, Joints2D.single(exact), captured_to_calibrated=crop, params=PoseParams(joints_frame="calibrated"))
+    two, _, _ = pose(
+        rig, 1, Joints2D.single(exact), captured_to_calibrated=crop, params=PoseParams(joints_frame="calibrated")
+    )
     np.testing.assert_allclose(two, exact, atol=1e-4)
 
 
@@ -213,7 +240,8 @@ def test_check_refuses_what_is_impossible_and_warns_of_what_is_empty() -> None:
 
 
 def spoilt(rig: Rig, frames: int) -> tuple[np.ndarray, Joints2D]:
-    """Points of a walk; its joints with left and right exchanged in a frame and in a view, and two of them hidden for a while."""
+    """Points of a walk; its joints with left and right exchanged in a frame and in a view, and two of them hidden
+    for a while."""
     points = walk(frames)
     given = pixels(rig, points)
     given[4] = given[4][:, list(COCO17.flips)]
@@ -231,10 +259,23 @@ def test_sides_are_put_right_and_hidden_joints_bridged_and_the_report_says_so() 
     np.testing.assert_allclose(two[..., :2], pixels(rig, points)[..., :2], atol=1e-2)
     assert (three[6:9, 9, 3] < 1).all()
     assert (three[..., 3] > 0.3).all()
-    inputs = MemoryInputs(STAGE, PoseParams(), {}, rig, roles(rig), range(3, 12), 16, sources={"joints": given}, facts=frozenset({"joints2d"}))
+    inputs = MemoryInputs(
+        STAGE,
+        PoseParams(),
+        {},
+        rig,
+        roles(rig),
+        range(3, 12),
+        16,
+        sources={"joints": given},
+        facts=frozenset({"joints2d"}),
+    )
     inputs.source_frames = np.arange(40, 58, 2)
     (note,) = next(iter(run(inputs, PoseParams()))).notes
-    assert note == "joints2d: left and right were exchanged, and put back, in 3 of 9 frames, first in frame 42 (frames by camera: cam00 1, cam01 1, cam02 3, cam03 1, cam04 1, cam05 1)"
+    assert (
+        note == "joints2d: left and right were exchanged, and put back, in 3 of 9 frames, first in frame 42 (frames by"
+        " camera: cam00 1, cam01 1, cam02 3, cam03 1, cam04 1, cam05 1)"
+    )
 
 
 def test_without_a_bridge_every_frame_stands_by_itself() -> None:
@@ -244,7 +285,17 @@ def test_without_a_bridge_every_frame_stands_by_itself() -> None:
     assert not three[6:9, 9].any()
     np.testing.assert_allclose(three[4, :, :3], points[4, list(COCO17.flips)], atol=1e-6)  # all views agree
     np.testing.assert_allclose(three[9, :, :3], points[9], atol=1e-6)
-    alone = run_stage(STAGE, PoseParams(bridge=0), {}, rig, roles(rig), 16, 1, sources={"joints": given}, facts=frozenset({"joints2d"}))
+    alone = run_stage(
+        STAGE,
+        PoseParams(bridge=0),
+        {},
+        rig,
+        roles(rig),
+        16,
+        1,
+        sources={"joints": given},
+        facts=frozenset({"joints2d"}),
+    )
     assert alone["pose/joints3d"].tobytes() == three.tobytes()
 
 

@@ -23,10 +23,15 @@ def test_lag_error_and_jitter_of_what_is_known() -> None:
     late = scored(0.7 * truth[1:] + 0.3 * truth[:-1])
     said = measures(late, truth[1:])
     assert said["lag frames"] == pytest.approx(0.3, abs=0.01)
-    assert measures(scored(truth + np.array([0.003, 0, 0.004])), truth) == pytest.approx({"known": 1, "MPJPE mm": 5, "median mm": 5, "95 % mm": 5, "jitter mm": 0, "lag frames": 0}, abs=0.2)
+    assert measures(scored(truth + np.array([0.003, 0, 0.004])), truth) == pytest.approx(
+        {"known": 1, "MPJPE mm": 5, "median mm": 5, "95 % mm": 5, "jitter mm": 0, "lag frames": 0}, abs=0.2
+    )
     shaken = scored(truth)
     shaken[::2, :, 0] += 0.001
     assert measures(shaken, truth)["jitter mm"] == pytest.approx(2.0)
-    assert measures(scored(np.repeat(SKELETON[None], 5, axis=0)), np.repeat(SKELETON[None], 5, axis=0))["lag frames"] is None
+    assert (
+        measures(scored(np.repeat(SKELETON[None], 5, axis=0)), np.repeat(SKELETON[None], 5, axis=0))["lag frames"]
+        is None
+    )
     shaken[4, 2] = 0
     assert measures(shaken, truth)["known"] == pytest.approx(1 - 1 / (30 * 17))

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.triangulation import triangulate
-from posegaussian.stages.pose.left_right_swaps import ARMS, HEAD, LEGS, Sides, Sighting, between_frames, between_views, mended
+from posegaussian.stages.pose.left_right_swaps import (
+    ARMS,
+    HEAD,
+    LEGS,
+    Sides,
+    Sighting,
+    between_frames,
+    between_views,
+    mended,
+)
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from tests.stages.pose.scene import SKELETON, pixels, ring, walk
@@ -19,7 +28,9 @@ REACH = 4
 def turning(frames: int, degrees: float = 12.0) -> np.ndarray:
     """[F, 17, 3] somebody who turns round on the spot."""
     a = np.deg2rad(degrees) * np.arange(frames)
-    turn = np.array([[np.cos(a), -np.sin(a), 0 * a], [np.sin(a), np.cos(a), 0 * a], [0 * a, 0 * a, 1 + 0 * a]]).transpose(2, 0, 1)
+    turn = np.array(
+        [[np.cos(a), -np.sin(a), 0 * a], [np.sin(a), np.cos(a), 0 * a], [0 * a, 0 * a, 1 + 0 * a]]
+    ).transpose(2, 0, 1)
     return np.einsum("fab,jb->fja", turn, SKELETON)
 
 
@@ -59,7 +70,13 @@ def noisy(rig: Rig, points: np.ndarray, sigma: float = 1.0) -> np.ndarray:
     return out
 
 
-MOTIONS = {"walk": striding, "turning": turning, "turning fast": lambda n: turning(n, 40.0), "crossed arms": crossed, "still": lambda n: np.repeat(SKELETON[None], n, axis=0)}
+MOTIONS = {
+    "walk": striding,
+    "turning": turning,
+    "turning fast": lambda n: turning(n, 40.0),
+    "crossed arms": crossed,
+    "still": lambda n: np.repeat(SKELETON[None], n, axis=0),
+}
 
 
 @pytest.mark.parametrize("id", JOINT_SETS)
@@ -104,7 +121,9 @@ def test_a_minority_of_views_comes_back_exactly(parts: np.ndarray, swapped: tupl
 @pytest.mark.parametrize("parts", [WHOLE, ONLY_ARMS, ONLY_LEGS])
 @pytest.mark.parametrize("views", [range(8), range(4), range(5)])
 @pytest.mark.parametrize("frames", [(0,), (4,), (3, 4), (8,)])
-def test_neighbours_decide_where_all_half_or_most_views_of_a_frame_are_wrong(parts: np.ndarray, views: range, frames: tuple[int, ...]) -> None:
+def test_neighbours_decide_where_all_half_or_most_views_of_a_frame_are_wrong(
+    parts: np.ndarray, views: range, frames: tuple[int, ...]
+) -> None:
     rig, points = ring(8, size=512), striding(9) + np.array([0.15, 0.1, 0.0])
     exact = pixels(rig, points)
     given = exact.copy()
@@ -147,7 +166,9 @@ def test_a_frame_depends_on_those_within_reach_only() -> None:
     seen = looked_at(rig, given)
     for at in range(14):
         first, last = max(0, at - REACH), min(14, at + REACH + 1)
-        np.testing.assert_array_equal(between_frames(seen[first:last], at - first, REACH, SIDES), between_frames(seen, at, REACH, SIDES))
+        np.testing.assert_array_equal(
+            between_frames(seen[first:last], at - first, REACH, SIDES), between_frames(seen, at, REACH, SIDES)
+        )
 
 
 def test_the_head_stays_where_it_was_named_rightly() -> None:

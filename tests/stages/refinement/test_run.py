@@ -26,7 +26,12 @@ def person() -> PersonCapture:
 @pytest.fixture(scope="module")
 def true(person: PersonCapture) -> dict[str, np.ndarray]:
     """The maps of the true depth."""
-    given = {"depth/depth": person.depth, "depth/confidence": (person.depth > 0).astype(np.float16), "frames/color": person.color, "frames/mask": person.mask}
+    given = {
+        "depth/depth": person.depth,
+        "depth/confidence": (person.depth > 0).astype(np.float16),
+        "frames/color": person.color,
+        "frames/mask": person.mask,
+    }
     return given | run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, FRAMES)
 
 
@@ -39,16 +44,30 @@ def spoilt(true: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def refine(c: PersonCapture, arrays: dict[str, np.ndarray], steps: int, group: int = 1, length: int = FRAMES, frames: int = FRAMES) -> dict[str, np.ndarray]:
+def refine(
+    c: PersonCapture,
+    arrays: dict[str, np.ndarray],
+    steps: int,
+    group: int = 1,
+    length: int = FRAMES,
+    frames: int = FRAMES,
+) -> dict[str, np.ndarray]:
     cut = {k: v[:frames] for k, v in arrays.items()}
-    return run_stage(stage("refinement"), RefinementParams(steps=steps, group=group), cut, c.rig, c.views, frames, length)
+    return run_stage(
+        stage("refinement"), RefinementParams(steps=steps, group=group), cut, c.rig, c.views, frames, length
+    )
 
 
 def passed_on(out: dict[str, np.ndarray], arrays: dict[str, np.ndarray], frame: int, view: int) -> bool:
-    return all(np.array_equal(out[after][frame, view], arrays[before][frame, view], equal_nan=True) for before, after in zip(unrefined_arrays(frozenset()), REFINED, strict=True))
+    return all(
+        np.array_equal(out[after][frame, view], arrays[before][frame, view], equal_nan=True)
+        for before, after in zip(unrefined_arrays(frozenset()), REFINED, strict=True)
+    )
 
 
-def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_the_start(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_the_start(
+    person: PersonCapture, spoilt: dict[str, np.ndarray]
+) -> None:
     out = refine(person, spoilt, 12, frames=1)[OUTCOME][0]
     assert out[STEP] > 0
     assert out[AFTER] < 0.9 * out[BEFORE]
@@ -60,7 +79,9 @@ def test_true_maps_do_not_get_worse_for_the_judge(person: PersonCapture, true: d
     assert out[AFTER] <= out[BEFORE]
 
 
-def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(
+    person: PersonCapture, spoilt: dict[str, np.ndarray]
+) -> None:
     out = refine(person, spoilt, 12, frames=1)
     some = (spoilt["gaussians/opacity"][:1] > 0).any(axis=2)
     left = (out["refinement/opacity"] > 0).any(axis=2)
@@ -69,7 +90,9 @@ def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(perso
     for before, after in zip(unrefined_arrays(frozenset()), REFINED, strict=True):
         assert np.isfinite(out[after]).all()
         moved = np.asarray(out[after] != spoilt[before][:1])
-        moved = moved.any(axis=-1) if before == "frames/color" else moved if before == "depth/depth" else moved.any(axis=2)
+        moved = (
+            moved.any(axis=-1) if before == "frames/color" else moved if before == "depth/depth" else moved.any(axis=2)
+        )
         assert moved[left].mean() > 0.5
     assert (out["refinement/depth"][left] > 0).all()
     length = np.linalg.norm(out["refinement/rotation"].astype(np.float32), axis=2)[left]
@@ -93,8 +116,12 @@ def test_partitions_change_nothing(person: PersonCapture, spoilt: dict[str, np.n
         assert all(np.array_equal(whole[k], cut[k]) for k in whole), length
 
 
-def test_a_frame_starts_from_the_one_before_it_only_within_its_group(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
-    still = {k: np.repeat(v[:1], FRAMES, axis=0) for k, v in spoilt.items()}  # what one frame learnt fits the next exactly
+def test_a_frame_starts_from_the_one_before_it_only_within_its_group(
+    person: PersonCapture, spoilt: dict[str, np.ndarray]
+) -> None:
+    still = {
+        k: np.repeat(v[:1], FRAMES, axis=0) for k, v in spoilt.items()
+    }  # what one frame learnt fits the next exactly
     out = refine(person, still, 3, group=3)
     np.testing.assert_array_equal(out[OUTCOME][:, WARM], [0, 1, 1, 0])
     assert out[OUTCOME][1, AFTER] < out[OUTCOME][0, AFTER]
@@ -113,7 +140,9 @@ def test_threads_change_nothing(person: PersonCapture, spoilt: dict[str, np.ndar
 
 
 @pytest.mark.parametrize("lack", ["one view", "two views", "no mask", "no depth", "no confidence"])
-def test_a_frame_that_cannot_be_refined_is_passed_on_bit_by_bit(person: PersonCapture, spoilt: dict[str, np.ndarray], lack: str) -> None:
+def test_a_frame_that_cannot_be_refined_is_passed_on_bit_by_bit(
+    person: PersonCapture, spoilt: dict[str, np.ndarray], lack: str
+) -> None:
     """The frame beside it is refined as ever."""
     arrays = {k: v[:2].copy() for k, v in spoilt.items()}
     views = person.views.sources

@@ -15,7 +15,9 @@ def of(views: int, usable: tuple[int, ...] | None = None) -> Schedule | None:
     return schedule(person.rig, person.views.sources, chosen)
 
 
-@pytest.mark.parametrize(("views", "usable"), [(8, None), (8, (0, 1, 2, 5)), (8, (0, 3, 6)), (3, None), (6, (0, 1, 2, 3))])
+@pytest.mark.parametrize(
+    ("views", "usable"), [(8, None), (8, (0, 1, 2, 5)), (8, (0, 3, 6)), (3, None), (6, (0, 1, 2, 3))]
+)
 def test_one_view_judges_and_every_other_one_teaches(views: int, usable: tuple[int, ...] | None) -> None:
     plan = of(views, usable)
     assert plan is not None

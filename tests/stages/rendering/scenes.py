@@ -19,20 +19,35 @@ compiled: Backend = "cpu"
 """The one that is tried; see the fixture `each_compiled`."""
 
 
-def camera(width: int = 48, height: int = 40, focal: float = 50.0, cx: float | None = None, cy: float | None = None) -> Camera:
+def camera(
+    width: int = 48, height: int = 40, focal: float = 50.0, cx: float | None = None, cy: float | None = None
+) -> Camera:
     """At the origin of the world, looking along +z."""
     k = np.array([[focal, 0, width / 2 if cx is None else cx], [0, focal, height / 2 if cy is None else cy], [0, 0, 1]])
     return Camera(k, np.eye(4), width, height)
 
 
-def gaussians(mean: object, scale: object = 0.05, opacity: object = 0.8, color: object = (1.0, 0.5, 0.25), rotation: object = None, dtype: torch.dtype = torch.float64) -> Gaussians:
+def gaussians(
+    mean: object,
+    scale: object = 0.05,
+    opacity: object = 0.8,
+    color: object = (1.0, 0.5, 0.25),
+    rotation: object = None,
+    dtype: torch.dtype = torch.float64,
+) -> Gaussians:
     """Everything broadcast to the number of means."""
     m = torch.as_tensor(mean, dtype=dtype).reshape(-1, 3)
     n = len(m)
     s = torch.as_tensor(scale, dtype=dtype)
     s = s.reshape(-1, 1) if s.ndim < 2 else s
     r = torch.eye(3, dtype=dtype) if rotation is None else torch.as_tensor(rotation, dtype=dtype)
-    return Gaussians(m, r.expand(n, 3, 3).clone(), s.expand(n, 3).clone(), torch.as_tensor(opacity, dtype=dtype).expand(n).clone(), torch.as_tensor(color, dtype=dtype).expand(n, 3).clone())
+    return Gaussians(
+        m,
+        r.expand(n, 3, 3).clone(),
+        s.expand(n, 3).clone(),
+        torch.as_tensor(opacity, dtype=dtype).expand(n).clone(),
+        torch.as_tensor(color, dtype=dtype).expand(n, 3).clone(),
+    )
 
 
 def cloud(n: int, seed: int = 0, dtype: torch.dtype = torch.float64) -> Gaussians:
@@ -50,7 +65,14 @@ def turned_about_y(degrees: float) -> np.ndarray:
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
-def draw(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, backend: Backend = "auto", extras: tuple[str, ...] = ("depth",), threads: int = 1) -> Rendering:
+def draw(
+    g: Gaussians,
+    cam: Camera,
+    cutoffs: Cutoffs | None = None,
+    backend: Backend = "auto",
+    extras: tuple[str, ...] = ("depth",),
+    threads: int = 1,
+) -> Rendering:
     """One camera's pictures without the axis of cameras; `masked` is a number."""
     g, backend = placed(g, backend)
     out = rasterize(g, [cam], extras, Drawing(cutoffs or Cutoffs(), backend, threads))
@@ -58,7 +80,12 @@ def draw(g: Gaussians, cam: Camera, cutoffs: Cutoffs | None = None, backend: Bac
 
 
 def placed(g: Gaussians, backend: Backend = "auto") -> tuple[Gaussians, Backend]:
-    """Gaussians where the back end draws them, and the back end: `auto` is the compiled one that is tried, in float32."""
+    """Gaussians where the back end draws them, and the back end: `auto` is the compiled one that is tried, in
+    float32."""
     if backend == "auto" and g.mean.dtype == torch.float32:
         backend = compiled
-    return (Gaussians(*(getattr(g, name).to(GPU_DEVICE) for name in Gaussians.__dataclass_fields__)) if backend == "gpu" else g), backend
+    return (
+        Gaussians(*(getattr(g, name).to(GPU_DEVICE) for name in Gaussians.__dataclass_fields__))
+        if backend == "gpu"
+        else g
+    ), backend

@@ -1,4 +1,5 @@
-"""The mip filter: coarse pictures come near the average of the full one, and a picture as fine as its sources is left alone."""
+"""The mip filter: coarse pictures come near the average of the full one, and a picture as fine as its sources is
+left alone."""
 
 from dataclasses import replace
 
@@ -29,19 +30,36 @@ def gaussians(person: PersonCapture) -> Gaussians:
     """Of the two views beside the held-out one, from true depth, as they face it."""
     target, parts = camera(person, 1), []
     for v in (0, 1):
-        scale, normal, opacity = prior(person.depth[0, v], (person.depth[0, v] > 0).astype(np.float32), person.mask[0, v], person.rig.intrinsics[v], GaussiansParams())
+        scale, normal, opacity = prior(
+            person.depth[0, v],
+            (person.depth[0, v] > 0).astype(np.float32),
+            person.mask[0, v],
+            person.rig.intrinsics[v],
+            GaussiansParams(),
+        )
         maps = Maps(person.color[0, v], person.depth[0, v], scale, normal, opacity)
-        parts.append(lift(maps, person.rig.intrinsics[v], person.rig.world_to_camera[v], torch.float32, torch.device("cpu")).seen_from(target))
+        parts.append(
+            lift(
+                maps, person.rig.intrinsics[v], person.rig.world_to_camera[v], torch.float32, torch.device("cpu")
+            ).seen_from(target)
+        )
     return Gaussians.concatenate(parts)
 
 
 def camera(person: PersonCapture, coarser: int) -> Camera:
     held_out = person.views.held_out[0]
-    return Camera(np.diag([1 / coarser, 1 / coarser, 1]) @ person.rig.intrinsics[held_out], person.rig.world_to_camera[held_out], SIZE // coarser, SIZE // coarser)
+    return Camera(
+        np.diag([1 / coarser, 1 / coarser, 1]) @ person.rig.intrinsics[held_out],
+        person.rig.world_to_camera[held_out],
+        SIZE // coarser,
+        SIZE // coarser,
+    )
 
 
 def cutoffs(person: PersonCapture, coarser: int) -> Cutoffs:
-    return mip_filter(camera(person, coarser), person.rig, [0, 1], look_at_point(person.rig.subset(person.views.sources)))
+    return mip_filter(
+        camera(person, coarser), person.rig, [0, 1], look_at_point(person.rig.subset(person.views.sources))
+    )
 
 
 def drawn(gaussians: Gaussians, at: Camera, how: Cutoffs) -> np.ndarray:
@@ -51,12 +69,15 @@ def drawn(gaussians: Gaussians, at: Camera, how: Cutoffs) -> np.ndarray:
 
 
 @pytest.mark.parametrize("coarser", [2, 4])
-def test_a_coarse_picture_is_the_average_of_the_full_one(person: PersonCapture, gaussians: Gaussians, coarser: int) -> None:
+def test_a_coarse_picture_is_the_average_of_the_full_one(
+    person: PersonCapture, gaussians: Gaussians, coarser: int
+) -> None:
     full = drawn(gaussians, camera(person, 1), Cutoffs())
     wanted = full.reshape(SIZE // coarser, coarser, SIZE // coarser, coarser, 4).mean(axis=(1, 3))
     mip = cutoffs(person, coarser)
     near, plain, fat = (
-        psnr(drawn(gaussians, camera(person, coarser), how), wanted, 1.0, 100.0) for how in (mip, Cutoffs(), replace(mip, compensation=False))
+        psnr(drawn(gaussians, camera(person, coarser), how), wanted, 1.0, 100.0)
+        for how in (mip, Cutoffs(), replace(mip, compensation=False))
     )
     # At 256 px and over the person alone: 34.4, 28.8 and 23.7 dB at a half, 30.8, 24.6 and 17.8 at a quarter.
     assert near > plain + 4

@@ -28,7 +28,10 @@ def test_without_silhouettes_all_is_covered() -> None:
     rig = ring(4)
     wanted = np.ones((64, 64), bool)
     assert (cover(silhouettes_of(rig, {}), seen_by(rig, 0), wanted) == 1).all()
-    assert (cover(silhouettes_of(rig, {v: np.full((64, 64), 255, np.uint8) for v in range(4)}), seen_by(rig, 0), wanted) == 1).all()
+    assert (
+        cover(silhouettes_of(rig, {v: np.full((64, 64), 255, np.uint8) for v in range(4)}), seen_by(rig, 0), wanted)
+        == 1
+    ).all()
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(4)}
     assert (cover(silhouettes_of(rig, masks), seen_by(rig, 0), ~wanted) == 1).all()
 
@@ -36,7 +39,9 @@ def test_without_silhouettes_all_is_covered() -> None:
 def test_a_mask_that_contradicts_the_others_clips_nothing() -> None:
     rig = ring(8, (64, 64))
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(8)}
-    without = cover(silhouettes_of(rig, {v: m for v, m in masks.items() if v != 3}), seen_by(rig, 0), np.ones((64, 64), bool))
+    without = cover(
+        silhouettes_of(rig, {v: m for v, m in masks.items() if v != 3}), seen_by(rig, 0), np.ones((64, 64), bool)
+    )
     masks[3] = np.roll(masks[3], 25, axis=1)
     found = cover(silhouettes_of(rig, masks), seen_by(rig, 0), np.ones((64, 64), bool))
     np.testing.assert_allclose(found, without, atol=0.05)

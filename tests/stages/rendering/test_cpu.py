@@ -12,14 +12,22 @@ from posegaussian.stages.splatting.definition.scene import Cutoffs
 from tests.hard_cases.laws import agree
 from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 
-KERNELS = ("cpu_tiles.sort_tiles-1.py311.nbi", "cpu_tiles.sort_tiles-1.py311.1.nbc", "cpu_composite.forward-9.py311.nbi")
+KERNELS = (
+    "cpu_tiles.sort_tiles-1.py311.nbi",
+    "cpu_tiles.sort_tiles-1.py311.1.nbc",
+    "cpu_composite.forward-9.py311.nbi",
+)
 
 
 def test_kernels_of_other_sources_are_forgotten_and_nothing_else(tmp_path: Path) -> None:
     for name in (*KERNELS, "raycast.cast-1.py311.nbi", "cpu_tiles.cpython-311.pyc"):
         (tmp_path / name).touch()
     backend.forget_stale_kernels(tmp_path)  # no note: nobody knows what these were made from
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cpu_tiles.cpython-311.pyc", "raycast.cast-1.py311.nbi", "renderer.digest"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "cpu_tiles.cpython-311.pyc",
+        "raycast.cast-1.py311.nbi",
+        "renderer.digest",
+    ]
     (tmp_path / KERNELS[0]).touch()
     backend.forget_stale_kernels(tmp_path)
     assert (tmp_path / KERNELS[0]).exists()
@@ -33,7 +41,9 @@ def test_a_folder_that_does_not_exist_is_made(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "renderer.digest").is_file()
 
 
-def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with caplog.at_level(logging.WARNING):
         backend.announce(tmp_path)
         backend.announce(tmp_path)

@@ -21,7 +21,13 @@ def shares(c: PersonCapture, masks: dict[int, np.ndarray]) -> np.ndarray:
 
 
 def evidence(c: PersonCapture, targets: tuple[CameraPath, ...] = (), **noted: np.ndarray) -> SimpleNamespace:
-    return SimpleNamespace(facts=frozenset({"masks"}), sources=c.views.sources, rig=c.rig, targets=targets, noted={k.replace("__", "/"): v for k, v in noted.items()})
+    return SimpleNamespace(
+        facts=frozenset({"masks"}),
+        sources=c.views.sources,
+        rig=c.rig,
+        targets=targets,
+        noted={k.replace("__", "/"): v for k, v in noted.items()},
+    )
 
 
 def test_masks_are_trusted_where_their_rims_agree(person: PersonCapture) -> None:

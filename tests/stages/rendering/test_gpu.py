@@ -1,4 +1,5 @@
-"""The GPU back end against the reference, on a GPU or, without one, in Triton's interpreter. Hard cases: tests/hard_cases."""
+"""The GPU back end against the reference, on a GPU or, without one, in Triton's interpreter. Hard cases:
+tests/hard_cases."""
 
 import dataclasses
 import logging
@@ -48,7 +49,9 @@ def test_pictures_and_gradients_of_a_scene_of_many_tiles_and_chunks() -> None:
     (a, da), (_, db) = drawn(g, cam), drawn(to(g, torch.float64), cam)
     assert a.backend == "gpu"
     for x, y in zip(pictures(a), pictures(draw(g, cam, backend="reference", extras=("depth", "normal"))), strict=True):
-        assert float((x[0] - y).detach().abs().max()) < 2e-6  # the same projection in float32: a few roundings of numbers up to 4
+        assert (
+            float((x[0] - y).detach().abs().max()) < 2e-6
+        )  # the same projection in float32: a few roundings of numbers up to 4
     for name, value in db.items():
         assert relative(da[name], value) < 1e-5, name
 
@@ -60,7 +63,9 @@ def test_what_is_not_asked_for_changes_nothing_of_the_rest(extras: tuple[str, ..
     g = cloud(20, dtype=torch.float32)
     some, every = draw(g, camera(), extras=extras), draw(g, camera(), extras=("depth", "normal"))
     assert (some.depth is None, some.normal is None) == ("depth" not in extras, "normal" not in extras)
-    assert all(torch.allclose(a, b, rtol=0, atol=1e-6) for a, b in zip(some[:4], every[:4], strict=True) if a is not None)
+    assert all(
+        torch.allclose(a, b, rtol=0, atol=1e-6) for a, b in zip(some[:4], every[:4], strict=True) if a is not None
+    )
 
 
 @needs_triton
@@ -69,11 +74,18 @@ def test_what_is_not_asked_for_changes_nothing_of_the_rest(extras: tuple[str, ..
 def test_tiles_and_chunks_change_nothing_but_rounding(shape: backend.Shape, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opaque Gaussians, so that pixels stop within chunks and between them."""
     monkeypatch.setattr(backend, "SHAPE", QUICK)
-    g, cam = dataclasses.replace(cloud(12, dtype=torch.float32), opacity=torch.full((12,), 0.98), scale=torch.full((12, 3), 0.3)), camera(7, 6, 7.0)
+    g, cam = (
+        dataclasses.replace(
+            cloud(12, dtype=torch.float32), opacity=torch.full((12,), 0.98), scale=torch.full((12, 3), 0.3)
+        ),
+        camera(7, 6, 7.0),
+    )
     one, gradients = drawn(g, cam)
     monkeypatch.setattr(backend, "SHAPE", shape)
     other, others = drawn(g, cam)
-    assert all(torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True))  # depths up to 4
+    assert all(
+        torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True)
+    )  # depths up to 4
     assert all(relative(gradients[n], others[n]) < 1e-5 for n in gradients)
 
 
@@ -139,10 +151,19 @@ def test_lists_hold_every_intersection_once_by_tile_and_depth() -> None:
     kept = sorted_by_depth(project(cloud(40, dtype=torch.float32), cam, Cutoffs()), cam, tile)
     ids, slots, starts, bases = tiles.list_tiles(kept.boxes, cam, tile)
     across = -(-cam.width // tile)
-    expected = [[i for i, (x0, y0, x1, y1) in enumerate(kept.boxes.tolist()) if x0 <= t % across < x1 and y0 <= t // across < y1] for t in range(len(starts) - 1)]
+    expected = [
+        [
+            i
+            for i, (x0, y0, x1, y1) in enumerate(kept.boxes.tolist())
+            if x0 <= t % across < x1 and y0 <= t // across < y1
+        ]
+        for t in range(len(starts) - 1)
+    ]
     assert [ids[a:b].tolist() for a, b in pairwise(starts.tolist())] == expected
     assert sorted(slots.tolist()) == list(range(len(ids)))
-    assert torch.equal(torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long())  # slots of a Gaussian follow each other
+    assert torch.equal(
+        torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long()
+    )  # slots of a Gaussian follow each other
 
 
 def test_s12_more_intersections_than_places_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,7 +181,9 @@ def test_gradients_from_moments_are_those_of_the_exponent() -> None:
     p, q = d @ row[2:4], d @ row[4:6]
     (expected,) = torch.autograd.grad((m * (torch.log(row[6]) - 0.5 * (p * p + q * q))).sum(), row)
     sums = torch.stack([(m * v).sum() for v in (torch.ones_like(p), p, q, p * p, p * q, q * q)])
-    found = backend.from_moments(torch.nn.functional.pad(row.detach(), (0, 9))[None], torch.nn.functional.pad(sums.detach(), (0, 10))[None])
+    found = backend.from_moments(
+        torch.nn.functional.pad(row.detach(), (0, 9))[None], torch.nn.functional.pad(sums.detach(), (0, 10))[None]
+    )
     torch.testing.assert_close(found[0, :7], expected)
 
 
@@ -172,7 +195,9 @@ def test_gradients_from_moments_are_those_of_the_exponent() -> None:
         ("3.2.0", "the Gaussians are on cpu.*(choose 'cpu'|move them to 'cuda')"),
     ],
 )
-def test_what_is_lacking_is_said_with_what_to_do(version: str | None, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_lacking_is_said_with_what_to_do(
+    version: str | None, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(backend, "triton_version", lambda: version)
     monkeypatch.setattr(backend, "interpreted", lambda: False)
     with pytest.raises(ValueError, match=f"drawing.backend = 'gpu': {says}"):
@@ -201,7 +226,9 @@ class _OnCuda:
         self.mean = type("mean", (), {"device": torch.device("cuda"), "dtype": dtype})
 
 
-def test_auto_chooses_by_device_and_says_why_it_is_slow(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_auto_chooses_by_device_and_says_why_it_is_slow(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     rasterizer._say_once.cache_clear()
     single, double = _OnCuda(torch.float32), _OnCuda(torch.float64)
     monkeypatch.setattr(backend, "triton_version", lambda: "3.2.0")
@@ -236,5 +263,7 @@ for name, kinds in given.items():
 def test_kernels_compile_for_a_gpu_without_one() -> None:
     """The interpreter accepts what the compiler does not."""
     environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
-    done = subprocess.run([sys.executable, "-c", COMPILE], env=environment, capture_output=True, text=True, check=False, timeout=200)
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILE], env=environment, capture_output=True, text=True, check=False, timeout=200
+    )
     assert done.returncode == 0, done.stderr

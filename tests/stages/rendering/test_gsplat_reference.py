@@ -10,7 +10,9 @@ from tests.stages.rendering.scenes import draw
 
 
 # gsplat's float32 sums differ from float64 by up to a few 1e-6 on values near 1, and ours by as much again
-@pytest.mark.parametrize(("backend", "dtype", "bound"), [("reference", torch.float64, 5e-6), ("cpu", torch.float32, 1e-5)])
+@pytest.mark.parametrize(
+    ("backend", "dtype", "bound"), [("reference", torch.float64, 5e-6), ("cpu", torch.float32, 1e-5)]
+)
 @pytest.mark.parametrize("name", CASES)
 def test_same_picture_as_gsplat(name: str, backend: Backend, dtype: torch.dtype, bound: float) -> None:
     case = reference_case(name)

@@ -22,7 +22,9 @@ def maps(normal: tuple[float, float, float] = (0.0, 0.0, -1.0), face_on: float =
 
 def pose() -> np.ndarray:
     a = 0.7
-    return rigid(np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]), np.array([0.3, -0.2, 2.0]))
+    return rigid(
+        np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]), np.array([0.3, -0.2, 2.0])
+    )
 
 
 def test_means_project_back_to_pixel_centres_and_depth() -> None:

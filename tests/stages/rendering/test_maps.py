@@ -30,14 +30,25 @@ def source() -> dict[str, torch.Tensor]:
 
 def target() -> Camera:
     a = 0.15
-    return Camera(K, rigid(np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]), np.array([0.3, 0.0, 0.1])), W, H)
+    return Camera(
+        K,
+        rigid(np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]), np.array([0.3, 0.0, 0.1])),
+        W,
+        H,
+    )
 
 
 def loss(maps: dict[str, torch.Tensor], dtype: torch.dtype) -> torch.Tensor:
     lifted = lift(Maps(**maps), K, np.eye(4), dtype, torch.device("cpu"))
     out = rasterize(lifted.seen_from(target()), [target()], ("depth", "normal"))
     rng = np.random.default_rng(1)
-    return sum(((p * torch.as_tensor(rng.normal(size=p.shape), dtype=dtype)).sum() for p in (out.color, out.alpha, out.depth, out.normal)), torch.zeros((), dtype=dtype))  # type: ignore[union-attr]
+    return sum(
+        (
+            (p * torch.as_tensor(rng.normal(size=p.shape), dtype=dtype)).sum()
+            for p in (out.color, out.alpha, out.depth, out.normal)
+        ),
+        torch.zeros((), dtype=dtype),
+    )  # type: ignore[union-attr]
 
 
 def gradients(dtype: torch.dtype) -> dict[str, torch.Tensor]:
@@ -50,10 +61,15 @@ def test_gradient_of_a_map_equals_finite_differences(name: str) -> None:
     maps = source()
     values = maps[name].clone().requires_grad_()
     (gradient,) = torch.autograd.grad(loss(maps | {name: values}, torch.float64), values)
-    direction = torch.as_tensor(np.random.default_rng(2).normal(size=values.shape)) * (maps[name] != 0)  # no surface appears
+    direction = torch.as_tensor(np.random.default_rng(2).normal(size=values.shape)) * (
+        maps[name] != 0
+    )  # no surface appears
     step = 1e-8
     with torch.no_grad():
-        numeric = (loss(maps | {name: maps[name] + step * direction}, torch.float64) - loss(maps | {name: maps[name] - step * direction}, torch.float64)) / (2 * step)
+        numeric = (
+            loss(maps | {name: maps[name] + step * direction}, torch.float64)
+            - loss(maps | {name: maps[name] - step * direction}, torch.float64)
+        ) / (2 * step)
     expected = float((gradient * direction).sum())
     assert abs(float(numeric) - expected) < 1e-5 * max(1.0, abs(expected))
 

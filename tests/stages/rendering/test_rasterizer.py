@@ -1,4 +1,5 @@
-"""Laws of both back ends: the definition as a loop, analytic values, finite differences; threads and tiles. Hard cases: tests/hard_cases."""
+"""Laws of both back ends: the definition as a loop, analytic values, finite differences; threads and tiles. Hard
+cases: tests/hard_cases."""
 
 import dataclasses
 
@@ -51,7 +52,8 @@ def test_equals_the_definition_written_as_a_loop(dtype: torch.dtype, bound: floa
 
 
 def test_profile_and_energy_of_one_gaussian() -> None:
-    """Law: alpha = o exp(-d^2 / 2 s^2) with s = f scale / z px, and its sum is 2 pi s^2 o (to the tail cut off at 1e-12)."""
+    """Law: alpha = o exp(-d^2 / 2 s^2) with s = f scale / z px, and its sum is 2 pi s^2 o (to the tail cut off at
+    1e-12)."""
     cam = camera()
     out = draw(gaussians([0, 0, 2.0], scale=0.06, opacity=0.7), cam, NO_CUTS)
     s = 50 * 0.06 / 2
@@ -68,7 +70,9 @@ def test_nearer_gaussian_covers_farther_one_in_whatever_order() -> None:
     colors = torch.tensor([[1.0, 0, 0], [0, 0, 1.0]], dtype=torch.float64)
     out = draw(gaussians([near, far], 0.5, 0.6, colors), cam)
     swapped = draw(gaussians([far, near], 0.5, 0.6, colors.flip(0)), cam)
-    torch.testing.assert_close(out.color[0, 0], torch.tensor([0.6, 0, 0.4 * 0.6], dtype=torch.float64), atol=1e-12, rtol=0)
+    torch.testing.assert_close(
+        out.color[0, 0], torch.tensor([0.6, 0, 0.4 * 0.6], dtype=torch.float64), atol=1e-12, rtol=0
+    )
     assert same(out, swapped)
 
 
@@ -100,7 +104,9 @@ def test_tile_size_of_the_reference_changes_no_bit(tile: int) -> None:
 
 
 @pytest.mark.parametrize("budgets", [(64, 10), (256, 2**22)])
-def test_memory_budgets_of_the_reference_change_no_bit(budgets: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_budgets_of_the_reference_change_no_bit(
+    budgets: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = draw(cloud(150), camera())
     monkeypatch.setitem(reference.BATCH_PIXELS, "cpu", budgets[0])
     monkeypatch.setattr(reference, "BATCH_PAIRS", budgets[1])

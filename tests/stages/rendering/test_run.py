@@ -27,17 +27,38 @@ def person() -> PersonCapture:
 
 @pytest.fixture(scope="module")
 def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
-    given = {"depth/depth": person.depth, "depth/confidence": (person.depth > 0).astype(np.float16), "frames/color": person.color, "frames/mask": person.mask}
+    given = {
+        "depth/depth": person.depth,
+        "depth/confidence": (person.depth > 0).astype(np.float16),
+        "frames/color": person.color,
+        "frames/mask": person.mask,
+    }
     return given | run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, 3)
 
 
-def render(c: PersonCapture, arrays: dict[str, np.ndarray], path: object, length: int = 3, params: RenderingParams | None = None, **more: object) -> dict[str, np.ndarray]:
+def render(
+    c: PersonCapture,
+    arrays: dict[str, np.ndarray],
+    path: object,
+    length: int = 3,
+    params: RenderingParams | None = None,
+    **more: object,
+) -> dict[str, np.ndarray]:
     """Partition by partition, each with the path sliced to its frames."""
     out: dict[str, list[np.ndarray]] = {COLOR: [], ALPHA: []}
     for start in range(0, 3, length):
         part = slice(start, min(start + length, 3))
         cut = {k: v[part] for k, v in arrays.items()}
-        made = run_stage(stage("rendering"), params or RenderingParams(), cut, c.rig, c.views, part.stop - part.start, path=path.slice(part), **more)  # type: ignore[attr-defined]
+        made = run_stage(
+            stage("rendering"),
+            params or RenderingParams(),
+            cut,
+            c.rig,
+            c.views,
+            part.stop - part.start,
+            path=path.slice(part),
+            **more,
+        )  # type: ignore[attr-defined]
         for name in out:
             out[name].append(made[name])
     return {k: np.concatenate(v) for k, v in out.items()}
@@ -65,7 +86,9 @@ def test_partitions_change_nothing(person: PersonCapture, arrays: dict[str, np.n
         assert all(np.array_equal(whole[k], cut[k]) for k in whole)
 
 
-def test_unserved_frames_are_black_and_smaller_cameras_are_padded(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
+def test_unserved_frames_are_black_and_smaller_cameras_are_padded(
+    person: PersonCapture, arrays: dict[str, np.ndarray]
+) -> None:
     path = make_path("held_out", person.rig, person.views, np.arange(3))
     served = path.served.copy()
     served[1, 0] = False
@@ -88,11 +111,16 @@ def test_held_out_pictures_are_never_looked_at(person: PersonCapture, arrays: di
     masks = arrays["frames/mask"].copy()
     masks[:, 8:] = noise[:, 8:, ..., 0]
     path = make_path("held_out", person.rig, person.views, np.arange(3))
-    assert np.array_equal(render(person, arrays, path)[COLOR], render(person, arrays | {"frames/color": noise, "frames/mask": masks}, path)[COLOR])
+    assert np.array_equal(
+        render(person, arrays, path)[COLOR],
+        render(person, arrays | {"frames/color": noise, "frames/mask": masks}, path)[COLOR],
+    )
 
 
 @pytest.mark.parametrize("off", ["silhouette_clipping", "hole_filling"])
-def test_masks_are_not_read_without_the_effects_and_clipping_adds_no_alpha(person: PersonCapture, arrays: dict[str, np.ndarray], off: str) -> None:
+def test_masks_are_not_read_without_the_effects_and_clipping_adds_no_alpha(
+    person: PersonCapture, arrays: dict[str, np.ndarray], off: str
+) -> None:
     path = make_path("held_out", person.rig, person.views, np.arange(3))
     without = {k: v for k, v in arrays.items() if k != "frames/mask"}
     plain = render(person, without, path, effects=frozenset())
@@ -110,7 +138,9 @@ def test_masks_without_a_background_clip_nothing(person: PersonCapture, arrays: 
     assert all(np.array_equal(found[k], plain[k]) for k in plain)
 
 
-def test_a_frame_without_any_picture_is_black_and_one_missing_view_is_replaced(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
+def test_a_frame_without_any_picture_is_black_and_one_missing_view_is_replaced(
+    person: PersonCapture, arrays: dict[str, np.ndarray]
+) -> None:
     path = make_path("held_out", person.rig, person.views, np.arange(3))
     valid = np.ones((3, 10), bool)
     valid[1] = False
@@ -121,7 +151,9 @@ def test_a_frame_without_any_picture_is_black_and_one_missing_view_is_replaced(p
     assert not np.array_equal(out[COLOR][2, 0], render(person, arrays, path)[COLOR][2, 0])
 
 
-def test_double_precision_gives_the_same_picture_to_a_grey_level_or_two(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
+def test_double_precision_gives_the_same_picture_to_a_grey_level_or_two(
+    person: PersonCapture, arrays: dict[str, np.ndarray]
+) -> None:
     path = make_path("still cam01", person.rig, person.views, np.arange(3))
     a = render(person, arrays, path)[COLOR].astype(int)
     b = render(person, arrays, path, params=RenderingParams(precision="float64"))[COLOR].astype(int)
@@ -141,22 +173,41 @@ def test_check_warns_when_all_is_empty() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-@pytest.mark.parametrize(("name", "channel"), [("gaussians/scale", (1,)), ("gaussians/opacity", (0,)), ("depth/depth", ())])
-def test_gaussians_that_are_not_finite_are_left_out_and_spoken_of(person: PersonCapture, arrays: dict[str, np.ndarray], name: str, channel: tuple[int, ...], bad: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "channel"), [("gaussians/scale", (1,)), ("gaussians/opacity", (0,)), ("depth/depth", ())]
+)
+def test_gaussians_that_are_not_finite_are_left_out_and_spoken_of(
+    person: PersonCapture, arrays: dict[str, np.ndarray], name: str, channel: tuple[int, ...], bad: float
+) -> None:
     """The pictures of the scene without that pixel of the eight views, and one sentence with the frame's number."""
     path = make_path("held_out", person.rig, person.views, np.arange(3))
     row, column = np.argwhere((arrays["gaussians/opacity"][2, :8, 0] > 0).all(axis=0))[0]
-    broken, without = arrays | {name: arrays[name].copy()}, arrays | {"gaussians/opacity": arrays["gaussians/opacity"].copy()}
+    broken, without = (
+        arrays | {name: arrays[name].copy()},
+        arrays | {"gaussians/opacity": arrays["gaussians/opacity"].copy()},
+    )
     broken[name][(2, slice(0, 8), *channel, row, column)] = bad
     without["gaussians/opacity"][2, :8, :, row, column] = 0
-    blocks = list(run(MemoryInputs(stage("rendering"), RenderingParams(), broken, person.rig, person.views, range(3), 3, path=path), RenderingParams()))
+    blocks = list(
+        run(
+            MemoryInputs(
+                stage("rendering"), RenderingParams(), broken, person.rig, person.views, range(3), 3, path=path
+            ),
+            RenderingParams(),
+        )
+    )
     expected = render(person, without, path)
     assert all(np.array_equal(np.asarray(b.data), expected[b.array]) for b in blocks)
     (said,) = [n for b in blocks for n in b.notes]
-    assert re.fullmatch("[12] Gaussians of frame 2 were not finite and were left out", said)  # of two views, and of those that face the camera
+    assert re.fullmatch(
+        "[12] Gaussians of frame 2 were not finite and were left out", said
+    )  # of two views, and of those that face the camera
 
 
 def test_what_was_left_out_is_one_sentence_a_partition() -> None:
     assert masked_note(np.zeros((3, 2), int), np.arange(46, 49)) == ()
     (said,) = masked_note(np.array([[0, 0], [3, 5], [0, 1]]), np.arange(46, 52, 2))
-    assert said == "5 Gaussians of frame 48 were not finite and were left out; so were others in 1 more of the frames 46-50"
+    assert (
+        said
+        == "5 Gaussians of frame 48 were not finite and were left out; so were others in 1 more of the frames 46-50"
+    )

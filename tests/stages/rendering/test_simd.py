@@ -57,7 +57,9 @@ def _both_sides(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 def test_arithmetic() -> None:
     with np.errstate(all="ignore"):
         value = np.where((A > B) & (B >= -2.5), A / B, A * B)
-    np.testing.assert_allclose(applied(_both_sides, A, B), value * np.minimum(A, B) + (np.maximum(A, B) - np.floor(A)), rtol=1e-6)
+    np.testing.assert_allclose(
+        applied(_both_sides, A, B), value * np.minimum(A, B) + (np.maximum(A, B) - np.floor(A)), rtol=1e-6
+    )
 
 
 @njit
@@ -75,7 +77,19 @@ def test_sums_along_the_lanes() -> None:
 @njit
 def _rows(a: np.ndarray, out: np.ndarray) -> None:
     v = load(a, 0)
-    store_rows(out, 0, 10, v, v + splat(10), v + splat(20), v + splat(30), v + splat(40), v + splat(50), v + splat(60), v + splat(70))
+    store_rows(
+        out,
+        0,
+        10,
+        v,
+        v + splat(10),
+        v + splat(20),
+        v + splat(30),
+        v + splat(40),
+        v + splat(50),
+        v + splat(60),
+        v + splat(70),
+    )
 
 
 def test_rows_are_columns_transposed() -> None:

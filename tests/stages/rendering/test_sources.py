@@ -13,7 +13,9 @@ def at(degrees: float) -> np.ndarray:
 
 
 def weights(degrees: float, usable: np.ndarray | None = None, count: int = 2) -> np.ndarray:
-    chosen = choose(angles_at(np.array([0, 0, 0.2]), RING, at(degrees)), np.ones(8, bool) if usable is None else usable, count)
+    chosen = choose(
+        angles_at(np.array([0, 0, 0.2]), RING, at(degrees)), np.ones(8, bool) if usable is None else usable, count
+    )
     out = np.zeros(8)
     for view, weight in chosen:
         out[view] = weight
@@ -55,4 +57,6 @@ def test_fewer_views_than_asked_for(number: int) -> None:
 def test_degenerate_angles_give_finite_weights() -> None:
     assert choose(np.zeros(4), np.ones(4, bool), 2) == [(0, 1.0), (1, 1.0)]
     assert choose(np.array([np.pi]), np.ones(1, bool), 2) == [(0, 1.0)]
-    np.testing.assert_allclose(angles_at(np.zeros(3), np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([-2.0, 0, 0])), [np.pi, 0])
+    np.testing.assert_allclose(
+        angles_at(np.zeros(3), np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([-2.0, 0, 0])), [np.pi, 0]
+    )

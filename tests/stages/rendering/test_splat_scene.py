@@ -28,7 +28,18 @@ def test_a_rotation_matrix_turns_as_its_quaternion_does() -> None:
 def test_quaternions_give_back_their_matrices(seed: int) -> None:
     q = np.random.default_rng(seed).normal(size=(200, 4))
     # the half turns, where three of the four components are 0 or the trace is -1
-    q[:8] = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1e-9, 1, 0, 0], [0, 1, 1, 0], [0, -1, 0, 1], [1, 1, 1, 1]])
+    q[:8] = np.array(
+        [
+            [1, 0, 0, 0],
+            [0, 1, 0, 0],
+            [0, 0, 1, 0],
+            [0, 0, 0, 1],
+            [1e-9, 1, 0, 0],
+            [0, 1, 1, 0],
+            [0, -1, 0, 1],
+            [1, 1, 1, 1],
+        ]
+    )
     r = rotations(torch.from_numpy(q)).numpy()
     found = quaternions(r)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
@@ -46,9 +57,23 @@ def test_harmonics_are_those_of_the_reference_and_orthonormal() -> None:
     z, weight = np.polynomial.legendre.leggauss(8)
     phi = np.arange(16) * np.pi / 8
     s = np.sqrt(1 - z**2)
-    points = np.stack([np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(16))], axis=2).reshape(-1, 3)
+    points = np.stack([np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(16))], axis=2).reshape(
+        -1, 3
+    )
     one = torch.eye(16, dtype=torch.float64)
-    basis = np.stack([sh_color((0.4 * one[k])[None, :, None].expand(len(points), 16, 3), torch.from_numpy(points)).numpy()[:, 0] - 0.5 for k in range(16)], axis=1) / 0.4
+    basis = (
+        np.stack(
+            [
+                sh_color((0.4 * one[k])[None, :, None].expand(len(points), 16, 3), torch.from_numpy(points)).numpy()[
+                    :, 0
+                ]
+                - 0.5
+                for k in range(16)
+            ],
+            axis=1,
+        )
+        / 0.4
+    )
     gram = np.einsum("n,nk,nl->kl", np.repeat(weight, 16) * np.pi / 8, basis, basis)
     np.testing.assert_allclose(gram, np.eye(16), atol=1e-9)
 
@@ -56,8 +81,12 @@ def test_harmonics_are_those_of_the_reference_and_orthonormal() -> None:
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_degrees_beyond_the_asked_do_not_count(degree: int) -> None:
     splats = made(30, 3)
-    cut = Splats(splats.mean, splats.log_scale, splats.quaternion, splats.opacity_logit, splats.harmonics[:, : (degree + 1) ** 2])
-    torch.testing.assert_close(scene_of(splats).seen_from(camera(), degree).color, scene_of(cut).seen_from(camera()).color, rtol=0, atol=0)
+    cut = Splats(
+        splats.mean, splats.log_scale, splats.quaternion, splats.opacity_logit, splats.harmonics[:, : (degree + 1) ** 2]
+    )
+    torch.testing.assert_close(
+        scene_of(splats).seen_from(camera(), degree).color, scene_of(cut).seen_from(camera()).color, rtol=0, atol=0
+    )
 
 
 def test_colours_are_never_negative_and_a_camera_inside_a_gaussian_sees_degree_zero() -> None:
@@ -96,7 +125,15 @@ def test_gaussians_written_as_splats_are_the_same_gaussians() -> None:
     torch.testing.assert_close(back.rotation[turned], g.rotation[turned], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("field", "value", "words"), [("mean", np.nan, "mean are not finite"), ("scale", 0.0, "scales above 0"), ("opacity", 1.5, "opacities in"), ("opacity", 0.0, "opacities in")])
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("mean", np.nan, "mean are not finite"),
+        ("scale", 0.0, "scales above 0"),
+        ("opacity", 1.5, "opacities in"),
+        ("opacity", 0.0, "opacities in"),
+    ],
+)
 def test_what_no_splat_can_hold_is_refused(field: str, value: float, words: str) -> None:
     g = cloud(5)
     getattr(g, field)[2] = value

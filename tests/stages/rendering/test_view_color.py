@@ -31,7 +31,13 @@ def person() -> PersonCapture:
 
 def posed(c: PersonCapture, view: int, color: np.ndarray | None = None) -> tuple[Maps, np.ndarray, np.ndarray]:
     shape = (SIZE, SIZE)
-    maps = Maps(c.color[0, view] if color is None else color, c.depth[0, view], np.full((3, *shape), 0.01), np.stack([np.zeros(shape), np.zeros(shape), -np.ones(shape)]), np.full((2, *shape), 0.9))
+    maps = Maps(
+        c.color[0, view] if color is None else color,
+        c.depth[0, view],
+        np.full((3, *shape), 0.01),
+        np.stack([np.zeros(shape), np.zeros(shape), -np.ones(shape)]),
+        np.full((2, *shape), 0.9),
+    )
     return maps, c.rig.intrinsics[view], c.rig.world_to_camera[view]
 
 
@@ -39,7 +45,9 @@ def target(c: PersonCapture, view: int) -> Camera:
     return Camera(c.rig.intrinsics[view], c.rig.world_to_camera[view], SIZE, SIZE)
 
 
-def seen(c: PersonCapture, at: int, colors: dict[int, np.ndarray], limit: float = np.pi / 3) -> tuple[Lifted, torch.Tensor]:
+def seen(
+    c: PersonCapture, at: int, colors: dict[int, np.ndarray], limit: float = np.pi / 3
+) -> tuple[Lifted, torch.Tensor]:
     """View 0's Gaussians and their colours towards the camera of view `at`."""
     lifted = lift(*posed(c, 0, colors[0]), torch.float64, CPU)
     photos = {v: Photo.of(*posed(c, v, color), torch.float64, CPU) for v, color in colors.items()}
@@ -68,7 +76,19 @@ def test_halfway_between_two_views_both_have_a_say_where_both_see_the_point(pers
 
 def test_a_view_that_sees_another_surface_there_has_no_say(person: PersonCapture) -> None:
     maps, k, pose = posed(person, 1, plain(0, 200, 0))
-    nearer = Photo.of(Maps(maps.color, np.where(person.depth[0, 1] > 0, person.depth[0, 1] * 0.9, 0), maps.scale, maps.normal, maps.opacity), k, pose, torch.float64, CPU)
+    nearer = Photo.of(
+        Maps(
+            maps.color,
+            np.where(person.depth[0, 1] > 0, person.depth[0, 1] * 0.9, 0),
+            maps.scale,
+            maps.normal,
+            maps.opacity,
+        ),
+        k,
+        pose,
+        torch.float64,
+        CPU,
+    )
     points = lift(*posed(person, 1), torch.float64, CPU).mean
     assert float(nearer.at(points)[1].max()) == 0
     color, share = Photo.of(maps, k, pose, torch.float64, CPU).at(points)
@@ -79,7 +99,9 @@ def test_a_view_that_sees_another_surface_there_has_no_say(person: PersonCapture
 def test_points_behind_a_camera_or_in_its_plane_are_not_seen_and_nothing_is_nan(person: PersonCapture) -> None:
     maps, k, pose = posed(person, 0)
     centre = target(person, 0).centre
-    points = torch.as_tensor(np.stack([centre, centre - 2 * pose[2, :3], centre + 1e-9 * pose[2, :3], np.full(3, 1e30)]))
+    points = torch.as_tensor(
+        np.stack([centre, centre - 2 * pose[2, :3], centre + 1e-9 * pose[2, :3], np.full(3, 1e30)])
+    )
     color, share = Photo.of(maps, k, pose, torch.float64, CPU).at(points)
     assert torch.isfinite(color).all()
     assert not share.any()
@@ -97,15 +119,30 @@ def test_threads_change_nothing(person: PersonCapture) -> None:
 
 def rendered(c: PersonCapture, color: np.ndarray, on: bool) -> float:
     """PSNR of the held-out picture, dB, from true depth."""
-    given = {"depth/depth": c.depth, "depth/confidence": (c.depth > 0).astype(np.float16), "frames/color": color, "frames/mask": c.mask}
+    given = {
+        "depth/depth": c.depth,
+        "depth/confidence": (c.depth > 0).astype(np.float16),
+        "frames/color": color,
+        "frames/mask": c.mask,
+    }
     arrays = given | run_stage(stage("gaussians"), GaussiansParams(), given, c.rig, c.views, 1)
     path = make_path("held_out", c.rig, c.views, np.arange(1))
-    picture = run_stage(stage("rendering"), RenderingParams(), arrays, c.rig, c.views, 1, path=path, effects=frozenset({"view_dependent_color"} if on else ()))[COLOR]
+    picture = run_stage(
+        stage("rendering"),
+        RenderingParams(),
+        arrays,
+        c.rig,
+        c.views,
+        1,
+        path=path,
+        effects=frozenset({"view_dependent_color"} if on else ()),
+    )[COLOR]
     return psnr(picture[:, 0], c.color[:, c.views.held_out[0]], 255.0, 100.0)
 
 
 def test_views_that_disagree_are_blended_to_a_picture_closer_to_the_truth(person: PersonCapture) -> None:
-    """Every camera sees the body in noise of its own, 30/255; the one that lies in front is chance, the mean of both is not."""
+    """Every camera sees the body in noise of its own, 30/255; the one that lies in front is chance, the mean of both
+    is not."""
     random = np.random.default_rng(0)
     noisy = np.clip(person.color + random.normal(0, 30, person.color.shape), 0, 255).astype(np.uint8)
     noisy[:, 8:] = person.color[:, 8:]
@@ -117,7 +154,13 @@ def evidence(colors: np.ndarray, noise: float, *facts: str, sources: int = 2) ->
     surface = np.full((len(colors), len(colors), 64, 3), NONE)
     surface[0, 1, :40] = np.log2(np.maximum(colors[0], 1e-3) / np.maximum(colors[1], 1e-3)).mean(axis=0)
     noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise), SURFACE: surface}
-    return SimpleNamespace(params=RenderingParams(sources=sources), facts=frozenset({"joints3d", *facts}), sources=(0, 1), joint_views=(), noted=noted)
+    return SimpleNamespace(
+        params=RenderingParams(sources=sources),
+        facts=frozenset({"joints3d", *facts}),
+        sources=(0, 1),
+        joint_views=(),
+        noted=noted,
+    )
 
 
 def test_it_is_for_views_that_differ_by_more_than_noise_and_exposure() -> None:

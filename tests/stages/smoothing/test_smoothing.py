@@ -1,4 +1,5 @@
-"""Laws of temporal pose smoothing: identity, bounds, the paper's equation, no ghost limb, partitions, lag and step response."""
+"""Laws of temporal pose smoothing: identity, bounds, the paper's equation, no ghost limb, partitions, lag and step
+response."""
 
 from __future__ import annotations
 
@@ -23,13 +24,21 @@ HALF = 1e-3  # half a unit of float16 below 1, once for the input and once for t
 
 
 def rig(views: int) -> Rig:
-    return Rig(tuple(f"cam{v}" for v in range(views)), np.tile(np.eye(3), (views, 1, 1)), np.zeros((views, 8)), np.tile(np.eye(4), (views, 1, 1)), np.full((views, 2), PIXELS))
+    return Rig(
+        tuple(f"cam{v}" for v in range(views)),
+        np.tile(np.eye(3), (views, 1, 1)),
+        np.zeros((views, 8)),
+        np.tile(np.eye(4), (views, 1, 1)),
+        np.full((views, 2), PIXELS),
+    )
 
 
 def encode(joints: np.ndarray) -> dict[str, np.ndarray]:
     """The two arrays of the pose stage from joints [F, V, 17, 3]."""
     sigma = np.full(joints.shape[:-1], SIGMA)
-    maps = np.stack([draw(joints[:, v], sigma[:, v], (PIXELS, PIXELS), (CELLS, CELLS)) for v in range(joints.shape[1])], axis=1)
+    maps = np.stack(
+        [draw(joints[:, v], sigma[:, v], (PIXELS, PIXELS), (CELLS, CELLS)) for v in range(joints.shape[1])], axis=1
+    )
     return {"pose/joints2d": joints.astype(np.float32), "pose/heatmaps": maps}
 
 
@@ -37,7 +46,9 @@ def smooth(arrays: dict[str, np.ndarray], length: int | None = None, **settings:
     frames, views = arrays["pose/joints2d"].shape[:2]
     r = rig(views)
     params = SmoothingParams(**settings)
-    out = run_stage(STAGE, params, arrays, r, Views(r.names, tuple(range(views)), ()), frames, length)["smoothing/heatmaps"]
+    out = run_stage(STAGE, params, arrays, r, Views(r.names, tuple(range(views)), ()), frames, length)[
+        "smoothing/heatmaps"
+    ]
     assert check(Block("smoothing/heatmaps", out, 0), params) == []
     return out
 
@@ -110,7 +121,11 @@ def test_equal_scores_give_the_papers_equation() -> None:
 
 def test_unequal_scores_follow_the_weighted_equation() -> None:
     arrays = noisy(seed=3)
-    h, s, w = arrays["pose/heatmaps"].astype(np.float64), arrays["pose/joints2d"][..., 2].astype(np.float64)[..., None, None], 0.6
+    h, s, w = (
+        arrays["pose/heatmaps"].astype(np.float64),
+        arrays["pose/joints2d"][..., 2].astype(np.float64)[..., None, None],
+        0.6,
+    )
     weight = w * s[1:] + (1 - w) * s[:-1]
     expected = h.copy()
     expected[1:] = np.maximum(s[1:], s[:-1]) * (w * h[1:] + (1 - w) * h[:-1]) / np.where(weight > 0, weight, 1)
@@ -119,7 +134,10 @@ def test_unequal_scores_follow_the_weighted_equation() -> None:
 
 def test_recurrent_is_the_recursion_started_at_its_truncation() -> None:
     arrays, w, truncation = noisy(frames=8, seed=4), 0.5, 3
-    h, s = arrays["pose/heatmaps"].astype(np.float64), arrays["pose/joints2d"][..., 2].astype(np.float64)[..., None, None]
+    h, s = (
+        arrays["pose/heatmaps"].astype(np.float64),
+        arrays["pose/joints2d"][..., 2].astype(np.float64)[..., None, None],
+    )
     found = smooth(arrays, method="recurrent", omega=w, truncation=truncation)
     for t in range(8):
         start = max(0, t - truncation)
@@ -133,7 +151,9 @@ def test_recurrent_is_the_recursion_started_at_its_truncation() -> None:
 
 def test_pairwise_is_recurrent_with_one_frame_of_past() -> None:
     arrays = noisy(seed=5)
-    np.testing.assert_array_equal(smooth(arrays, omega=0.6), smooth(arrays, method="recurrent", omega=0.6, truncation=1))
+    np.testing.assert_array_equal(
+        smooth(arrays, omega=0.6), smooth(arrays, method="recurrent", omega=0.6, truncation=1)
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -164,7 +184,10 @@ def test_adaptive_never_shows_a_second_peak(sigmas: float) -> None:
 def test_adaptive_is_pairwise_at_rest_and_goes_over_continuously() -> None:
     rest = track([50.0, 50.0, 50.0], [0.5, 0.9, 0.4])
     np.testing.assert_array_equal(smooth(rest, method="adaptive", omega=0.4), smooth(rest, omega=0.4))
-    moved = [smooth(track([50.0, 50.0 + d], [0.9, 0.5]), method="adaptive", omega=0.5)[1, 0, 0].astype(np.float64) for d in np.linspace(0, 10, 41)]
+    moved = [
+        smooth(track([50.0, 50.0 + d], [0.9, 0.5]), method="adaptive", omega=0.5)[1, 0, 0].astype(np.float64)
+        for d in np.linspace(0, 10, 41)
+    ]
     steps = [np.abs(b - a).max() for a, b in pairwise(moved)]
     assert max(steps) < 0.05  # a quarter of a pixel changes no cell by more, not even at the limit of 8 px
 
@@ -201,11 +224,19 @@ def centroid(heatmaps: np.ndarray) -> np.ndarray:
 def test_lag_at_constant_speed_is_the_documented_one(omega: float) -> None:
     speed = 3.0
     moving = track([30.0 + speed * t for t in range(14)])
-    behind = {m: (centroid(moving["pose/heatmaps"]) - centroid(smooth(moving, method=m, omega=omega, truncation=4)))[-1] / speed for m in METHODS}
+    behind = {
+        m: (
+            (centroid(moving["pose/heatmaps"]) - centroid(smooth(moving, method=m, omega=omega, truncation=4)))[-1]
+            / speed
+        )
+        for m in METHODS
+    }
     assert behind["pairwise"] == pytest.approx(1 - omega, abs=0.01)
     assert behind["recurrent"] == pytest.approx(sum((1 - omega) ** k for k in range(1, 5)), abs=0.01)
     calm = 1 - speed / SIGMA
-    assert behind["adaptive"] == pytest.approx((1 - omega) * calm, abs=0.02)  # sigma is measured from the map, without its tail
+    assert behind["adaptive"] == pytest.approx(
+        (1 - omega) * calm, abs=0.02
+    )  # sigma is measured from the map, without its tail
 
 
 def test_step_response_is_the_documented_one() -> None:

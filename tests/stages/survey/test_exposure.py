@@ -39,7 +39,8 @@ def test_gains_of_single_channels_are_undone() -> None:
     assert found is not None
     # Medians of 40 points that scatter by a tenth of a stop: 0.02 a pair, up to four pairs on the way.
     np.testing.assert_allclose(np.log2(found.gains), -stops, atol=0.08)
-    # Two errors of a chain's end, two pairs from the middle camera, are some 0.3 stops: thirds of 13 points scatter, and each pair has its floor.
+    # Two errors of a chain's end, two pairs from the middle camera, are some 0.3 stops: thirds of 13 points scatter,
+    # and each pair has its floor.
     assert 0.45 < found.proven[1] < 0.7
     assert 0.6 < found.proven[4] < 1.0
     assert found.proven[[0, 2, 3]].max() == 0
@@ -90,4 +91,8 @@ def test_the_gain_of_one_changes_no_value_and_tables_are_monotone() -> None:
         table = gain_table(np.full(3, gain))[0].astype(int)
         assert (np.diff(table, axis=0) >= 0).all()
         # Float32 against float64: a value on the edge may round the other way.
-        np.testing.assert_allclose(table[:, 0], to_display(np.clip(to_linear(np.arange(256)) * gain, 0, 1)[:, None].repeat(3, 1)[None])[0, :, 0], atol=1)
+        np.testing.assert_allclose(
+            table[:, 0],
+            to_display(np.clip(to_linear(np.arange(256)) * gain, 0, 1)[:, None].repeat(3, 1)[None])[0, :, 0],
+            atol=1,
+        )

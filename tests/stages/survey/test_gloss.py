@@ -38,7 +38,11 @@ def filmed() -> tuple[Rig, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
 def highlights(rig: Rig, view: int, depth: np.ndarray, lamp: np.ndarray, sharp: float) -> np.ndarray:
     """[h, w] 0..1 Blinn's lobe of a lamp in direction [3]: where normals point halfway between lamp and camera."""
     u, v = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
-    at = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(rig.intrinsics[view]).T * cv2.GaussianBlur(depth, (0, 0), 1.0)[..., None]
+    at = (
+        np.stack([u, v, np.ones_like(u)], axis=-1)
+        @ np.linalg.inv(rig.intrinsics[view]).T
+        * cv2.GaussianBlur(depth, (0, 0), 1.0)[..., None]
+    )
     normal = np.cross(np.gradient(at, axis=1), np.gradient(at, axis=0))
     normal *= -np.sign((normal * at).sum(axis=-1, keepdims=True))
     half = rig.rotations[view] @ lamp - unit(at)
@@ -68,9 +72,18 @@ class Photographs:
 def surveyed(rig: Rig, light: list[np.ndarray], stops: np.ndarray) -> np.ndarray:
     """[S, S, 64, 3] surface points of cameras with these exposures [S], and a sensor's noise."""
     rng = np.random.default_rng(0)
-    pictures = [np.clip(np.rint(to_srgb(np.clip(a * 2**s, 0, 1)) + rng.normal(0, 1, a.shape)), 0, 255).astype(np.uint8) for a, s in zip(light, stops, strict=True)]
+    pictures = [
+        np.clip(np.rint(to_srgb(np.clip(a * 2**s, 0, 1)) + rng.normal(0, 1, a.shape)), 0, 255).astype(np.uint8)
+        for a, s in zip(light, stops, strict=True)
+    ]
     reader = Photographs(pictures)
-    inputs = SimpleNamespace(rig=rig, source_rig=rig, views=Views(rig.names, tuple(range(CAMERAS)), ()), captured_to_calibrated=np.tile([1.0, 0, 0], (CAMERAS, 1)), source=lambda kind: reader)
+    inputs = SimpleNamespace(
+        rig=rig,
+        source_rig=rig,
+        views=Views(rig.names, tuple(range(CAMERAS)), ()),
+        captured_to_calibrated=np.tile([1.0, 0, 0], (CAMERAS, 1)),
+        source=lambda kind: reader,
+    )
     return np.stack([surface_stops(inputs, v, np.arange(1)) for v in range(CAMERAS)])  # type: ignore[arg-type]
 
 
@@ -81,9 +94,14 @@ def proven(found: Matching | None) -> float:
 
 @pytest.mark.parametrize("lamp", LAMPS)
 @pytest.mark.parametrize(("albedo", "gloss", "sharp"), [(0.1, 0.1, 8.0), (0.2, 0.4, 12.0)])
-def test_gloss_on_dark_cloth_proves_nothing_between_equal_cameras(filmed: tuple[Rig, list], albedo: float, gloss: float, sharp: float, lamp: list[float]) -> None:
+def test_gloss_on_dark_cloth_proves_nothing_between_equal_cameras(
+    filmed: tuple[Rig, list], albedo: float, gloss: float, sharp: float, lamp: list[float]
+) -> None:
     rig, seen = filmed
-    light = [albedo * a + (gloss * highlights(rig, v, depth, unit(np.array(lamp)), sharp) * cover)[..., None] for v, (a, cover, depth) in enumerate(seen)]
+    light = [
+        albedo * a + (gloss * highlights(rig, v, depth, unit(np.array(lamp)), sharp) * cover)[..., None]
+        for v, (a, cover, depth) in enumerate(seen)
+    ]
     # Far below the 0.25 stops from which the effect is on.
     assert proven(match(surveyed(rig, light, np.zeros(CAMERAS)))) < 0.12
 
@@ -101,6 +119,8 @@ def test_half_a_stop_between_cameras_around_a_matt_person_is_found_and_undone(fi
 def test_joints_can_neither_switch_it_on_nor_change_a_gain() -> None:
     """Patches beside joints are not read: folds, gloss and dark pixels make them differ where cameras are alike."""
     assert EXPOSURE_MATCHING.asks == (SURFACE,)
-    read = {r.array for r in STAGE.reads_for(STAGE.params(), frozenset({"exposure_matching", "joints2d", "several_frames"}))}
+    read = {
+        r.array for r in STAGE.reads_for(STAGE.params(), frozenset({"exposure_matching", "joints2d", "several_frames"}))
+    }
     assert SURFACE in read
     assert COLORS not in read

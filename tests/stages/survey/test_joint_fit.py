@@ -21,7 +21,12 @@ def person() -> PersonCapture:
 def fit(c: PersonCapture, joints: np.ndarray, view: int = 0) -> np.ndarray:
     reader = SimpleNamespace(joint_set="coco17", read=lambda v, n: joints[n, v][None])
     inputs: Any = SimpleNamespace(
-        facts=frozenset({"joints2d"}), views=c.views, rig=c.rig, source_rig=c.rig, captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(c.rig), 1)), source=lambda kind: reader
+        facts=frozenset({"joints2d"}),
+        views=c.views,
+        rig=c.rig,
+        source_rig=c.rig,
+        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(c.rig), 1)),
+        source=lambda kind: reader,
     )
     return fit_of_view(inputs, view, np.arange(len(joints)))
 
@@ -43,7 +48,8 @@ def test_exact_joints_fit_and_call_for_the_bounds(person: PersonCapture) -> None
 
 
 def test_the_median_is_that_of_the_noise_and_noise_beyond_the_bound_switches_off(person: PersonCapture) -> None:
-    """White noise of s px in u and v lies 1.18 s from its mean (Rayleigh), and the triangulated point takes a quarter of the variance of six views along."""
+    """White noise of s px in u and v lies 1.18 s from its mean (Rayleigh), and the triangulated point takes a
+    quarter of the variance of six views along."""
     small, large = (np.stack([fit(person, noisy(person, s), v) for v in range(6)]) for s in (0.3, 1.5))
     assert 0.2 < np.median(small[:, 0]) * 64 < 0.4
     assert decided(small).on

@@ -11,7 +11,11 @@ def runs(count: int, noise: float, velocity: float, seed: int = 0) -> np.ndarray
     rng = np.random.default_rng(seed)
     t = np.arange(RUN)[None, :, None]
     angle = rng.uniform(0, 2 * np.pi, (count, 1, 17))
-    x = np.stack([velocity * t * np.cos(angle), velocity * t * np.sin(angle)], axis=-1) + 100.0 + rng.normal(0, noise, (count, RUN, 17, 2))
+    x = (
+        np.stack([velocity * t * np.cos(angle), velocity * t * np.sin(angle)], axis=-1)
+        + 100.0
+        + rng.normal(0, noise, (count, RUN, 17, 2))
+    )
     return np.concatenate([x, np.ones((*x.shape[:-1], 1))], axis=-1)
 
 
@@ -19,7 +23,8 @@ def runs(count: int, noise: float, velocity: float, seed: int = 0) -> np.ndarray
 def test_noise_and_speed_are_told_apart(noise: float, velocity: float) -> None:
     jitter, motion, compared = jitter_and_motion(runs(25, noise, velocity))
     assert compared == 25 * 17
-    # 425 third differences: their median is known to 5 %. The trimmed twentieth of the steps takes up to a tenth of the speed.
+    # 425 third differences: their median is known to 5 %. The trimmed twentieth of the steps takes up to a tenth of the
+    # speed.
     assert jitter == pytest.approx(noise, rel=0.12)
     assert motion == pytest.approx(velocity, rel=0.12, abs=0.5 * noise)
 

@@ -14,7 +14,9 @@ def ground() -> np.ndarray:
 
 @pytest.mark.parametrize("sigma", [2.0, 6.0, 15.0])
 def test_noise_is_found(sigma: float) -> None:
-    noisy = np.clip(np.rint(ground() + np.random.default_rng(0).normal(0, sigma, (200, 200, 3))), 0, 255).astype(np.uint8)
+    noisy = np.clip(np.rint(ground() + np.random.default_rng(0).normal(0, sigma, (200, 200, 3))), 0, 255).astype(
+        np.uint8
+    )
     assert noise_level(noisy) == pytest.approx(sigma, rel=0.1)
 
 
@@ -26,7 +28,9 @@ def test_a_clean_picture_has_the_noise_of_rounding_and_a_black_one_none() -> Non
 def test_strips_of_a_large_picture_tell_what_the_whole_does() -> None:
     """Quiet above, noisy below: the median of the whole, to a few per cent, as strips lie all over it."""
     rng = np.random.default_rng(1)
-    picture = np.clip(np.rint(128 + rng.normal(0, 1, (1200, 900, 3)) * np.linspace(2, 8, 1200)[:, None, None]), 0, 255).astype(np.uint8)
+    picture = np.clip(
+        np.rint(128 + rng.normal(0, 1, (1200, 900, 3)) * np.linspace(2, 8, 1200)[:, None, None]), 0, 255
+    ).astype(np.uint8)
     quarters = [noise_level(np.ascontiguousarray(picture[:, c : c + 200])) for c in range(0, 800, 200)]
     assert 200 * 1200 < PIXELS < 900 * 1200
     assert noise_level(picture) == pytest.approx(np.median(quarters), rel=0.03)

@@ -25,7 +25,9 @@ def test_patches_lie_around_the_limbs_outwards(person: PersonCapture) -> None:
     assert 0.4 * PATCHES < shown.sum() < 0.8 * PATCHES
     joints = np.repeat(person.joints3d[0, JOINTS, :3], DIRECTIONS, axis=0)
     np.testing.assert_allclose(np.linalg.norm(points - joints, axis=1)[shown], radii[shown], atol=1e-12)
-    assert np.abs(directions[:, 2]).max() < 0.2, "nearly horizontal: the cameras' mean upward axis is the person's but for their tilt"
+    assert np.abs(directions[:, 2]).max() < 0.2, (
+        "nearly horizontal: the cameras' mean upward axis is the person's but for their tilt"
+    )
     left = np.array([NAMES[j] == "LHip" for j in np.repeat(JOINTS, DIRECTIONS)])
     right = np.array([NAMES[j] == "RHip" for j in np.repeat(JOINTS, DIRECTIONS)])
     assert directions[left & shown].mean(axis=0) @ directions[right & shown].mean(axis=0) < 0
@@ -53,7 +55,17 @@ def test_pictures_are_not_decoded_for_what_joints_tell(asked: frozenset[str]) ->
     person = capture_person(2, 16, 8, 0, "kick")
     pictures = Unreadable([[np.zeros((16, 16, 3), np.uint8)] * 8] * 2)
     sources = {"pictures": pictures, "joints": Joints(person.joints2d[:, 0])}
-    out = run_stage(STAGE, SurveyParams(), {}, person.rig, Views(person.rig.names, (0, 1), ()), 8, view=0, sources=sources, facts=frozenset({"joints2d"}) | asked)
+    out = run_stage(
+        STAGE,
+        SurveyParams(),
+        {},
+        person.rig,
+        Views(person.rig.names, (0, 1), ()),
+        8,
+        view=0,
+        sources=sources,
+        facts=frozenset({"joints2d"}) | asked,
+    )
     assert set(out) == {"survey/sample"} | asked
     if asked:
         assert out[MOTION][0, 2] > 0
@@ -61,7 +73,20 @@ def test_pictures_are_not_decoded_for_what_joints_tell(asked: frozenset[str]) ->
 
 def test_nothing_follows_from_a_view_that_is_no_source() -> None:
     person = capture_person(2, 16, 8, 0, "kick")
-    sources = {"pictures": Unreadable([[np.zeros((16, 16, 3), np.uint8)] * 8] * 2), "joints": Joints(person.joints2d[:, 0])}
-    out = run_stage(STAGE, SurveyParams(), {}, person.rig, Views(person.rig.names, (1,), (0,)), 8, view=0, sources=sources, facts=frozenset({"joints2d", MOTION, COLORS}))
+    sources = {
+        "pictures": Unreadable([[np.zeros((16, 16, 3), np.uint8)] * 8] * 2),
+        "joints": Joints(person.joints2d[:, 0]),
+    }
+    out = run_stage(
+        STAGE,
+        SurveyParams(),
+        {},
+        person.rig,
+        Views(person.rig.names, (1,), (0,)),
+        8,
+        view=0,
+        sources=sources,
+        facts=frozenset({"joints2d", MOTION, COLORS}),
+    )
     assert not out[MOTION].any()
     assert not out[COLORS].any()

@@ -12,7 +12,17 @@ import pytest
 from posegaussian.stages.geometry.consistency import silhouette_offset
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.survey.outlines import outline_offsets
-from posegaussian.stages.survey.params import BACKGROUND, COLORS, LIGHT, NOISE, OUTLINES, PLATE, SPREAD, SURFACE, SurveyParams
+from posegaussian.stages.survey.params import (
+    BACKGROUND,
+    COLORS,
+    LIGHT,
+    NOISE,
+    OUTLINES,
+    PLATE,
+    SPREAD,
+    SURFACE,
+    SurveyParams,
+)
 from posegaussian.stages.survey.sample import FEWEST, worked_numbers
 from posegaussian.stages.survey.stage import STAGE
 from tests.memory import MemoryInputs, run_stage
@@ -41,7 +51,11 @@ def person() -> PersonCapture:
 def sources(person: PersonCapture) -> dict[str, object]:
     """Readers over the person's pictures, masks and the first view's joints."""
     seen = [[np.ascontiguousarray(p) for p in person.color[:, v]] for v in range(VIEWS)]
-    return {"pictures": Counted(seen), "masks": Pictures([list(person.mask[:, v]) for v in range(VIEWS)]), "joints": Joints(person.joints2d[:, 0])}
+    return {
+        "pictures": Counted(seen),
+        "masks": Pictures([list(person.mask[:, v]) for v in range(VIEWS)]),
+        "joints": Joints(person.joints2d[:, 0]),
+    }
 
 
 def test_a_picture_is_decoded_once_for_all_measures(person: PersonCapture) -> None:
@@ -58,7 +72,18 @@ def test_a_picture_is_decoded_once_for_all_measures(person: PersonCapture) -> No
 
 def test_measures_look_at_the_frames_that_are_worked_on_and_the_plate_at_all(person: PersonCapture) -> None:
     given = sources(person)
-    inputs = MemoryInputs(STAGE, SurveyParams(), {}, person.rig, person.views, range(3, 9), FRAMES, view=2, sources=given, facts=EVERY - {PLATE, SPREAD})
+    inputs = MemoryInputs(
+        STAGE,
+        SurveyParams(),
+        {},
+        person.rig,
+        person.views,
+        range(3, 9),
+        FRAMES,
+        view=2,
+        sources=given,
+        facts=EVERY - {PLATE, SPREAD},
+    )
     from posegaussian.stages.survey.run import run
 
     blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
@@ -69,9 +94,16 @@ def test_measures_look_at_the_frames_that_are_worked_on_and_the_plate_at_all(per
     assert [n for n in blocks[BACKGROUND] if n >= 0] == list(range(FRAMES))
 
 
-@pytest.mark.parametrize(("worked", "expected"), [(range(2), range(5)), (range(7, 8), range(5, 10)), (range(11, 12), range(7, 12)), (range(2, 9), range(2, 9))])
-def test_around_fewer_than_five_frames_their_neighbours_are_looked_at_too(person: PersonCapture, worked: range, expected: range) -> None:
-    inputs = MemoryInputs(STAGE, SurveyParams(), {}, person.rig, person.views, worked, FRAMES, view=0, sources=sources(person))
+@pytest.mark.parametrize(
+    ("worked", "expected"),
+    [(range(2), range(5)), (range(7, 8), range(5, 10)), (range(11, 12), range(7, 12)), (range(2, 9), range(2, 9))],
+)
+def test_around_fewer_than_five_frames_their_neighbours_are_looked_at_too(
+    person: PersonCapture, worked: range, expected: range
+) -> None:
+    inputs = MemoryInputs(
+        STAGE, SurveyParams(), {}, person.rig, person.views, worked, FRAMES, view=0, sources=sources(person)
+    )
     np.testing.assert_array_equal(worked_numbers(inputs, 0), expected)  # type: ignore[arg-type]
     assert len(expected) >= FEWEST
 

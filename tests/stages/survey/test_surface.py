@@ -22,7 +22,8 @@ STOPS = np.array([[0.0, 0.0, 0.0], [0.9, 0.6, 0.4], [-0.5, -0.3, -0.6]])
 
 
 def wall() -> np.ndarray:
-    """[h, w, 3] linear light of a wall 3 m wide, 100 px a metre: blots of a few centimetres on broad stripes, one in two of them darker."""
+    """[h, w, 3] linear light of a wall 3 m wide, 100 px a metre: blots of a few centimetres on broad stripes, one in
+    two of them darker."""
     noise = np.random.default_rng(5).random((300, 300, 3)).astype(np.float32)
     blots = 0.05 + 0.25 * cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.5), None, 0, 1, cv2.NORM_MINMAX)
     return np.where((np.arange(300) // 50 % 2 > 0)[:, None], blots, 0.35 * blots).astype(np.float32)
@@ -34,7 +35,13 @@ def photograph(rig: Rig, view: int, stops: np.ndarray) -> np.ndarray:
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(rig.intrinsics[view]).T @ rig.rotations[view]
     centre = rig.centres[view]
     at = centre + rays * (-centre[1] / rays[..., 1])[..., None]
-    light = cv2.remap(wall(), (at[..., 0] * 100 + 150 - 0.5).astype(np.float32), (at[..., 2] * 100 + 150 - 0.5).astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    light = cv2.remap(
+        wall(),
+        (at[..., 0] * 100 + 150 - 0.5).astype(np.float32),
+        (at[..., 2] * 100 + 150 - 0.5).astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+    )
     return np.rint(to_srgb(np.clip(light * np.exp2(stops), 0, 1))).astype(np.uint8)
 
 
@@ -60,7 +67,13 @@ def found() -> np.ndarray:
     places = [3.0 * np.array([np.sin(a), -np.cos(a), 0.0]) for a in np.deg2rad([-12, 0, 12])]
     rig = rig_of([camera(p, np.zeros(3)) for p in places], SIZE, FOCAL)
     reader = Photographs([photograph(rig, v, STOPS[v]) for v in range(3)])
-    inputs = SimpleNamespace(rig=rig, source_rig=rig, views=Views(("a", "b", "c"), (0, 1, 2), ()), captured_to_calibrated=np.tile([1.0, 0, 0], (3, 1)), source=lambda kind: reader)
+    inputs = SimpleNamespace(
+        rig=rig,
+        source_rig=rig,
+        views=Views(("a", "b", "c"), (0, 1, 2), ()),
+        captured_to_calibrated=np.tile([1.0, 0, 0], (3, 1)),
+        source=lambda kind: reader,
+    )
     looks = [SurfaceLook(inputs, v, np.arange(3)) for v in range(3)]  # type: ignore[arg-type]
     return np.stack([block.data for v, seen in enumerate(looks) for block in look(inputs, v, [seen])])  # type: ignore[arg-type]
 
@@ -69,7 +82,8 @@ def test_differences_of_pairs_are_those_of_the_gains(found: np.ndarray) -> None:
     for a, b in ((0, 1), (0, 2), (1, 2)):
         points = found[a, b][(found[a, b] < NONE).all(axis=1)]
         assert len(points) >= FEWEST_POINTS
-        # Colours are averaged over some 10 px that differ between the views by what 12 degrees foreshorten: a few per cent.
+        # Colours are averaged over some 10 px that differ between the views by what 12 degrees foreshorten: a few per
+        # cent.
         np.testing.assert_allclose(np.median(points, axis=0), STOPS[a] - STOPS[b], atol=0.06)
         assert (found[b, a] == NONE).all(), "a pair is looked at once"
 

@@ -19,7 +19,17 @@ def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarr
     rig = ring(len(pictures), 16, 0)
     out: dict[str, np.ndarray] = {}
     for view in range(len(pictures)):
-        part = run_stage(STAGE, SurveyParams(sample=sample), {}, rig, Views(rig.names, (0, 1), ()), len(pictures[0]), view=view, sources={"pictures": Pictures(pictures)}, facts=frozenset({PLATE, SPREAD}))
+        part = run_stage(
+            STAGE,
+            SurveyParams(sample=sample),
+            {},
+            rig,
+            Views(rig.names, (0, 1), ()),
+            len(pictures[0]),
+            view=view,
+            sources={"pictures": Pictures(pictures)},
+            facts=frozenset({PLATE, SPREAD}),
+        )
         for name, data in part.items():
             out.setdefault(name, np.zeros_like(data))[view] = data[view]
     return out
@@ -75,11 +85,16 @@ def test_cover_is_around_limbs_and_scales_with_the_person() -> None:
 
 def test_sample_is_even_recorded_and_padded_and_views_of_other_sizes_too() -> None:
     rng = np.random.default_rng(0)
-    views = [list(rng.integers(0, 256, (20, 12, 16, 3), dtype=np.uint8)), list(rng.integers(0, 256, (3, 18, 10, 3), dtype=np.uint8))]
+    views = [
+        list(rng.integers(0, 256, (20, 12, 16, 3), dtype=np.uint8)),
+        list(rng.integers(0, 256, (3, 18, 10, 3), dtype=np.uint8)),
+    ]
     out = _survey(views, 5)
     np.testing.assert_array_equal(out["survey/sample"], [[0, 5, 10, 14, 19], [0, 1, 2, -1, -1]])
     assert out["survey/plate"].shape == (2, 18, 16, 3)
-    np.testing.assert_array_equal(out["survey/plate"][0, :12], np.median(np.stack(views[0])[[0, 5, 10, 14, 19]], axis=0))
+    np.testing.assert_array_equal(
+        out["survey/plate"][0, :12], np.median(np.stack(views[0])[[0, 5, 10, 14, 19]], axis=0)
+    )
     np.testing.assert_array_equal(out["survey/plate"][1, :, :10], np.median(np.stack(views[1]), axis=0))
     assert not out["survey/plate"][0, 12:].any()
     assert not out["survey/spread"][1, :, 10:].any()

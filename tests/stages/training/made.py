@@ -1,4 +1,5 @@
-"""A frame of training without the simulator: a textured ball between cameras, and a start that is a ball of another size."""
+"""A frame of training without the simulator: a textured ball between cameras, and a start that is a ball of another
+size."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def tiny(**more: object) -> TrainingConfig:
 
 
 def ball(size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0, 15.0)) -> Frame:
-    """Sources at so many degrees and the camera between the first two, which are the pairs. `exact`: the start is the truth."""
+    """Sources at so many degrees and the camera between the first two, which are the pairs. `exact`: the start is
+    the truth."""
     sources = len(angles)
     rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in (*angles, 0)], (size, size), 1.6 * size)
     truth = np.stack([sphere_depth(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)]).astype(np.float32)

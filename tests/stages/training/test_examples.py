@@ -28,16 +28,30 @@ def frame() -> Frame:
 
 def tensors(example: Example) -> list[torch.Tensor]:
     views = [getattr(example.views, name) for name in MAPS]
-    return [*views, example.truth, example.picture, example.seen, example.cover, torch.as_tensor(example.windows), torch.as_tensor(np.asarray(example.target.intrinsics))]
+    return [
+        *views,
+        example.truth,
+        example.picture,
+        example.seen,
+        example.cover,
+        torch.as_tensor(example.windows),
+        torch.as_tensor(np.asarray(example.target.intrinsics)),
+    ]
 
 
 def same(a: Example, b: Example) -> bool:
-    return all(torch.equal(x.nan_to_num(nan=-1e6), y.nan_to_num(nan=-1e6)) for x, y in zip(tensors(a), tensors(b), strict=True))
+    return all(
+        torch.equal(x.nan_to_num(nan=-1e6), y.nan_to_num(nan=-1e6)) for x, y in zip(tensors(a), tensors(b), strict=True)
+    )
 
 
 def test_a_step_draws_the_same_whenever_it_is_asked(frame: Frame) -> None:
     at_hand = dict.fromkeys(frames_of_step(CONFIG, 7), frame)
-    (first, t), (again, u), (later, _) = drawn(CONFIG, 7, at_hand), drawn(CONFIG, 7, {**at_hand, 99: frame}), drawn(CONFIG, 8, dict.fromkeys(frames_of_step(CONFIG, 8), frame))
+    (first, t), (again, u), (later, _) = (
+        drawn(CONFIG, 7, at_hand),
+        drawn(CONFIG, 7, {**at_hand, 99: frame}),
+        drawn(CONFIG, 8, dict.fromkeys(frames_of_step(CONFIG, 8), frame)),
+    )
     assert t == u
     assert all(same(a, b) for a, b in zip(first, again, strict=True))
     assert not same(first[0], first[1])
@@ -51,7 +65,8 @@ def test_iterations_are_drawn_from_1_to_the_most(frame: Frame) -> None:
 
 
 def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step's start, truth, windows and target are those it has without; nothing is lit where nobody stands, but by what is shifted there."""
+    """A step's start, truth, windows and target are those it has without; nothing is lit where nobody stands, but by
+    what is shifted there."""
     spoilt = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
     with monkeypatch.context() as m:
         m.setattr(examples, "spoilt", lambda color, cover, random: (color, 0.0))
@@ -63,7 +78,11 @@ def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.
         assert bool(torch.isfinite(a.views.color).all())
         assert 0 <= float(a.views.color.min()) <= float(a.views.color.max()) <= 1
     still = [float((a.views.color[0] - b.views.color[0]).abs().mean()) for a, b in zip(spoilt, plain, strict=True)]
-    moved = [float((a.views.color[1] - b.views.color[1]).abs().mean()) for a, b in zip(spoilt, plain, strict=True) if a.strange]
+    moved = [
+        float((a.views.color[1] - b.views.color[1]).abs().mean())
+        for a, b in zip(spoilt, plain, strict=True)
+        if a.strange
+    ]
     assert min(moved) > max(still)  # what no calibration could do to one view alone
 
 
@@ -93,20 +112,28 @@ def test_a_start_made_from_the_truth_is_the_truth() -> None:
         assert torch.equal(torch.isfinite(example.truth), example.views.known)
 
 
-def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(frame: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(
+    frame: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
     points = []
     target = examples._target
-    monkeypatch.setattr(examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side))
+    monkeypatch.setattr(
+        examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side)
+    )
     for seed in range(8):
         found = crop(frame, 32, np.random.default_rng(seed))
         camera = found.target
         assert (camera.width, camera.height) == (16, 16)
         place = project(points[-1][None], np.asarray(camera.intrinsics), camera.world_to_camera)[0][0]
-        # Whole px, and within the picture. 64 px and a ball of 0.4 of it: a window of 16 px around the ball always fits.
+        # Whole px, and within the picture. 64 px and a ball of 0.4 of it: a window of 16 px around the ball always
+        # fits.
         assert np.abs(place - 8).max() <= 0.5 + 1e-6
         for which in (0, 1):
             x0, y0, width, height = found.windows[which]
-            seen = project(points[-1][None], found.pair.intrinsics[which], found.pair.world_to_camera(which))[0][0] - [x0, y0]
+            seen = project(points[-1][None], found.pair.intrinsics[which], found.pair.world_to_camera(which))[0][0] - [
+                x0,
+                y0,
+            ]
             assert np.abs(seen - [width / 2, height / 2]).max() <= 32 / 8 + 0.5 + 1e-6
         assert found.windows[0][1:] == found.windows[1][1:]
 
@@ -115,7 +142,9 @@ def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypat
     """Now and then there is none. What is drawn for it alone comes from a generator of its own."""
     frame, points, joints = ball(angles=(-15.0, 15.0, 40.0)), [], []
     target = examples._target
-    monkeypatch.setattr(examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side))
+    monkeypatch.setattr(
+        examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side)
+    )
     found = []
     for seed in range(12, 24):
         g, h = np.random.default_rng(seed), np.random.default_rng(seed)
@@ -136,7 +165,11 @@ def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypat
         assert 0 <= float(third.color.min()) < float(third.color.max()) <= 1
         joints.append(bool(third.heatmaps.any()))
         for which in (0, 1):
-            (u, v), z = project(points[-1][None], more.pair.intrinsics[which], more.pair.world_to_camera(which))[0][0] - more.windows[which][:2], (points[-1] - more.pair.centres[which]) @ more.pair.rotation[2]
+            (u, v), z = (
+                project(points[-1][None], more.pair.intrinsics[which], more.pair.world_to_camera(which))[0][0]
+                - more.windows[which][:2],
+                (points[-1] - more.pair.centres[which]) @ more.pair.rotation[2],
+            )
             x, y, w = third.projection[which].numpy() @ [u * z, v * z, z, 1]
             assert w > 0
             assert np.abs(np.array([x, y]) / w - 16).max() <= 32 / 8 + 0.5 + 1e-6
@@ -145,7 +178,8 @@ def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypat
 
 
 def test_the_third_view_of_a_whole_pair_shows_what_the_pair_shows() -> None:
-    """The true surface, seen in the third picture: smooth colours of points in space, a start at the true depth of the nearest pixel."""
+    """The true surface, seen in the third picture: smooth colours of points in space, a start at the true depth of
+    the nearest pixel."""
     example = whole(ball(exact=True, angles=(-15.0, 15.0, 40.0)), 0, 8, further_views=True)
     third, views = example.views.third, example.views
     assert third is not None

@@ -9,7 +9,16 @@ import torch
 from posegaussian.stages.network.losses import PoseFusion
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.training.examples import Example, crop, whole
-from posegaussian.stages.training.loss import DOUBT, _prior, depth_terms, draw, gaussian_maps, pose_terms, render_terms, together
+from posegaussian.stages.training.loss import (
+    DOUBT,
+    _prior,
+    depth_terms,
+    draw,
+    gaussian_maps,
+    pose_terms,
+    render_terms,
+    together,
+)
 from tests.stages.network.made import network
 from tests.stages.training.made import ball, tiny
 
@@ -27,7 +36,9 @@ def learner() -> PoseGaussianNetwork:
     return network().requires_grad_(True)
 
 
-def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteration(learner: PoseGaussianNetwork, example: Example) -> None:
+def test_nothing_to_learn_from_costs_0_with_a_gradient_of_0_even_of_one_iteration(
+    learner: PoseGaussianNetwork, example: Example
+) -> None:
     batch = together([example], torch.device("cpu"))
     found = depth_terms(learner(batch.views, 1), batch._replace(valid=torch.zeros_like(batch.valid)), CONFIG)
     assert float(found.detach()) == 0
@@ -50,12 +61,19 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
         said = learner(views, 1)
     off = truth + 2
     doubt = -DOUBT * float(said.confidence[valid].log().mean())
-    exact = replace(said, disparities=[off], trust=torch.ones_like(off), change=torch.where(valid, off - views.start, 0), disparity=torch.where(valid, off, torch.nan))
+    exact = replace(
+        said,
+        disparities=[off],
+        trust=torch.ones_like(off),
+        change=torch.where(valid, off - views.start, 0),
+        disparity=torch.where(valid, off, torch.nan),
+    )
     assert float(depth_terms(exact, batch, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2) + doubt, rel=1e-4)
 
 
 def test_views_that_do_not_fit_teach_no_depth_but_no_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
-    """The same pair beside itself, shown as strange: the learned change has no gradient from it, and less confidence is better."""
+    """The same pair beside itself, shown as strange: the learned change has no gradient from it, and less confidence
+    is better."""
     batch = together([replace(example, strange=True)], torch.device("cpu"))
     assert bool(batch.strange.all())
     learner.zero_grad()
@@ -78,7 +96,9 @@ def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example
     assert torch.equal(valid[:2], torch.isfinite(example.truth) & example.views.known)
 
 
-def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork, example: Example, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gaussians_of_no_confidence_are_the_priors(
+    learner: PoseGaussianNetwork, example: Example, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.heads.trust", lambda x: torch.zeros_like(x))
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     with torch.no_grad():
@@ -95,7 +115,9 @@ def test_gaussians_of_no_confidence_are_the_priors(learner: PoseGaussianNetwork,
             assert bool((found.opacity > 0).any())
 
 
-def test_true_depth_draws_the_held_out_picture_better_than_the_start(learner: PoseGaussianNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_true_depth_draws_the_held_out_picture_better_than_the_start(
+    learner: PoseGaussianNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.heads.trust", lambda x: torch.zeros_like(x))
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     errors = []
@@ -118,7 +140,9 @@ def test_the_picture_moves_every_head_that_draws(learner: PoseGaussianNetwork, e
         assert bool(last.bias.grad.any()), name
 
 
-def test_the_pose_term_is_0_without_a_pose_and_finite_without_joints(learner: PoseGaussianNetwork, example: Example) -> None:
+def test_the_pose_term_is_0_without_a_pose_and_finite_without_joints(
+    learner: PoseGaussianNetwork, example: Example
+) -> None:
     fusion = PoseFusion(learner.preset.widths[-1], learner.preset.widths[-1])
     blind = replace(example.views, heatmaps=torch.zeros_like(example.views.heatmaps))
     with torch.no_grad():

@@ -4,7 +4,15 @@ import pytest
 
 from posegaussian.stages.simulator.scene import Person
 from posegaussian.stages.simulator.subjects.motion_names import VALIDATION_MOTION
-from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT, cast, refusal
+from posegaussian.stages.simulator.subjects.splits import (
+    FIRST_KEPT_SEED,
+    FIRST_VALIDATION_SEED,
+    KEPT_OUTFITS,
+    KEPT_SUBJECTS,
+    VALIDATION_SUBJECT,
+    cast,
+    refusal,
+)
 from posegaussian.stages.training.scenes import training_scene
 
 TRAINED = range(200)
@@ -29,7 +37,9 @@ def test_nothing_kept_for_measuring_appears(shown: dict[int, tuple[str, str, str
         assert outfit not in KEPT_OUTFITS, seed
 
 
-def test_validation_shows_a_subject_and_a_motion_that_training_never_does(shown: dict[int, tuple[str, str, str]]) -> None:
+def test_validation_shows_a_subject_and_a_motion_that_training_never_does(
+    shown: dict[int, tuple[str, str, str]],
+) -> None:
     assert not any(shown[s][0] == VALIDATION_SUBJECT or shown[s][2] == VALIDATION_MOTION for s in TRAINED)
     assert all(shown[s][0] == VALIDATION_SUBJECT for s in VALIDATED)
     assert all(shown[s][2] == VALIDATION_MOTION for s in VALIDATED if s % 2)
@@ -46,7 +56,10 @@ def test_seeds_kept_for_measuring_are_refused(seed: int) -> None:
 def test_a_scene_follows_from_its_seed_and_validation_is_exact() -> None:
     assert training_scene(5, 2, (6, 8), 64) == training_scene(5, 2, (6, 8), 64)
     assert training_scene(5, 2, (6, 8), 64) != training_scene(6, 2, (6, 8), 64)
-    effects = {s: {name for name, on in training_scene(s, 1, (6,), 64).effects if on is not None} for s in (*TRAINED, *VALIDATED)}
+    effects = {
+        s: {name for name, on in training_scene(s, 1, (6,), 64).effects if on is not None}
+        for s in (*TRAINED, *VALIDATED)
+    }
     assert all(effects[s] == {"ambient_occlusion"} for s in VALIDATED)
     spoilt = sum(len(effects[s]) > 1 for s in TRAINED)
     assert 0.2 < spoilt / len(TRAINED) < 0.6

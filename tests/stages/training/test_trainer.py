@@ -19,7 +19,8 @@ from tests.stages.training.made import ball, tiny
 
 torch.set_num_threads(1)
 LEARNT = 0.85
-"""Share of its first loss that a fixed batch may at most cost after `STEPS` steps. Measured 0.75, which is soon all: the ball's rim stays far off."""
+"""Share of its first loss that a fixed batch may at most cost after `STEPS` steps. Measured 0.75, which is soon all:
+the ball's rim stays far off."""
 STEPS = 20
 
 
@@ -32,7 +33,9 @@ def cost(trainer: Trainer, config: TrainingConfig, frames: Mapping[int, Frame]) 
     """Of depth, over four pairs that no step draws, as the averaged weights have it."""
     found = []
     for step in range(10_000, 10_004):
-        batch = together(drawn(config, step, dict.fromkeys(frames_of_step(config, step), frames[0]))[0], torch.device("cpu"))
+        batch = together(
+            drawn(config, step, dict.fromkeys(frames_of_step(config, step), frames[0]))[0], torch.device("cpu")
+        )
         with torch.no_grad():
             found.append(float(depth_terms(trainer.averaged(batch.views, 2), batch, config)))
     return float(np.mean(found))

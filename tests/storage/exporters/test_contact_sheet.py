@@ -51,7 +51,9 @@ def test_novel_views_are_the_large_ones_and_come_first(tmp_path: Path) -> None:
     sheet.begin()
     sheet.add_novel("cam", np.full((50, 50, 3), 255, np.uint8), None)
     sheet.begin()
-    sheet.add_source("cam", *(np.full(s, 90, np.uint8) for s in ((50, 50, 3), (50, 50))), None, np.ones((50, 50), np.float32))
+    sheet.add_source(
+        "cam", *(np.full(s, 90, np.uint8) for s in ((50, 50, 3), (50, 50))), None, np.ones((50, 50), np.float32)
+    )
     write_sheet(tmp_path / "sheet.png", sheet)
     drawn = read_picture(tmp_path / "sheet.png")
     white = (drawn == 255).all(axis=2)

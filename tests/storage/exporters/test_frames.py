@@ -14,7 +14,12 @@ from posegaussian.storage.readers.images import read_picture
 def test_names_table_and_pictures(tmp_path):
     pictures = np.random.default_rng(0).integers(0, 256, (2, 6, 8, 3), np.uint8)
     numbers, time = [10, 12, 14], [10 / 30, 12 / 30, 14 / 30]
-    assert write_frames(tmp_path, ["mid", "side"], numbers, time, [("mid", 12, pictures[0], None), ("side", 14, pictures[1], None)]) == 2
+    assert (
+        write_frames(
+            tmp_path, ["mid", "side"], numbers, time, [("mid", 12, pictures[0], None), ("side", 14, pictures[1], None)]
+        )
+        == 2
+    )
     np.testing.assert_array_equal(read_picture(tmp_path / "mid" / "000012.png"), pictures[0])
     np.testing.assert_array_equal(read_picture(tmp_path / "side" / "000014.png"), pictures[1])
     rows = list(csv.DictReader((tmp_path / "frames.csv").open()))
@@ -33,7 +38,9 @@ def test_alpha_only_where_asked(tmp_path):
     assert channels == [4, 3]
     back = read_picture(tmp_path / "a" / "000000.png")
     np.testing.assert_array_equal(back[1], straight[1])
-    assert np.abs(back[2:].astype(int) - straight[2:]).max() <= 1  # half a count of the premultiplied value at alpha 128
+    assert (
+        np.abs(back[2:].astype(int) - straight[2:]).max() <= 1
+    )  # half a count of the premultiplied value at alpha 128
     assert not back[0].any()
 
 

@@ -32,7 +32,9 @@ def rig_of(rng: np.random.Generator, size: np.ndarray) -> Rig:
 @pytest.mark.parametrize("people", [None, 2])
 def test_round_trip(tmp_path, rng, hdr, people):
     rig = rig_of(rng, np.array([[W, H], [W - 4, H - 2]]))
-    color = rng.normal(size=(F, V, H, W, 3)).astype(np.float16) if hdr else rng.integers(0, 256, (F, V, H, W, 3), np.uint8)
+    color = (
+        rng.normal(size=(F, V, H, W, 3)).astype(np.float16) if hdr else rng.integers(0, 256, (F, V, H, W, 3), np.uint8)
+    )
     mask = rng.integers(0, 256, (F, V, H, W), np.uint8)
     depth = rng.uniform(0, 5, (F, V, H, W)).astype(np.float32)
     joints = rng.uniform(0, 1, (F, V, *(() if people is None else (people,)), 17, 3)) * [W, H, 1]
@@ -52,7 +54,9 @@ def test_round_trip(tmp_path, rng, hdr, people):
             np.testing.assert_array_equal(back, array[:, v, :h, :w])
             assert back[0].dtype == array.dtype
         for f, n in enumerate(NUMBERS):
-            np.testing.assert_array_equal(open_source(capture, "joints").read(v, n), joints[f, v][None] if people is None else joints[f, v])
+            np.testing.assert_array_equal(
+                open_source(capture, "joints").read(v, n), joints[f, v][None] if people is None else joints[f, v]
+            )
 
 
 def test_only_what_is_given_is_written(tmp_path, rng):

@@ -37,7 +37,12 @@ def test_the_file_is_what_browsers_play(tmp_path):
         stream = container.streams.video[0]
         context = stream.codec_context
         assert (context.codec.name, context.pix_fmt, context.width, context.height) == ("h264", "yuv420p", 34, 32)
-        assert [int(getattr(context, n)) for n in ("color_primaries", "color_trc", "colorspace", "color_range")] == [1, 1, 1, 1]
+        assert [int(getattr(context, n)) for n in ("color_primaries", "color_trc", "colorspace", "color_range")] == [
+            1,
+            1,
+            1,
+            1,
+        ]
         assert float(stream.average_rate) == pytest.approx(29.97, abs=1e-3)
     data = (tmp_path / "a.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")  # plays before it is whole

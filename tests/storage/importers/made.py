@@ -23,7 +23,9 @@ K = np.array([[[70.0 + i, 0, 31.0 - i], [0, 71.0 + i, 24.5 + i], [0, 0, 1]] for 
 DISTORTION = np.array([[-0.05, 0.15, 1e-3, 6e-4], [0.03, -0.1, -1e-3, 2e-3], [0.0, 0.0, 0.0, 0.0]])
 
 
-def project(k: np.ndarray, distortion: np.ndarray, rotation: np.ndarray, translation: np.ndarray, point: np.ndarray) -> np.ndarray:
+def project(
+    k: np.ndarray, distortion: np.ndarray, rotation: np.ndarray, translation: np.ndarray, point: np.ndarray
+) -> np.ndarray:
     """(u, v) in the convention of `k`, by the pinhole and Brown-Conrady equations written out."""
     x, y, z = rotation @ point + translation
     x, y = x / z, y / z
@@ -37,13 +39,17 @@ def project(k: np.ndarray, distortion: np.ndarray, rotation: np.ndarray, transla
 
 def known_pixels() -> np.ndarray:
     """[V, 2] the known point in each camera, pixel centres at integers."""
-    return np.stack([project(K[v], DISTORTION[v], rotation_matrix(RODRIGUES[v]), TRANSLATION[v], POINT) for v in range(3)])
+    return np.stack(
+        [project(K[v], DISTORTION[v], rotation_matrix(RODRIGUES[v]), TRANSLATION[v], POINT) for v in range(3)]
+    )
 
 
 def imported_pixels(rig: Rig) -> np.ndarray:
     """[V, 2] the known point in each camera of an imported rig."""
     m = rig.world_to_camera
-    return np.stack([project(rig.intrinsics[v], rig.distortion[v], m[v, :3, :3], m[v, :3, 3], POINT) for v in range(len(rig))])
+    return np.stack(
+        [project(rig.intrinsics[v], rig.distortion[v], m[v, :3, :3], m[v, :3, 3], POINT) for v in range(len(rig))]
+    )
 
 
 def people(v: int) -> np.ndarray:
@@ -53,7 +59,9 @@ def people(v: int) -> np.ndarray:
     return out
 
 
-def pictures(root: Path, names: tuple[str, ...] = NAMES, frames: tuple[int, ...] = (0, 1, 2), size: tuple[int, int] = SIZE) -> None:
+def pictures(
+    root: Path, names: tuple[str, ...] = NAMES, frames: tuple[int, ...] = (0, 1, 2), size: tuple[int, int] = SIZE
+) -> None:
     """`root/NAME/000000.png`, grey that tells frame and view."""
     for v, name in enumerate(names):
         (root / name).mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,5 @@
-"""The caliscope importer: frame n is one instant in every view, whatever the videos lack, and a sentence for everything wrong."""
+"""The caliscope importer: frame n is one instant in every view, whatever the videos lack, and a sentence for
+everything wrong."""
 
 from __future__ import annotations
 
@@ -32,7 +33,14 @@ def write_calibration(path: Path, **changes: str) -> None:
     path.write_text("".join(table(v, f"cameras.{c}", cam_id=str(c), **changes) for v, c in enumerate(CAMERAS)))
 
 
-def write_recording(base: Path, seen: Mapping[int, list[int]], first: int = 35, index: bool = True, camera: str = "cam_id", times: str = "timestamps.csv") -> None:
+def write_recording(
+    base: Path,
+    seen: Mapping[int, list[int]],
+    first: int = 35,
+    index: bool = True,
+    camera: str = "cam_id",
+    times: str = "timestamps.csv",
+) -> None:
     """Videos whose frame k is the k-th instant seen, and the times, not in order; `first` is the first sync index."""
     base.mkdir(parents=True, exist_ok=True)
     rows = []
@@ -57,7 +65,11 @@ def find(base: Path, **options: object) -> Capture:
 def seen_in(capture: Capture) -> dict[str, dict[int, int]]:
     """{camera: {frame number: which frame of the video comes}}, by what the decoded pictures show."""
     pictures = open_source(capture, "pictures")
-    return {n: dict(zip(w, map(counted, pictures.read(v, w)), strict=True)) for v, n in enumerate(capture.rig.names) for w in [pictures.numbers(v).tolist()]}
+    return {
+        n: dict(zip(w, map(counted, pictures.read(v, w)), strict=True))
+        for v, n in enumerate(capture.rig.names)
+        for w in [pictures.numbers(v).tolist()]
+    }
 
 
 TRUE = {f"cam_{c}": {n: k for k, n in enumerate(found)} for c, found in SEEN.items()}
@@ -71,12 +83,17 @@ def test_a_frame_is_one_instant_in_every_view(base: Path, index: bool) -> None:
     assert seen_in(capture) == TRUE
     assert capture.numbers.tolist() == list(range(FRAMES))
     assert capture.frame_rate == RATE
-    assert f"frames are matched by {'sync_index' if index else 'time'} of timestamps.csv; frames of one instant are up to 7.0 ms apart" in capture.notes
+    assert (
+        f"frames are matched by {'sync_index' if index else 'time'} of timestamps.csv; frames of one instant are up to"
+        " 7.0 ms apart" in capture.notes
+    )
     assert "camera cam_2 lacks pictures of 1 frames (2)" in capture.notes
     assert "camera cam_10 lacks pictures of 2 frames (0, 5)" in capture.notes
     again = Capture.from_json(json.loads(json.dumps(capture.to_json())))
     assert seen_in(again) == TRUE
-    with pytest.raises(SourceError, match=r"camera cam_2 has no picture of frame 2: .* leave the frame out with frames\.range"):
+    with pytest.raises(
+        SourceError, match=r"camera cam_2 has no picture of frame 2: .* leave the frame out with frames\.range"
+    ):
         list(open_source(capture, "pictures").read(1, [1, 2, 3]))
 
 
@@ -93,7 +110,9 @@ def test_which_frame_of_the_video_is_meant_is_part_of_the_digest(base: Path) -> 
 
 
 def test_everything_is_half_a_pixel_further(base: Path) -> None:
-    np.testing.assert_allclose(made.imported_pixels(find(base).rig), made.known_pixels() + 0.5, atol=1e-11)  # float64 rounding of ~60 px
+    np.testing.assert_allclose(
+        made.imported_pixels(find(base).rig), made.known_pixels() + 0.5, atol=1e-11
+    )  # float64 rounding of ~60 px
 
 
 def test_older_names_are_read(base: Path, tmp_path: Path) -> None:
@@ -114,14 +133,19 @@ def test_some_cameras_have_the_instants_of_theirs(base: Path) -> None:
 def test_the_workspace_s_calibration_is_found_and_one_nearer_goes_before(base: Path, tmp_path: Path) -> None:
     write_recording(tmp_path / "space" / "recordings" / "walk", SEEN)
     inside = tmp_path / "space" / "recordings" / "walk"
-    with pytest.raises(CalibrationError, match=r"no camera_array\.toml in .*walk, below it or in its workspace; calibrate"):
+    with pytest.raises(
+        CalibrationError, match=r"no camera_array\.toml in .*walk, below it or in its workspace; calibrate"
+    ):
         find(inside)
     write_calibration(tmp_path / "space" / "calibration" / "extrinsic" / "capture_volume" / "camera_array.toml")
     assert any("capture_volume/camera_array.toml" in n for n in find(inside).notes)
     write_calibration(inside / "POSE" / "camera_array.toml")
     assert "calibration: POSE/camera_array.toml" in find(inside).notes
     write_calibration(inside / "HAND" / "camera_array.toml", translation="[0.0, 0.0, 9.0]")
-    with pytest.raises(CalibrationError, match=r"several calibrations fit: HAND/camera_array\.toml, POSE/camera_array\.toml; choose one"):
+    with pytest.raises(
+        CalibrationError,
+        match=r"several calibrations fit: HAND/camera_array\.toml, POSE/camera_array\.toml; choose one",
+    ):
         find(inside)
     assert find(inside, calibration="HAND/camera_array.toml").rig.world_to_camera[0, 2, 3] == 9
     with pytest.raises(SourceError, match=r"space holds recordings in recordings/walk; give one of these folders"):
@@ -135,7 +159,10 @@ def test_without_times_videos_of_one_length_start_together(base: Path) -> None:
     assert seen_in(capture) == {n: {k: k for k in range(4)} for n in NAMES}
     assert "no timestamps.csv: frame n of each video is taken as one instant" in capture.notes
     counting_clip(base / "cam_2.mp4", 3, made.SIZE)
-    with pytest.raises(SourceError, match=r"there is no timestamps\.csv, and the videos have 4 frames \(camera 1\), 3 frames \(camera 2\)"):
+    with pytest.raises(
+        SourceError,
+        match=r"there is no timestamps\.csv, and the videos have 4 frames \(camera 1\), 3 frames \(camera 2\)",
+    ):
         find(base)
 
 
@@ -167,8 +194,11 @@ def test_boards_are_no_joints_and_turned_cameras_are_told(base: Path) -> None:
     assert "camera cam_1 is shown turned by 90 degrees in Caliscope; its pictures are used as filmed" in notes
 
 
-def write_landmarks(base: Path, tracker: str, joints: int, first: int = 0, index: int = 0, columns: str = "cam_id,point_id") -> None:
-    """Landmark j of video frame k of a camera at (10 j + camera, k); instants are numbered from `first`, frames from `index`."""
+def write_landmarks(
+    base: Path, tracker: str, joints: int, first: int = 0, index: int = 0, columns: str = "cam_id,point_id"
+) -> None:
+    """Landmark j of video frame k of a camera at (10 j + camera, k); instants are numbered from `first`, frames from
+    `index`."""
     camera, point = columns.split(",")
     rows = [f"sync_index,{camera},frame_index,frame_time,{point},img_loc_x,img_loc_y"]
     for c, found in SEEN.items():
@@ -179,10 +209,14 @@ def write_landmarks(base: Path, tracker: str, joints: int, first: int = 0, index
     (base / tracker / f"xy_{tracker}.csv").write_text("\n".join(rows) + "\n")
 
 
-@pytest.mark.parametrize(("tracker", "id", "joints"), [("POSE", "blazepose33", 33), ("ONNX_rtmpose_t_halpe26", "halpe26", 26)])
+@pytest.mark.parametrize(
+    ("tracker", "id", "joints"), [("POSE", "blazepose33", 33), ("ONNX_rtmpose_t_halpe26", "halpe26", 26)]
+)
 @pytest.mark.parametrize("numbered", [{}, {"first": 35, "index": 400, "columns": "port,keypoint_id"}])
 @pytest.mark.parametrize("index", [True, False])
-def test_landmarks_become_joints_of_their_instant(base: Path, tracker: str, id: str, joints: int, numbered: dict[str, int], index: bool) -> None:
+def test_landmarks_become_joints_of_their_instant(
+    base: Path, tracker: str, id: str, joints: int, numbered: dict[str, int], index: bool
+) -> None:
     write_recording(base, SEEN, index=index)
     write_landmarks(base, tracker, joints, **numbered)
     capture = find(base)
@@ -194,7 +228,10 @@ def test_landmarks_become_joints_of_their_instant(base: Path, tracker: str, id: 
             people = reader.read(v, n)
             assert len(people) == (n in SEEN[c])
             if len(people):
-                np.testing.assert_array_equal(people[0, [0, 2], :], [[c + 0.5, SEEN[c].index(n) + 0.5, 1], [20 + c + 0.5, SEEN[c].index(n) + 0.5, 1]])
+                np.testing.assert_array_equal(
+                    people[0, [0, 2], :],
+                    [[c + 0.5, SEEN[c].index(n) + 0.5, 1], [20 + c + 0.5, SEEN[c].index(n) + 0.5, 1]],
+                )
                 assert people[0, 3, 2] == 0
                 assert people.shape == (1, joints, 3)
 
@@ -205,7 +242,13 @@ def test_landmarks_without_times_go_by_the_frame_of_the_video(base: Path) -> Non
     (base / "timestamps.csv").unlink()
     assert [len(open_source(find(base), "joints").read(1, n)) for n in range(6)] == [1, 1, 1, 1, 1, 0]
     write_landmarks(base, "HOLISTIC", 33, index=3)
-    with pytest.raises(SourceError, match=r"xy_HOLISTIC\.csv: camera 1 has landmarks at frame_index 6, where its video has no frame; track this recording again"):
+    with pytest.raises(
+        SourceError,
+        match=(
+            r"xy_HOLISTIC\.csv: camera 1 has landmarks at frame_index 6, where its video has no frame; track this"
+            r" recording again"
+        ),
+    ):
         find(base, tracker="HOLISTIC")
 
 
@@ -213,7 +256,9 @@ def test_trackers_that_are_not_known_are_told_and_several_need_a_choice(base: Pa
     write_landmarks(base, "HAND", 21)
     capture = find(base)
     assert not capture.joints
-    assert any(n.startswith("landmarks of HAND are left out: which joints it numbers is not known") for n in capture.notes)
+    assert any(
+        n.startswith("landmarks of HAND are left out: which joints it numbers is not known") for n in capture.notes
+    )
     with pytest.raises(SourceError, match="option tracker: which joints HAND numbers is not known; name a joint set"):
         find(base, tracker="HAND")
     assert open_source(find(base, tracker="HAND", joint_set="coco17"), "joints").joint_set == "coco17"
@@ -221,7 +266,9 @@ def test_trackers_that_are_not_known_are_told_and_several_need_a_choice(base: Pa
         find(base, tracker="FACE")
     write_landmarks(base, "POSE", 33)
     write_landmarks(base, "HOLISTIC", 33)
-    with pytest.raises(SourceError, match="landmarks of several trackers fit: HOLISTIC, POSE; choose one with the option tracker"):
+    with pytest.raises(
+        SourceError, match="landmarks of several trackers fit: HOLISTIC, POSE; choose one with the option tracker"
+    ):
         find(base)
     assert any("landmarks of POSE" in n for n in find(base, tracker="POSE").notes)
 
@@ -249,13 +296,34 @@ def add(base: Path, text: str) -> None:
 
 WRONG = {
     "no videos": (lambda b: [p.unlink() for p in b.glob("*.mp4")], r"no video cam_N\.mp4 in"),
-    "two of one number": (lambda b: counting_clip(b / "port_2.mp4", 5, made.SIZE), r"two videos are camera 2: cam_2\.mp4 and port_2\.mp4; take one out"),
-    "no table": (lambda b: counting_clip(b / "cam_3.mp4", 5, made.SIZE), r"camera cam_3 has no calibration in .*camera_array\.toml, which holds cameras\.1, cameras\.2, cameras\.10"),
+    "two of one number": (
+        lambda b: counting_clip(b / "port_2.mp4", 5, made.SIZE),
+        r"two videos are camera 2: cam_2\.mp4 and port_2\.mp4; take one out",
+    ),
+    "no table": (
+        lambda b: counting_clip(b / "cam_3.mp4", 5, made.SIZE),
+        r"camera cam_3 has no calibration in .*camera_array\.toml, which holds cameras\.1, cameras\.2, cameras\.10",
+    ),
     "ignored": (lambda b: write_calibration(b / "camera_array.toml", ignore="true"), "camera cam_1 is set to ignore"),
-    "no extrinsics": (lambda b: write_calibration(b / "camera_array.toml", rotation=""), "camera cam_1: its calibration has no rotation"),
-    "other size": (lambda b: write_calibration(b / "camera_array.toml", size="[128, 128]"), "camera cam_1: pictures are 64x48 px, the calibration is for 128x128 px"),
-    "other recording": (lambda b: counting_clip(b / "cam_2.mp4", 3, made.SIZE), r"timestamps\.csv has 5 rows of camera 2, its video .*cam_2\.mp4 has 3 frames; put the file of this recording there"),
-    "columns": (lambda b: (b / "timestamps.csv").write_text("camera,time\n"), r"timestamps\.csv has the columns camera, time; it needs cam_id and frame_time"),
+    "no extrinsics": (
+        lambda b: write_calibration(b / "camera_array.toml", rotation=""),
+        "camera cam_1: its calibration has no rotation",
+    ),
+    "other size": (
+        lambda b: write_calibration(b / "camera_array.toml", size="[128, 128]"),
+        "camera cam_1: pictures are 64x48 px, the calibration is for 128x128 px",
+    ),
+    "other recording": (
+        lambda b: counting_clip(b / "cam_2.mp4", 3, made.SIZE),
+        (
+            r"timestamps\.csv has 5 rows of camera 2, its video .*cam_2\.mp4 has 3 frames; put the file of this"
+            r" recording there"
+        ),
+    ),
+    "columns": (
+        lambda b: (b / "timestamps.csv").write_text("camera,time\n"),
+        r"timestamps\.csv has the columns camera, time; it needs cam_id and frame_time",
+    ),
     "empty times": (lambda b: (b / "timestamps.csv").write_text(""), r"has the columns \(none\)"),
     "text": (lambda b: add(b, "60,1,soon\n"), r"timestamps\.csv line 17: could not convert string to float: 'soon'"),
     "short line": (lambda b: add(b, "60\n"), r"timestamps\.csv line 17: "),

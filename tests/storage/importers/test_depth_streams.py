@@ -1,4 +1,5 @@
-"""Depth maps of the user's: apart from a simulator's truth, in metres, of the picture's field; a sentence for everything else."""
+"""Depth maps of the user's: apart from a simulator's truth, in metres, of the picture's field; a sentence for
+everything else."""
 
 from __future__ import annotations
 
@@ -76,7 +77,9 @@ def test_millimetres_need_a_scale_and_get_one(base: Path) -> None:
 @pytest.mark.parametrize("scale", [1000.0, 0.01])
 def test_a_median_that_is_no_distance_is_refused(base: Path, scale: float) -> None:
     write(base, ramp() * np.float32(scale))
-    with pytest.raises(SourceError, match=r"the median of depth map .* is .* m, which is not between 0.2 and 200 m.*depth_scale"):
+    with pytest.raises(
+        SourceError, match=r"the median of depth map .* is .* m, which is not between 0.2 and 200 m.*depth_scale"
+    ):
         find(base)
 
 
@@ -95,7 +98,9 @@ def test_what_is_not_finite_is_no_surface_and_what_is_negative_is_refused(base: 
 def test_another_resolution_is_taken_and_another_shape_refused(base: Path) -> None:
     write(base, ramp(24, 32))
     capture = find(base)
-    assert any("depth maps are 32x24 px, pictures 64x48 px; both are taken to show the same field" in n for n in capture.notes)
+    assert any(
+        "depth maps are 32x24 px, pictures 64x48 px; both are taken to show the same field" in n for n in capture.notes
+    )
     write(base, ramp(), number=1)
     with pytest.raises(SourceError, match="is 64x48 px, the first one is 32x24 px"):
         find(base)

@@ -29,8 +29,14 @@ def matrix(key: str, values: np.ndarray) -> str:
 def write_calibration(base: Path, names: tuple[str, ...] = NAMES, translation: np.ndarray = made.TRANSLATION) -> None:
     # names without quotes on purpose: 01 must stay "01"
     head = "%YAML:1.0\n---\nnames:\n" + "".join(f"  - {n}\n" for n in names)
-    intri = "".join(matrix(f"K_{n}", made.K[v]) + matrix(f"D_{n}", made.DISTORTION[v][:, None]) + f"H_{n}: 48\nW_{n}: 64\n" for v, n in enumerate(names))
-    extri = "".join(matrix(f"R_{n}", made.RODRIGUES[v][:, None]) + matrix(f"T_{n}", translation[v][:, None]) for v, n in enumerate(names))
+    intri = "".join(
+        matrix(f"K_{n}", made.K[v]) + matrix(f"D_{n}", made.DISTORTION[v][:, None]) + f"H_{n}: 48\nW_{n}: 64\n"
+        for v, n in enumerate(names)
+    )
+    extri = "".join(
+        matrix(f"R_{n}", made.RODRIGUES[v][:, None]) + matrix(f"T_{n}", translation[v][:, None])
+        for v, n in enumerate(names)
+    )
     (base / "intri.yml").write_text(head + intri)
     (base / "extri.yml").write_text(head + extri)
 
@@ -51,14 +57,19 @@ def write_joints(base: Path) -> None:
         u, w = made.known_pixels()[v]
         for n in range(3):
             person = {"personID": 0, "bbox": [u - 4, w - 5, u + 6, w + 7, 0.9], "keypoints": made.people(v).tolist()}
-            made.dump(base / "annots" / name / f"{n:06d}.json", {"filename": f"images/{name}/{n:06d}.jpg", "annots": [person] if n else []})
+            made.dump(
+                base / "annots" / name / f"{n:06d}.json",
+                {"filename": f"images/{name}/{n:06d}.jpg", "annots": [person] if n else []},
+            )
 
 
 def test_everything_is_half_a_pixel_further(base):
     write_joints(base)
     capture = find(base)
     assert capture.rig.names == NAMES
-    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11)  # float64 rounding of ~60 px
+    np.testing.assert_allclose(
+        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+    )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "body_25"
     for v in range(3):
@@ -137,21 +148,53 @@ def test_frames_that_a_camera_lacks(base):
 
 
 WRONG = {
-    "mask of another size": (lambda b: made.pictures(b / "masks", NAMES, size=(32, 48)), r"mask .* is 32x48 px, its picture is 64x48 px"),
+    "mask of another size": (
+        lambda b: made.pictures(b / "masks", NAMES, size=(32, 48)),
+        r"mask .* is 32x48 px, its picture is 64x48 px",
+    ),
     "no intri": (lambda b: (b / "intri.yml").unlink(), r"cannot read calibration .*intri\.yml: No such file"),
     "broken yaml": (lambda b: (b / "extri.yml").write_text("a: [1,"), r"extri\.yml:1:7: not valid YAML"),
-    "bad matrix": (lambda b: (b / "intri.yml").write_text("K_01: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n  data: [1, 2]\n"), r"intri\.yml: not valid YAML"),
-    "camera without calibration": (lambda b: write_calibration(b, ("01", "02")), r"camera 10 has pictures but is not in .*intri\.yml, which names 01, 02"),
-    "no extrinsics": (lambda b: (b / "extri.yml").write_text("names: []\n"), r"camera 01: extri\.yml has no Rot_01 or R_01"),
-    "NaN": (lambda b: write_calibration(b, translation=made.TRANSLATION * np.nan), "camera 01: world_to_camera holds nan"),
+    "bad matrix": (
+        lambda b: (b / "intri.yml").write_text(
+            "K_01: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n  data: [1, 2]\n"
+        ),
+        r"intri\.yml: not valid YAML",
+    ),
+    "camera without calibration": (
+        lambda b: write_calibration(b, ("01", "02")),
+        r"camera 10 has pictures but is not in .*intri\.yml, which names 01, 02",
+    ),
+    "no extrinsics": (
+        lambda b: (b / "extri.yml").write_text("names: []\n"),
+        r"camera 01: extri\.yml has no Rot_01 or R_01",
+    ),
+    "NaN": (
+        lambda b: write_calibration(b, translation=made.TRANSLATION * np.nan),
+        "camera 01: world_to_camera holds nan",
+    ),
     "duplicate": (lambda b: write_calibration(b, ("01", "01", "10")), "camera name '01' occurs 2 times"),
-    "no pictures": (lambda b: made.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
+    "no pictures": (
+        lambda b: made.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")],
+        "no pictures in",
+    ),
     "two sizes in a view": (lambda b: made.pictures(b / "images", ("01",), (7,), (32, 32)), "one camera has one size"),
-    "another size": (lambda b: made.pictures(b / "images", NAMES, size=(32, 32)), r"(?s)pictures are 32x32 px, the calibration is for 64x48 px.*scale: 2, offset: \[0, -8\]"),
-    "one frame twice": (lambda b: write_png(b / "images/01/1.png", np.zeros((48, 64), np.uint8)), "two files are frame 1"),
-    "no number": (lambda b: write_png(b / "images/01/first.png", np.zeros((48, 64), np.uint8)), r"first\.png holds no frame number"),
+    "another size": (
+        lambda b: made.pictures(b / "images", NAMES, size=(32, 32)),
+        r"(?s)pictures are 32x32 px, the calibration is for 64x48 px.*scale: 2, offset: \[0, -8\]",
+    ),
+    "one frame twice": (
+        lambda b: write_png(b / "images/01/1.png", np.zeros((48, 64), np.uint8)),
+        "two files are frame 1",
+    ),
+    "no number": (
+        lambda b: write_png(b / "images/01/first.png", np.zeros((48, 64), np.uint8)),
+        r"first\.png holds no frame number",
+    ),
     "no picture": (lambda b: (b / "images/01/000001.png").write_text("x"), r"cannot read picture .*000001\.png"),
-    "joints of odd length": (lambda b: made.dump(b / "annots/01/000001.json", {"annots": [{"keypoints": [[1, 2, 1]] * 7}]}), "holds 7 joints a person, which no known joint set has"),
+    "joints of odd length": (
+        lambda b: made.dump(b / "annots/01/000001.json", {"annots": [{"keypoints": [[1, 2, 1]] * 7}]}),
+        "holds 7 joints a person, which no known joint set has",
+    ),
 }
 
 

@@ -49,10 +49,20 @@ def coco(v: int, prefix: str = "", **more: object) -> dict[str, list[object]]:
     """Frames 0 and 1 with one person of 17 joints, frame 2 with none; a box around the known point."""
     u, w = made.known_pixels()[v]
     people = [
-        {"id": 10 * v + n, "image_id": 10 * v + n, "keypoints": made.people(v)[:17].reshape(-1).tolist(), "bbox": [u - 4, w - 5, 10, 12], "score": 0.9}
+        {
+            "id": 10 * v + n,
+            "image_id": 10 * v + n,
+            "keypoints": made.people(v)[:17].reshape(-1).tolist(),
+            "bbox": [u - 4, w - 5, 10, 12],
+            "score": 0.9,
+        }
         for n in range(2)
     ]
-    return {"images": [{"id": 10 * v + n, "file_name": f"{prefix}{n:06d}.png"} for n in range(3)], "annotations": people, **more}
+    return {
+        "images": [{"id": 10 * v + n, "file_name": f"{prefix}{n:06d}.png"} for n in range(3)],
+        "annotations": people,
+        **more,
+    }
 
 
 def test_everything_is_half_a_pixel_further(base):
@@ -60,7 +70,9 @@ def test_everything_is_half_a_pixel_further(base):
         made.dump(base / "joints" / f"{name}.json", coco(v))
     capture = find(base)
     assert (capture.frame_rate, capture.rig.names) == (24, made.NAMES)
-    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11)  # float64 rounding of ~60 px
+    np.testing.assert_allclose(
+        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+    )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "coco17"
     for v in range(3):
@@ -94,7 +106,10 @@ def test_openpose_folders(base):
     for v, name in enumerate(made.NAMES):
         for n in range(3):
             flat = made.people(v).reshape(-1).tolist()
-            made.dump(base / "joints" / name / f"{name}_{n:012d}_keypoints.json", {"people": [{"pose_keypoints_2d": flat}, {}, {"pose_keypoints_2d": []}, {"pose_keypoints_2d": flat}]})
+            made.dump(
+                base / "joints" / name / f"{name}_{n:012d}_keypoints.json",
+                {"people": [{"pose_keypoints_2d": flat}, {}, {"pose_keypoints_2d": []}, {"pose_keypoints_2d": flat}]},
+            )
     joints = open_source(find(base), "joints")
     assert joints.joint_set == "body_25"
     assert joints.read(2, 2).shape == (2, 25, 3)
@@ -122,24 +137,51 @@ def change(base: Path, **first: object) -> None:
 
 WRONG = {
     "no pixel_center": (lambda b: made.dump(b / "cameras.json", {"cameras": []}), "pixel_center: Field required"),
-    "another pixel_center": (lambda b: made.dump(b / "cameras.json", cameras("corner")), "pixel_center: Input should be 'integer' or 'half'"),
+    "another pixel_center": (
+        lambda b: made.dump(b / "cameras.json", cameras("corner")),
+        "pixel_center: Input should be 'integer' or 'half'",
+    ),
     "no file": (lambda b: (b / "cameras.json").unlink(), r"cannot read .*cameras\.json"),
     "no JSON": (lambda b: (b / "cameras.json").write_text("{"), r"cameras\.json:1:2: not valid JSON"),
-    "no cameras": (lambda b: made.dump(b / "cameras.json", {"pixel_center": "half", "cameras": []}), "names no cameras"),
+    "no cameras": (
+        lambda b: made.dump(b / "cameras.json", {"pixel_center": "half", "cameras": []}),
+        "names no cameras",
+    ),
     "no K": (lambda b: change(b, K=None), "cameras.0.K: Input should be a valid list"),
     "NaN": (lambda b: change(b, t=[float("nan"), 0, 0]), "camera cam1: world_to_camera holds nan"),
     "K of 4": (lambda b: change(b, K=[1, 2, 3, 4]), "K has 4 numbers, expected 9"),
     "not rigid": (lambda b: change(b, R=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation is off a rigid one by 3"),
-    "negative focal length": (lambda b: change(b, K=[[-70, 0, 30], [0, 70, 20], [0, 0, 1]]), r"focal lengths \(-70, 70\)"),
+    "negative focal length": (
+        lambda b: change(b, K=[[-70, 0, 30], [0, 70, 20], [0, 0, 1]]),
+        r"focal lengths \(-70, 70\)",
+    ),
     "duplicate": (lambda b: change(b, name="cam2"), "camera name 'cam2' occurs 2 times"),
-    "bad name": (lambda b: (change(b, name="a:b"), (b / "images/cam1").rename(b / "images/a:b")), "cannot name a folder"),
+    "bad name": (
+        lambda b: (change(b, name="a:b"), (b / "images/cam1").rename(b / "images/a:b")),
+        "cannot name a folder",
+    ),
     "size": (lambda b: change(b, width=128), r"camera cam1: pictures are 64x48 px, the calibration is for 128x48 px"),
-    "no camera for a folder": (lambda b: made.pictures(b / "images", ("extra",)), r"images/extra have no camera in .*cameras\.json"),
+    "no camera for a folder": (
+        lambda b: made.pictures(b / "images", ("extra",)),
+        r"images/extra have no camera in .*cameras\.json",
+    ),
     "no pictures": (lambda b: [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
-    "depth size": (lambda b: write(b / "depth/cam1/000000.exr", np.ones((3, 3), np.float32)), "depth .* is 3x3 px, its picture is 64x48"),
-    "joints two ways": (lambda b: (made.dump(b / "joints.json", coco(0)), made.dump(b / "joints/cam1.json", coco(0))), r"joints as joints\.json and as joints/NAME\.json"),
-    "joints without list": (lambda b: made.dump(b / "joints/cam1.json", {"images": []}), r"cam1\.json has no list 'annotations'"),
-    "joints of odd convention": (lambda b: made.dump(b / "joints/cam1.json", coco(0, pixel_center="edge")), "pixel_center is 'edge'"),
+    "depth size": (
+        lambda b: write(b / "depth/cam1/000000.exr", np.ones((3, 3), np.float32)),
+        "depth .* is 3x3 px, its picture is 64x48",
+    ),
+    "joints two ways": (
+        lambda b: (made.dump(b / "joints.json", coco(0)), made.dump(b / "joints/cam1.json", coco(0))),
+        r"joints as joints\.json and as joints/NAME\.json",
+    ),
+    "joints without list": (
+        lambda b: made.dump(b / "joints/cam1.json", {"images": []}),
+        r"cam1\.json has no list 'annotations'",
+    ),
+    "joints of odd convention": (
+        lambda b: made.dump(b / "joints/cam1.json", coco(0, pixel_center="edge")),
+        "pixel_center is 'edge'",
+    ),
 }
 
 

@@ -32,5 +32,7 @@ def test_what_is_given_must_fit() -> None:
     assert guess_joint_set(17, "h36m17", "", WHERE) == "h36m17"
     with pytest.raises(SourceError, match="holds 17 joints a person; joint_set halpe26 has 26"):
         guess_joint_set(17, "halpe26", "", WHERE)
-    with pytest.raises(SourceError, match=r"holds 18 joints a person, which no known joint set has \(coco17: 17, .*smpl24: 24\)"):
+    with pytest.raises(
+        SourceError, match=r"holds 18 joints a person, which no known joint set has \(coco17: 17, .*smpl24: 24\)"
+    ):
         guess_joint_set(18, None, "", WHERE)

@@ -1,4 +1,5 @@
-"""Pictures of another size than their calibration: what bars and shapes tell is found, what they leave open is refused."""
+"""Pictures of another size than their calibration: what bars and shapes tell is found, what they leave open is
+refused."""
 
 from __future__ import annotations
 
@@ -27,18 +28,23 @@ def scene(seed: int, size: tuple[int, int] = CALIBRATED, low: float = 60, high: 
     rng = np.random.default_rng(seed)
     blobs = cv2.GaussianBlur(rng.normal(size=(size[1], size[0])), (0, 0), 9)
     blobs = (blobs - blobs.min()) / np.ptp(blobs)
-    return np.clip((low + (high - low) * blobs)[..., None] + rng.normal(scale=2, size=(size[1], size[0], 3)), 0, 255).astype(np.uint8)
+    return np.clip(
+        (low + (high - low) * blobs)[..., None] + rng.normal(scale=2, size=(size[1], size[0], 3)), 0, 255
+    ).astype(np.uint8)
 
 
 def filmed(size: tuple[int, int], at: tuple[int, int, int, int], picture: np.ndarray) -> np.ndarray:
-    """The calibrated picture scaled to `at` (left, top, width, height) of a black picture of `size`, as a lossy codec leaves it."""
+    """The calibrated picture scaled to `at` (left, top, width, height) of a black picture of `size`, as a lossy
+    codec leaves it."""
     out = np.zeros((size[1], size[0], 3), np.uint8)
     left, top, width, height = at
     out[top : top + height, left : left + width] = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     return cv2.imdecode(cv2.imencode(".jpg", out, LOSSY)[1], cv2.IMREAD_COLOR)
 
 
-def explained(size: tuple[int, int], at: tuple[int, int, int, int], calibrated: tuple[int, int] = CALIBRATED, **light: float) -> list[Fit]:
+def explained(
+    size: tuple[int, int], at: tuple[int, int, int, int], calibrated: tuple[int, int] = CALIBRATED, **light: float
+) -> list[Fit]:
     shown = [filmed(size, at, scene(seed, calibrated, **light)) for seed in range(3)]
     return explanations(calibrated, size, measured(shown))
 
@@ -73,6 +79,7 @@ def test_scale_and_bars_are_found(size: tuple[int, int], at: tuple[int, int, int
 
 def test_a_dark_ceiling_is_no_bar_and_hides_none() -> None:
     """One edge of the letterbox is seen; beyond the other the scene itself is dark."""
+
     def ceiling(seed: int) -> np.ndarray:
         picture = scene(seed)
         picture[:50] = picture[:50] // 8
@@ -123,9 +130,11 @@ def test_a_letterboxed_video_is_imported_and_what_was_decided_is_said(tmp_path: 
     found = capture_of(tmp_path, (64, 64), (0, 8, 64, 48))
     assert found.crops == {"cam2": Crop(scale=1, offset=(0, -8))}
     (said,) = (n for n in found.notes if "letterboxed" in n)
-    assert said == (
-        "camera cam2: pictures are 64x64 px, the calibration is for 64x48 px: not scaled and letterboxed: 8 black rows above and 8 black rows below are always dark, "
-        "where this leaves 8.0 at each of the two sides; captured x becomes 1 x + (0, -8), unless frames.crop says otherwise"
+    assert (
+        said
+        == "camera cam2: pictures are 64x64 px, the calibration is for 64x48 px: not scaled and letterboxed: 8 black"
+        " rows above and 8 black rows below are always dark, where this leaves 8.0 at each of the two sides;"
+        " captured x becomes 1 x + (0, -8), unless frames.crop says otherwise"
     )
     again = Capture.from_json(found.to_json())
     assert again.crops == found.crops
@@ -139,7 +148,13 @@ def test_the_setting_wins(tmp_path: Path) -> None:
 
 def test_what_is_refused_is_printed_with_settings_to_copy(tmp_path: Path) -> None:
     """A picture without bars and of another shape was cut, stretched or scaled: nobody can tell."""
-    with pytest.raises(CalibrationError, match="camera cam2: pictures are 60x48 px, the calibration is for 64x48 px; that is another shape, and there are no black bars") as refused:
+    with pytest.raises(
+        CalibrationError,
+        match=(
+            "camera cam2: pictures are 60x48 px, the calibration is for 64x48 px; that is another shape, and there are"
+            " no black bars"
+        ),
+    ) as refused:
         capture_of(tmp_path, (60, 48), (0, 0, 60, 48))
     copied = [line for line in str(refused.value).splitlines() if line.startswith(" ")]
     assert yaml.safe_load("\n".join(copied)) == {"frames": {"crop": {"cam2": {"scale": 1.06667, "offset": [0, -1.6]}}}}

@@ -31,7 +31,9 @@ def table(v: int, name: str, **changes: str) -> str:
     return f"[{name}]\n" + "".join(f"{k} = {x}\n" for k, x in fields.items() if x)
 
 
-def write_calibration(base: Path, names: tuple[str, ...] = ("int_cam1_img", "int_cam2_img", "int_cam10_img"), **changes: str) -> Path:
+def write_calibration(
+    base: Path, names: tuple[str, ...] = ("int_cam1_img", "int_cam2_img", "int_cam10_img"), **changes: str
+) -> Path:
     path = base / "calib" / "Calib.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(table(v, n, **changes) for v, n in enumerate(names)) + "[metadata]\nerror = 0.0\n")
@@ -61,7 +63,9 @@ def find(base: Path, **options: object) -> Capture:
 def test_everything_is_half_a_pixel_further(base):
     write_joints(base)
     capture = find(base)
-    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11)  # float64 rounding of ~60 px
+    np.testing.assert_allclose(
+        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+    )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "body_25b"
     for v in range(3):
@@ -82,10 +86,14 @@ def test_cameras_are_named_after_videos_in_natural_order(base):
     pictures = open_source(capture, "pictures")
     assert pictures.size(0) == made.SIZE
     assert [counted(p) for p in pictures.read(1, [1, 4])] == [1, 4]
-    assert json.loads(json.dumps(capture.to_json())) == json.loads(json.dumps(Capture.from_json(json.loads(json.dumps(capture.to_json()))).to_json()))
+    assert json.loads(json.dumps(capture.to_json())) == json.loads(
+        json.dumps(Capture.from_json(json.loads(json.dumps(capture.to_json()))).to_json())
+    )
 
 
-@pytest.mark.parametrize("names", [made.NAMES, ("cameras.1", "cameras.2", "cameras.10"), ("1", "2", "10"), ("cam_1", "cam_2", "cam_10")])
+@pytest.mark.parametrize(
+    "names", [made.NAMES, ("cameras.1", "cameras.2", "cameras.10"), ("1", "2", "10"), ("cam_1", "cam_2", "cam_10")]
+)
 def test_tables_are_matched_by_name_and_index(base, names):
     write_calibration(base, names)
     np.testing.assert_allclose(made.imported_pixels(find(base).rig), made.known_pixels() + 0.5, atol=1e-11)
@@ -95,7 +103,9 @@ def test_rotation_as_a_matrix_is_the_same(base):
     from posegaussian.storage.importers.cameras import rotation_matrix
 
     by_vector = find(base).rig
-    text = "".join(table(v, n, rotation=str(rotation_matrix(made.RODRIGUES[v]).tolist())) for v, n in enumerate(made.NAMES))
+    text = "".join(
+        table(v, n, rotation=str(rotation_matrix(made.RODRIGUES[v]).tolist())) for v, n in enumerate(made.NAMES)
+    )
     (base / "calib" / "Calib.toml").write_text(text)
     np.testing.assert_allclose(find(base).rig.world_to_camera, by_vector.world_to_camera, atol=1e-14)
 
@@ -111,7 +121,10 @@ def test_rodrigues_is_opencv_s():
 
 def test_a_size_mismatch_says_both_sizes_and_the_setting(base):
     counting_clip(base / "videos" / "cam2.mp4", 6, (32, 32))
-    with pytest.raises(CalibrationError, match=r"camera cam2: pictures are 32x32 px, the calibration is for 64x48 px; that is another shape") as refused:
+    with pytest.raises(
+        CalibrationError,
+        match=r"camera cam2: pictures are 32x32 px, the calibration is for 64x48 px; that is another shape",
+    ) as refused:
         find(base)
     copied = yaml.safe_load("\n".join(line for line in str(refused.value).splitlines() if line.startswith(" ")))
     assert copied == {"frames": {"crop": {"cam2": {"scale": 2, "offset": [0, -8]}}}}
@@ -160,7 +173,9 @@ def test_trc_is_taken_when_there_is_one(base):
 def test_joints_by_choice(base):
     write_joints(base, "pose/25b")
     write_joints(base, "pose/second", frames=4)
-    with pytest.raises(SourceError, match=r"several folders hold joints: pose/25b, pose/second; choose one with the option joints"):
+    with pytest.raises(
+        SourceError, match=r"several folders hold joints: pose/25b, pose/second; choose one with the option joints"
+    ):
         find(base)
     capture = find(base, joints="pose/second")
     assert open_source(capture, "joints").joint_set == "body_25"
@@ -185,23 +200,50 @@ WRONG = {
     "unreadable video": (lambda b: (b / "videos/cam1.mp4").write_text("x"), r"cannot read video .*cam1\.mp4"),
     "no calibration": (lambda b: (b / "calib/Calib.toml").unlink(), "no calibration in"),
     "broken calibration": (lambda b: (b / "calib/Calib.toml").write_text("[a\n"), r"Calib\.toml cannot be read"),
-    "two calibrations": (lambda b: (b / "other.toml").write_text(table(0, "cam1")), r"several calibrations fit: calib/Calib\.toml, other\.toml"),
-    "video without calibration": (lambda b: write_calibration(b, ("cam1", "cam2")), r"cam10\.mp4 has no calibration in Calib\.toml, which holds cam1, cam2"),
+    "two calibrations": (
+        lambda b: (b / "other.toml").write_text(table(0, "cam1")),
+        r"several calibrations fit: calib/Calib\.toml, other\.toml",
+    ),
+    "video without calibration": (
+        lambda b: write_calibration(b, ("cam1", "cam2")),
+        r"cam10\.mp4 has no calibration in Calib\.toml, which holds cam1, cam2",
+    ),
     "nothing matches": (lambda b: write_calibration(b, ("left", "right")), r"cam1\.mp4 has no calibration"),
     "NaN": (lambda b: write_calibration(b, translation="[0.1, nan, 3.0]"), "camera cam1: world_to_camera holds nan"),
     "fisheye": (lambda b: write_calibration(b, fisheye="true"), "camera cam1: fisheye = true"),
     "no extrinsics": (lambda b: write_calibration(b, rotation=""), "camera cam1: its calibration has no rotation"),
-    "mirrored": (lambda b: write_calibration(b, rotation="[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]"), "determinant -1"),
-    "skew": (lambda b: write_calibration(b, matrix="[[70.0, 3.0, 30.0], [0.0, 70.0, 20.0], [0.0, 0.0, 1.0]]"), "skew 3 px"),
+    "mirrored": (
+        lambda b: write_calibration(b, rotation="[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]"),
+        "determinant -1",
+    ),
+    "skew": (
+        lambda b: write_calibration(b, matrix="[[70.0, 3.0, 30.0], [0.0, 70.0, 20.0], [0.0, 0.0, 1.0]]"),
+        "skew 3 px",
+    ),
     "text": (lambda b: write_calibration(b, matrix='"K"'), "matrix 'K' is not made of numbers"),
     "wrong count": (lambda b: write_calibration(b, translation="[1.0, 2.0]"), "translation has 2 numbers, expected 3"),
     "bad size": (lambda b: write_calibration(b, size="[64.5, 48.0]"), "positive whole numbers"),
-    "thin prism": (lambda b: write_calibration(b, distortions=str([0.0] * 8 + [0.1] * 4)), "12 distortion coefficients"),
-    "two rates": (lambda b: counting_clip(b / "videos/cam2.mp4", 6, made.SIZE, rate=25), "camera cam1 runs at 30 frames/s and camera cam2 at 25"),
-    "one name twice": (lambda b: counting_clip(b / "videos/cam1.mkv", 6, made.SIZE), r"two videos would be camera cam1: cam1\.mkv and cam1\.mp4"),
+    "thin prism": (
+        lambda b: write_calibration(b, distortions=str([0.0] * 8 + [0.1] * 4)),
+        "12 distortion coefficients",
+    ),
+    "two rates": (
+        lambda b: counting_clip(b / "videos/cam2.mp4", 6, made.SIZE, rate=25),
+        "camera cam1 runs at 30 frames/s and camera cam2 at 25",
+    ),
+    "one name twice": (
+        lambda b: counting_clip(b / "videos/cam1.mkv", 6, made.SIZE),
+        r"two videos would be camera cam1: cam1\.mkv and cam1\.mp4",
+    ),
     "two folders": (lambda b: counting_clip(b / "cam1.mp4", 6, made.SIZE), None),
-    "broken joints": (lambda b: made.dump(b / "pose/cam1_json/cam1.0000.json", {"people": [{"pose_keypoints_2d": [1, 2]}]}), "not .x, y, score. triples"),
-    "one table for two": (lambda b: (counting_clip(b / "videos/view1.mp4", 6, made.SIZE), write_calibration(b, ("1", "2", "10"))), "fits two videos, view1 and cam1"),
+    "broken joints": (
+        lambda b: made.dump(b / "pose/cam1_json/cam1.0000.json", {"people": [{"pose_keypoints_2d": [1, 2]}]}),
+        "not .x, y, score. triples",
+    ),
+    "one table for two": (
+        lambda b: (counting_clip(b / "videos/view1.mp4", 6, made.SIZE), write_calibration(b, ("1", "2", "10"))),
+        "fits two videos, view1 and cam1",
+    ),
 }
 
 
@@ -245,12 +287,16 @@ def test_odd_but_valid_rigs_are_told(base):
     write_calibration(base)
     assert "calibration int_cam10_img has no video and is left out" in find(base).notes
     for factor in (200, 1000):
-        text = "".join(table(v, n, translation=str((made.TRANSLATION[v] * factor).tolist())) for v, n in enumerate(made.NAMES))
+        text = "".join(
+            table(v, n, translation=str((made.TRANSLATION[v] * factor).tolist())) for v, n in enumerate(made.NAMES)
+        )
         (base / "calib" / "Calib.toml").write_text(text)
         if factor == 200:
             assert any("millimetres" in n for n in find(base).notes)
         else:
-            with pytest.raises(CalibrationError, match=r"camera cam1: its translation holds 3000 m, .* is it in millimetres"):
+            with pytest.raises(
+                CalibrationError, match=r"camera cam1: its translation holds 3000 m, .* is it in millimetres"
+            ):
                 find(base)
 
 

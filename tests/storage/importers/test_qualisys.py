@@ -22,29 +22,55 @@ CORNER = (10, 5)
 
 
 def camera(rig: Rig, v: int, **changes: str) -> str:
-    """One camera element, by the format's own words: place and axes in the world, x right, y up, z backwards, mm and 1/64 px."""
+    """One camera element, by the format's own words: place and axes in the world, x right, y up, z backwards, mm and
+    1/64 px."""
     right, down, forward = rig.rotations[v]
     axes = {f"r{i}{j}": value for i, row in enumerate((right, -down, -forward), 1) for j, value in enumerate(row, 1)}
     place = dict(zip("xyz", 1000 * rig.centres[v], strict=True))
     k, (k1, k2, p1, p2, k3) = to_integer_centres(rig.intrinsics)[v], rig.distortion[v, :5]
     inner = {
-        "focalLengthU": 64 * k[0, 0], "focalLengthV": 64 * k[1, 1], "skew": 0, "centerPointU": 64 * (k[0, 2] + CORNER[0]), "centerPointV": 64 * (k[1, 2] + CORNER[1]),
-        "radialDistortion1": k1, "radialDistortion2": k2, "radialDistortion3": k3, "tangentalDistortion1": p1, "tangentalDistortion2": p2,
+        "focalLengthU": 64 * k[0, 0],
+        "focalLengthV": 64 * k[1, 1],
+        "skew": 0,
+        "centerPointU": 64 * (k[0, 2] + CORNER[0]),
+        "centerPointV": 64 * (k[1, 2] + CORNER[1]),
+        "radialDistortion1": k1,
+        "radialDistortion2": k2,
+        "radialDistortion3": k3,
+        "tangentalDistortion1": p1,
+        "tangentalDistortion2": p2,
     }
-    seen = {"left": CORNER[0], "top": CORNER[1], "right": CORNER[0] + made.SIZE[0] - 1, "bottom": CORNER[1] + made.SIZE[1] - 1}
+    seen = {
+        "left": CORNER[0],
+        "top": CORNER[1],
+        "right": CORNER[0] + made.SIZE[0] - 1,
+        "bottom": CORNER[1] + made.SIZE[1] - 1,
+    }
     head = {"active": "1", "serial": rig.names[v], "viewrotation": "0"}
 
     def element(name: str, values: dict[str, Any]) -> str:
-        return f"<{name} " + " ".join(f'{key}="{changes.get(key, value)}"' for key, value in values.items() if changes.get(key) != "") + "/>"
+        return (
+            f"<{name} "
+            + " ".join(f'{key}="{changes.get(key, value)}"' for key, value in values.items() if changes.get(key) != "")
+            + "/>"
+        )
 
     whole = {"left": 0, "top": 0, "right": SENSOR[0] - 1, "bottom": SENSOR[1] - 1}
-    parts = element("fov_video_max", whole) + element("fov_video", seen) + element("transform", {**place, **axes}) + element("intrinsic", inner)
+    parts = (
+        element("fov_video_max", whole)
+        + element("fov_video", seen)
+        + element("transform", {**place, **axes})
+        + element("intrinsic", inner)
+    )
     return element("camera", head).replace("/>", f">{parts}</camera>")
 
 
 def write_qca(path: Path, rig: Rig, **changes: str) -> None:
     body = "".join(camera(rig, v, **(changes if v == 0 else {})) for v in range(len(rig)))
-    path.write_text(f'<?xml version="1.0" encoding="ASCII"?><calibration><results std-dev="0."/><cameras>{body}</cameras></calibration>')
+    path.write_text(
+        '<?xml version="1.0" encoding="ASCII"?><calibration><results'
+        f' std-dev="0."/><cameras>{body}</cameras></calibration>'
+    )
 
 
 @pytest.fixture
@@ -75,20 +101,27 @@ def test_it_is_taken_by_itself_where_there_is_no_toml(base: Path) -> None:
     (base / "calib" / "Calib.toml").unlink()
     assert find(base).notes[0] == "calibration: own.qca.txt"
     write_qca(base / "other.qca", find(base).rig)
-    with pytest.raises(CalibrationError, match=r"several calibrations fit: other\.qca, own\.qca\.txt; choose one with the option calibration"):
+    with pytest.raises(
+        CalibrationError,
+        match=r"several calibrations fit: other\.qca, own\.qca\.txt; choose one with the option calibration",
+    ):
         find(base)
 
 
 def test_k3_is_read_and_the_order_is_opencv_s(base: Path) -> None:
     write_qca(base / "own.qca.txt", find(base).rig, radialDistortion3="0.25")
-    np.testing.assert_allclose(find(base, calibration="own.qca.txt").rig.distortion[0], [*made.DISTORTION[0], 0.25, 0, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        find(base, calibration="own.qca.txt").rig.distortion[0], [*made.DISTORTION[0], 0.25, 0, 0, 0], atol=1e-15
+    )
 
 
 def test_a_serial_is_found_at_the_end_of_a_videos_name(base: Path) -> None:
     rig = find(base).rig
     numbered = Rig(("00001", "2", "10"), rig.intrinsics, rig.distortion, rig.world_to_camera, rig.size)
     write_qca(base / "own.qca.txt", numbered)
-    np.testing.assert_allclose(find(base, calibration="own.qca.txt").rig.world_to_camera, rig.world_to_camera, atol=1e-9)
+    np.testing.assert_allclose(
+        find(base, calibration="own.qca.txt").rig.world_to_camera, rig.world_to_camera, atol=1e-9
+    )
 
 
 WRONG: dict[str, tuple[dict[str, str], str]] = {
@@ -113,7 +146,13 @@ def test_wrong_files_get_a_sentence(base: Path, case: str) -> None:
         find(base, calibration="own.qca.txt")
 
 
-@pytest.mark.parametrize(("text", "sentence"), [("no xml", r"own\.qca\.txt cannot be read: syntax error"), ("<calibration/>", "holds no cameras/camera; export it")])
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("no xml", r"own\.qca\.txt cannot be read: syntax error"),
+        ("<calibration/>", "holds no cameras/camera; export it"),
+    ],
+)
 def test_what_is_no_calibration_gets_a_sentence(base: Path, text: str, sentence: str) -> None:
     (base / "own.qca.txt").write_text(text)
     with pytest.raises(CalibrationError, match=sentence):

@@ -26,8 +26,12 @@ def test_each_layout_is_recognised_by_what_is_there(layout: str, request: pytest
     assert found.to_json() == {**find_capture(layout, base, {}).to_json(), "notes": found.notes}
 
 
-@pytest.mark.parametrize(("named", "there"), [(a, b) for a in IMPORTERS for b in IMPORTERS if a != b and (a, b) != ("pose2sim", "caliscope")])
-def test_a_wrong_layout_is_told_what_it_expects_what_is_there_and_what_fits(named: str, there: str, request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize(
+    ("named", "there"), [(a, b) for a in IMPORTERS for b in IMPORTERS if a != b and (a, b) != ("pose2sim", "caliscope")]
+)
+def test_a_wrong_layout_is_told_what_it_expects_what_is_there_and_what_fits(
+    named: str, there: str, request: pytest.FixtureRequest
+) -> None:
     """Caliscope's files are what Pose2Sim's importer reads, too."""
     base: Path = request.getfixturevalue(there)
     with pytest.raises(UserError) as refused:
@@ -41,11 +45,16 @@ def test_a_wrong_layout_is_told_what_it_expects_what_is_there_and_what_fits(name
 def test_a_sentence_in_full(pose2sim: Path) -> None:
     with pytest.raises(UserError) as refused:
         find_capture("easymocap", pose2sim, {})
-    assert str(refused.value).splitlines()[-1] == (
-        f"the layout easymocap expects intri.yml; extri.yml; images/NAME/000000.jpg or videos/NAME.mp4: {pose2sim} has no intri.yml; no extri.yml. "
-        f"It holds calib/, videos/; that is the layout pose2sim: posegaussian import pose2sim {pose2sim}"
+    assert (
+        str(refused.value).splitlines()[-1]
+        == f"the layout easymocap expects intri.yml; extri.yml; images/NAME/000000.jpg or videos/NAME.mp4: {pose2sim}"
+        " has no intri.yml; no extri.yml. It holds calib/, videos/; that is the layout pose2sim: posegaussian"
+        f" import pose2sim {pose2sim}"
     )
-    with pytest.raises(SourceError, match=r"unknown layout 'easymocp'; known are .*, and auto, which takes the one that fits: here pose2sim$"):
+    with pytest.raises(
+        SourceError,
+        match=r"unknown layout 'easymocp'; known are .*, and auto, which takes the one that fits: here pose2sim$",
+    ):
         find_capture("easymocp", pose2sim, {})
 
 
