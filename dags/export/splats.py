@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
@@ -15,6 +16,11 @@ from posegaussian.dags.planning.tasks import Product
 from posegaussian.stages.rendering.sources import map_arrays
 from posegaussian.storage.model.errors import ConfigError, UserError
 from posegaussian.storage.model.splats import Splats
+
+if TYPE_CHECKING:
+    import torch
+
+    from posegaussian.stages.splatting.definition.scene import Gaussians
 
 
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
@@ -77,9 +83,17 @@ def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
     """The Gaussians that rendering lifts from one frame of some views, view by view, as splats in the world."""
     import torch
 
+    from posegaussian.stages.splatting.splat_scene import splats_of
+
+    return splats_of(frame_gaussians(results, frame, views, torch.float64))
+
+
+def frame_gaussians(results: Results, frame: int, views: Sequence[int], dtype: torch.dtype) -> Gaussians:
+    """The Gaussians that rendering lifts from one frame of some views, view by view, in the world."""
+    import torch
+
     from posegaussian.stages.rendering.lift import Maps, lift
     from posegaussian.stages.splatting.definition.scene import Gaussians
-    from posegaussian.stages.splatting.splat_scene import splats_of
 
     parts = []
     for view in views:
@@ -90,8 +104,8 @@ def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
             maps,
             results.context.rig.intrinsics[view],
             results.context.rig.world_to_camera[view],
-            torch.float64,
+            dtype,
             torch.device("cpu"),
         )
         parts.append(lifted.from_all_sides())
-    return splats_of(Gaussians.concatenate(parts))
+    return Gaussians.concatenate(parts)

@@ -32,6 +32,10 @@ class Results:
         """Whether any partition of an array is finished."""
         return array in self._outputs
 
+    def views_of(self, array: str) -> list[int]:
+        """Views of which any partition of an array is finished, ascending."""
+        return sorted({view for _, view in self._outputs.get(array, {}) if view is not None})
+
     def read(self, array: str, frames: range, view: int | None = None) -> np.ndarray:
         """[len(frames), ...] of one view. Raises ShardMissing where a partition is not finished."""
         outputs = self._outputs.get(array)

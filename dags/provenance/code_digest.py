@@ -144,24 +144,26 @@ def closure(module: str, root: Path = ROOT, folders: tuple[str, ...] = FOLDERS) 
     A module is known by what it and the modules it imports hold, not by their names: one that only moved has the same
     digest.
     """
+    files: dict[str, Path | None] = {}
+
+    def counted(name: str) -> Path | None:
+        if name not in files:
+            inside = any(name.startswith(f"{PACKAGE}.{folder}.") for folder in folders)
+            files[name] = module_file(name, root) if inside and name not in APART else None
+        return files[name]
+
     seen: set[str] = set()
     todo = [module]
     while todo:
         name = todo.pop()
-        file = _counted(name, root, folders)
+        file = counted(name)
         if name in seen or file is None:
             continue
         seen.add(name)
         own, imports = parsed(file)
-        edges = [parsed(f)[0] for i in imports if (f := _counted(i, root, folders)) is not None]
-        yield name, hashlib.blake2b("\n".join([own, *edges]).encode(), digest_size=16).hexdigest()
-        todo += imports
-
-
-def _counted(module: str, root: Path, folders: tuple[str, ...]) -> Path | None:
-    """Source file of a module that counts, or None."""
-    inside = any(module.startswith(f"{PACKAGE}.{folder}.") for folder in folders)
-    return module_file(module, root) if inside and module not in APART else None
+        edges = {i: parsed(f)[0] for i in imports if (f := counted(i)) is not None}
+        yield name, hashlib.blake2b("\n".join([own, *edges.values()]).encode(), digest_size=16).hexdigest()
+        todo += edges
 
 
 def code_digest(run: str, root: Path = ROOT) -> str:

@@ -18,7 +18,7 @@ from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
-from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, CameraPath
 from posegaussian.storage.model.spec import ArraySpec
 
 
@@ -135,13 +135,13 @@ def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], st
         prefix = f"rendering/{name}"
         found[f"{prefix}/intrinsics"] = (
             cameras.intrinsics,
-            ("frame", "camera", "row", "column"),
+            ("frame", "camera", *INTRINSICS_AXES),
             "px",
             "Our pixel centres.",
         )
         found[f"{prefix}/world_to_camera"] = (
             cameras.world_to_camera,
-            ("frame", "camera", "row", "column"),
+            ("frame", "camera", *POSE_AXES),
             "m",
             "Rigid motion, OpenCV axes.",
         )

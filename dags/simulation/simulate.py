@@ -26,6 +26,7 @@ from posegaussian.stages.simulator.scene import Listed, Scan, Scene, faults, kno
 from posegaussian.storage.archive.store import Archive, Sequence
 from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import make_folder, scratch_array
+from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES
 from posegaussian.storage.model.documents import read_bytes
 from posegaussian.storage.model.errors import ConfigError, SourceError
 from posegaussian.storage.model.joint_sets import COCO17
@@ -291,26 +292,31 @@ def _keep(truth: dict[str, np.ndarray], shots: list[Shot], view: int, sources: i
 _TRUTH: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
     (
         "normal",
-        ("frame", "view", "y", "x", "xyz"),
+        ("filmed_frame", "view", "filmed_y", "filmed_x", "xyz"),
         "1",
         "Unit normal of what is seen, camera axes, facing the camera; 0 = no surface.",
     ),
-    ("mask", ("frame", "view", "y", "x"), "1", "0..255 covered share of the pixel."),
+    ("mask", ("filmed_frame", "view", "filmed_y", "filmed_x"), "1", "0..255 covered share of the pixel."),
     (
         "joints2d",
-        ("frame", "view", "joint", "uvs"),
+        ("filmed_frame", "view", "joint", "uvs"),
         "px",
         "Exact COCO-17 in the pictures as filmed; 1 where the joint's own limb is seen there.",
     ),
-    ("joints3d", ("frame", "joint", "xyzs"), "m", "Exact COCO-17 in the world."),
-    ("held_out/color", ("frame", "camera", "y", "x", "rgb"), "1", "SRGB; on black, or before the scene's background."),
+    ("joints3d", ("filmed_frame", "joint", "xyzs"), "m", "Exact COCO-17 in the world."),
+    (
+        "held_out/color",
+        ("filmed_frame", "camera", "filmed_y", "filmed_x", "rgb"),
+        "1",
+        "SRGB; on black, or before the scene's background.",
+    ),
     (
         "held_out/depth",
-        ("frame", "camera", "y", "x"),
+        ("filmed_frame", "camera", "filmed_y", "filmed_x"),
         "m",
         "Along the optical axis at the pixel centre; 0 = no surface.",
     ),
-    ("held_out/mask", ("frame", "camera", "y", "x"), "1", "0..255 covered share of the pixel."),
+    ("held_out/mask", ("filmed_frame", "camera", "filmed_y", "filmed_x"), "1", "0..255 covered share of the pixel."),
 )
 
 
@@ -319,18 +325,18 @@ def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray
     itself."""
     for name, dims, unit, meaning in _TRUTH:
         if name in truth and (not name.startswith("joints") or truth["joints3d"].any()):
-            chunk = (1, 1, *truth[name].shape[2:]) if "x" in dims else truth[name].shape
+            chunk = (1, 1, *truth[name].shape[2:]) if "filmed_x" in dims else truth[name].shape
             sequence.put(f"truth/{name}", truth[name], dims, unit, meaning, chunk)
     sequence.put_rig("truth", staged.take.rig)
     if staged.sources < len(staged.written):
         held_out = staged.take.rig.subset(range(staged.sources, len(staged.written)))
         sequence.put(
-            "truth/held_out/intrinsics", held_out.intrinsics, ("camera", "row", "column"), "px", "Our pixel centres."
+            "truth/held_out/intrinsics", held_out.intrinsics, ("camera", *INTRINSICS_AXES), "px", "Our pixel centres."
         )
         sequence.put(
             "truth/held_out/world_to_camera",
             held_out.world_to_camera,
-            ("camera", "row", "column"),
+            ("camera", *POSE_AXES),
             "m",
             "Rigid motion, OpenCV axes.",
         )

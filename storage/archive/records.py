@@ -13,7 +13,7 @@ import numpy as np
 from posegaussian.storage.archive import checksums
 from posegaussian.storage.files.names import check_camera_names, parse_json, read_file
 from posegaussian.storage.files.write import write_atomically
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Rig
 from posegaussian.storage.model.capture import ONE_FILE, PER_VIEW, Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import ArchiveError, BrokenRecord, CalibrationError, SourceError
 
@@ -179,11 +179,11 @@ def cameras(rig: Rig) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]
     return {
         "source/intrinsics": (
             rig.intrinsics,
-            ("view", "row", "column"),
+            ("view", *INTRINSICS_AXES),
             "px",
             "Calibrated cameras, our pixel centres.",
         ),
         "source/distortion": (rig.distortion, ("view", "coefficient"), "1", "OpenCV k1 k2 p1 p2 k3 k4 k5 k6."),
-        "source/world_to_camera": (rig.world_to_camera, ("view", "row", "column"), "m", "Rigid motion, OpenCV axes."),
+        "source/world_to_camera": (rig.world_to_camera, ("view", *POSE_AXES), "m", "Rigid motion, OpenCV axes."),
         "source/size": (rig.size.astype(np.int32), ("view", "wh"), "px", "Size of the calibrated picture."),
     }

@@ -32,7 +32,7 @@ from posegaussian.storage.archive.array_metadata import (
 from posegaussian.storage.archive.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
 from posegaussian.storage.files.names import Unsafe, below, files_below, folders_in, name_fault
 from posegaussian.storage.files.write import make_folder, refusals, sync_folder, write_atomically
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Rig
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ArchiveError, NotWritten
 from posegaussian.storage.model.home import at_home
@@ -286,7 +286,7 @@ class Sequence:
         import zarr
 
         folder, digest = self.place(name), array_digest(data)
-        if self._holds(name, data):
+        if self._holds(name, data, dims):
             if not is_sealed(folder):
                 seal(folder, digest)
             return
@@ -307,11 +307,12 @@ class Sequence:
         assert array.shape == data.shape
         seal(folder)
 
-    def _holds(self, name: str, data: np.ndarray) -> bool:
-        """Whether an array is there, whole, and holds these values."""
+    def _holds(self, name: str, data: np.ndarray, dims: tuple[str, ...]) -> bool:
+        """Whether an array is there, whole, and holds these values along these dimensions."""
         try:
             old = self.open_array(name)
-            return old.shape == data.shape and old.dtype == data.dtype and np.array_equal(old[...], data)
+            same = (old.shape, old.dtype, old.metadata.dimension_names) == (data.shape, data.dtype, dims)
+            return same and np.array_equal(old[...], data)
         except (FileNotFoundError, ForeignArray, ValueError, RuntimeError):
             return False  # it is written anew
 
@@ -409,11 +410,11 @@ class Sequence:
 
     def put_rig(self, prefix: str, rig: Rig) -> None:
         """Write the cameras a reader of `<prefix>/*` needs: intrinsics, world_to_camera, size."""
-        self.put(f"{prefix}/intrinsics", rig.intrinsics, ("view", "row", "column"), "px", "Our pixel centres.")
+        self.put(f"{prefix}/intrinsics", rig.intrinsics, ("view", *INTRINSICS_AXES), "px", "Our pixel centres.")
         self.put(
             f"{prefix}/world_to_camera",
             rig.world_to_camera,
-            ("view", "row", "column"),
+            ("view", *POSE_AXES),
             "m",
             "Rigid motion, OpenCV axes.",
         )

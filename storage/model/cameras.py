@@ -16,6 +16,9 @@ from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.model.plausible import check_camera
 from posegaussian.storage.model.spec import digest
 
+INTRINSICS_AXES, POSE_AXES = ("intrinsics_row", "intrinsics_column"), ("pose_row", "pose_column")
+"""Names of the matrices' axes in an archive: 3 and 4 long, so they are not called alike."""
+
 
 def from_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
     """Intrinsics [..., 3, 3] of OpenCV's integer-centre convention -> ours (principal point + 0.5 px)."""

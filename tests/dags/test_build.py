@@ -104,7 +104,7 @@ def test_a_process_whose_files_were_edited_begins_no_run(
     edited(monkeypatch, "storage/archive/shards.py")
     builds.here.cache_clear()
     events: list[Event] = []
-    with pytest.raises(OtherCode, match=r"storage/shards\.py was edited since process"):
+    with pytest.raises(OtherCode, match=r"storage/archive/shards\.py was edited since process"):
         Run([plan], Selection(force=frozenset({"metrics"})), SerialBackend(), [events.append]).go()
     assert not events
 

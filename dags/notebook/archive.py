@@ -1,0 +1,286 @@
+"""An archive as a notebook sees it: sequences, their arrays as NumPy and xarray, and the same plans and runs as the command
+line's.
+
+Everything goes through the mechanisms of a run: names are checked before they are followed, arrays of stages are read
+against their receipts, and nothing is computed unless `run` is called.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import PRODUCERS
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive.store import Sequence as StoredSequence
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.errors import ArchiveError, UserError
+from posegaussian.storage.model.spec import ArraySpec
+
+if TYPE_CHECKING:
+    import xarray
+
+    from posegaussian.dags.planning.plan import Plan
+    from posegaussian.stages.splatting.definition.scene import Gaussians
+
+
+@dataclass(frozen=True)
+class ArrayInfo:
+    """What an array of a sequence is."""
+
+    name: str
+    """For example `depth/depth`."""
+    dims: tuple[str, ...]
+    """Names of its axes."""
+    shape: tuple[int, ...]
+    """Their lengths."""
+    dtype: np.dtype[Any]
+    """Of its values."""
+    unit: str
+    """SI, px, or 1 for numbers without one."""
+    meaning: str
+    """One sentence."""
+
+
+def open_archive(
+    url: str | Path = "archive", settings: Sequence[str] = (), config: str | Path | None = None, quiet: bool = True
+) -> OpenArchive:
+    """Open an archive, as the command line does.
+
+    Args:
+        url: its folder, or a file:// URL.
+        settings: overrides as for `--set`, for example `depth.method=hull`.
+        config: a configuration laid over the packaged default.
+        quiet: whether plans and runs print nothing.
+
+    Raises:
+        ArchiveError: where there is no archive.
+        ConfigError: for settings that are not valid, with all their faults.
+    """
+    console = Console(quiet=quiet)
+    session = Session.open(Path(config) if config is not None else None, list(settings), str(url), console)
+    _ = session.archive
+    return OpenArchive(session)
+
+
+@dataclass(frozen=True)
+class OpenArchive:
+    """An archive under some settings."""
+
+    session: Session
+
+    def names(self) -> list[str]:
+        """Names of the sequences, sorted."""
+        return self.session.archive.names()
+
+    def __getitem__(self, name: str) -> OpenSequence:
+        """One sequence. Raises ArchiveError with the names there are."""
+        self.session.archive.sequence(name)
+        return OpenSequence(self.session, name)
+
+    def __iter__(self) -> Iterator[OpenSequence]:
+        """The sequences, by name."""
+        return (self[name] for name in self.names())
+
+    def __len__(self) -> int:
+        """How many sequences there are."""
+        return len(self.names())
+
+
+@dataclass(frozen=True)
+class OpenSequence:
+    """One sequence under the settings it was opened with."""
+
+    session: Session
+    name: str
+
+    @property
+    def context(self) -> Context:
+        """The sequence under its settings, as a plan sees it."""
+        return self.session.context(self.name)
+
+    @property
+    def stored(self) -> StoredSequence:
+        """Its place in the archive."""
+        return self.session.archive.sequence(self.name)
+
+    @cached_property
+    def views(self) -> tuple[str, ...]:
+        """Names of the cameras, in the order of the `view` axis."""
+        return self.context.views.names
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras of `frames/*`: intrinsics [V, 3, 3] px, world_to_camera [V, 4, 4] m, size [V, 2] px."""
+        return self.context.rig
+
+    def arrays(self, pattern: str = "*") -> dict[str, ArrayInfo]:
+        """The arrays that are on disk, by name, those that match a pattern such as `depth/*`. No data is read."""
+        root, found = self.stored.root, {}
+        for file in sorted(root.rglob("zarr.json")):
+            name = file.parent.relative_to(root).as_posix()
+            if name.startswith(("_", ".")) or not fnmatch.fnmatchcase(name, pattern):
+                continue
+            try:
+                array = self.stored.open_array(name)
+            except (FileNotFoundError, UserError):
+                continue  # a group, or a description that nobody should follow
+            dims = tuple(array.metadata.dimension_names or ())
+            attributes = dict(array.attrs)
+            found[name] = ArrayInfo(
+                name,
+                dims,
+                tuple(array.shape),
+                np.dtype(array.dtype),
+                str(attributes.get("unit", "1")),
+                str(attributes.get("meaning", "")),
+            )
+        return found
+
+    def read(self, array: str, frames: range | slice | int | None = None, view: str | int | None = None) -> np.ndarray:
+        """An array as NumPy.
+
+        Args:
+            array: its name, such as `depth/depth` or `rendering/orbit-1e28255c/color`.
+            frames: frame indices, for arrays that a stage makes over time; None: all. One index takes the axis away.
+            view: one camera by name or index, for arrays with a view axis; None: every view that has the array, stacked,
+                [frames, views, ...].
+
+        Returns:
+            [frames, views, ...] as the array's `dims` say.
+
+        Raises:
+            ShardMissing: where a frame was not computed, or was dropped to save space.
+            ArchiveError: for an array that nobody made.
+        """
+        spec = _made_over_time(array)
+        if spec is None:
+            values = self.stored.get(array)
+            if view is not None or frames is not None:
+                raise ArchiveError(f"{array} is read whole: it is not made frame by frame; leave frames and view out")
+            return values
+        context = self.context
+        results, span = Results(context), _span(frames, context.grid.frames)
+        if not spec.per_view:
+            values = results.read(array, span, None)
+        elif view is not None:
+            values = results.read(array, span, self._index(view))
+        else:
+            values = np.stack([results.read(array, span, v) for v in self._views_of(results, array)], axis=1)
+        return values[0] if isinstance(frames, int) else values
+
+    def table(self, name: str, path: str) -> list[dict[str, Any]]:
+        """The rows of a table, such as `table("metrics/{path}", "held_out-...")`: one dict a row."""
+        return Results(self.context).table(name, path)
+
+    def dataset(self, group: str) -> xarray.Dataset:
+        """A group such as `frames` as an xarray Dataset: every array by name, read when it is asked for.
+
+        Raises:
+            UserError: where xarray is not installed, with how to install it.
+            ArchiveError: where there is no such group.
+        """
+        try:
+            import xarray
+        except ImportError as e:
+            raise UserError("dataset() needs xarray: pip install 'posegaussian[notebook]'") from e
+        place = self.stored.place(f"{group}/zarr.json").parent
+        if not place.is_dir():
+            known = sorted({name.partition("/")[0] for name in self.arrays()})
+            raise ArchiveError(f"sequence {self.name} has no group {group}; it has {', '.join(known)}")
+        return xarray.open_zarr(place, consolidated=False, chunks=None)
+
+    def gaussians(self, frame: int, views: Sequence[str | int] | None = None) -> Gaussians:
+        """The Gaussians of one frame, N of them in world axes, metres: those that the source views carry, or some of them.
+
+        Raises ShardMissing where the frame was not computed.
+        """
+        import torch
+
+        from posegaussian.dags.export.splats import frame_gaussians
+
+        context = self.context
+        chosen = context.views.sources if views is None else tuple(self._index(v) for v in views)
+        return frame_gaussians(Results(context), frame, chosen, torch.float32)
+
+    def plan(
+        self,
+        only: Sequence[str] = (),
+        start: str | None = None,
+        force: Sequence[str] = (),
+        paths: Sequence[str] = (),
+    ) -> Plan:
+        """What a run would do and why; nothing is computed. `print` it with `posegaussian.dags.diagnostics.tables`.
+
+        Args:
+            only: stages that may run; none: all.
+            start: this stage and every later one is made anew.
+            force: stages that are made anew though they are fresh.
+            paths: camera paths to render instead of the settings' ones, such as `orbit`.
+        """
+        return self.session.plan(self.name, Selection(frozenset(only), start, frozenset(force)), tuple(paths))
+
+    def run(
+        self,
+        only: Sequence[str] = (),
+        start: str | None = None,
+        force: Sequence[str] = (),
+        paths: Sequence[str] = (),
+    ) -> None:
+        """Do what `plan` says; what is fresh is left alone.
+
+        Raises:
+            UserError: with a sentence for every task that failed, when all others are done.
+        """
+        plan = self.plan(only, start, force, paths)
+        if plan.all_fresh:
+            return
+        outcome = self.session.run([plan], plan.selection)
+        if outcome.ended.interrupted:
+            raise KeyboardInterrupt
+        if outcome.collector.failures:
+            failed = "\n".join(f"{f.task.label()}: {f.error.strip()}" for f in outcome.collector.failures)
+            raise UserError(f"{len(outcome.collector.failures)} tasks failed:\n{failed}")
+
+    def _index(self, view: str | int) -> int:
+        if isinstance(view, int):
+            return range(len(self.views))[view]
+        if view not in self.views:
+            raise ArchiveError(f"sequence {self.name} has no camera {view!r}; it has {', '.join(self.views)}")
+        return self.views.index(view)
+
+    def _views_of(self, results: Results, array: str) -> list[int]:
+        """Views that have finished outputs of an array. Raises ShardMissing where none has."""
+        found = results.views_of(array)
+        return found if found else list(self.context.active_views)
+
+
+def _made_over_time(array: str) -> ArraySpec | None:
+    """The declaration of an array that a stage makes frame by frame, camera paths filled in; None for others."""
+    for name, (_, spec) in PRODUCERS.items():
+        pattern = name.replace("{path}", "*")
+        if isinstance(spec, ArraySpec) and "frame" in spec.dims and fnmatch.fnmatchcase(array, pattern):
+            return spec
+    return None
+
+
+def _span(frames: range | slice | int | None, count: int) -> range:
+    """Frame indices as a range. Raises ValueError for those that are not there, and for steps."""
+    every = range(count)
+    if isinstance(frames, int):
+        index = every[frames]
+        return range(index, index + 1)
+    chosen = every if frames is None else every[frames] if isinstance(frames, slice) else frames
+    if chosen.step != 1 or chosen.start < 0 or chosen.stop > count:
+        raise ValueError(f"frames must be consecutive within 0..{count - 1}, got {frames}")
+    return chosen

@@ -1,0 +1,110 @@
+"""`import posegaussian`: what a notebook reads is what the archive holds, what it draws is what rendering drew."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posegaussian
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.results import Results
+from posegaussian.storage.model.errors import ArchiveError, ShardMissing
+from tests.pipeline import NAME, Pipeline
+
+
+@pytest.fixture(scope="module")
+def opened(finished: Pipeline) -> posegaussian.OpenSequence:
+    settings = finished.assignments
+    return posegaussian.open_archive(finished.root, settings)[NAME]
+
+
+def test_importing_costs_nothing() -> None:
+    code = "import sys, posegaussian; print([m for m in ('torch', 'numpy', 'zarr', 'dask') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_no_other() -> None:
+    assert all(getattr(posegaussian, name) for name in posegaussian.__all__)
+    with pytest.raises(AttributeError, match="open_archive"):
+        _ = posegaussian.nothing
+
+
+def test_arrays_are_read_as_results_are(opened: posegaussian.OpenSequence, finished: Pipeline) -> None:
+    results = Results(finished.context())
+    frames = range(results.context.grid.frames)
+    for name in ("frames/color", "depth/depth"):
+        info = opened.arrays()[name]
+        view = results.context.views.sources[1]
+        expected = results.read(name, frames, view)
+        assert info.dims[:2] == ("frame", "view")
+        assert info.meaning
+        assert np.array_equal(opened.read(name, view=opened.views[view]), expected)
+        assert np.array_equal(opened.read(name, 1, view), expected[1])
+        every = opened.read(name, slice(1, 3))
+        assert np.array_equal(every[:, results.views_of(name).index(view)], expected[1:3])
+    assert np.array_equal(opened.read("frames/intrinsics"), results.context.rig.intrinsics)
+
+
+def test_what_is_not_there_is_named(opened: posegaussian.OpenSequence) -> None:
+    with pytest.raises(ArchiveError, match="no camera 'nobody'"):
+        opened.read("depth/depth", view="nobody")
+    with pytest.raises((ArchiveError, ShardMissing), match="rendering/none/color"):
+        opened.read("rendering/none/color")
+    with pytest.raises(ValueError, match="frames must be consecutive"):
+        opened.read("depth/depth", range(0, 99))
+    with pytest.raises(ArchiveError, match="no group nothing"):
+        opened.dataset("nothing")
+
+
+def test_no_dimension_has_two_lengths_and_every_group_opens_in_xarray(opened: posegaussian.OpenSequence) -> None:
+    pytest.importorskip("xarray")
+    lengths: dict[tuple[str, str], set[int]] = {}
+    for info in opened.arrays().values():
+        group = info.name.rpartition("/")[0]
+        for dim, length in zip(info.dims, info.shape, strict=True):
+            lengths.setdefault((group, dim), set()).add(length)
+    assert not {key: found for key, found in lengths.items() if len(found) > 1}
+    for group in {group for group, _ in lengths}:
+        dataset = opened.dataset(group)
+        assert dataset.sizes, group
+    color = opened.dataset("frames")["color"]
+    assert np.array_equal(color[1, 0].values, opened.read("frames/color", 1, 0))
+
+
+def test_gaussians_are_drawn_into_a_source_camera(opened: posegaussian.OpenSequence) -> None:
+    """The Gaussians of one view, drawn where they were seen from, give back that view's picture within the mask."""
+    view = opened.context.views.sources[0]
+    gaussians = opened.gaussians(0, [view])
+    picture = posegaussian.draw(gaussians, posegaussian.camera_of(opened.rig, view), background=(0, 0, 0))
+    color, mask = opened.read("frames/color", 0, view), opened.read("frames/mask", 0, view) > 250
+    assert picture.shape == color.shape
+    # splatting blurs edges; over the inside of a flat-coloured person the mean error is a few grey levels
+    assert np.abs(picture[mask].astype(int) - color[mask]).mean() < 16
+    half = posegaussian.camera_of(opened.rig, view, height=int(opened.rig.size[view, 1]) // 2)
+    assert posegaussian.draw(gaussians, half).shape[0] == int(opened.rig.size[view, 1]) // 2
+
+
+def test_plan_and_run_are_those_of_the_command_line(finished: Pipeline, tmp_path: Path) -> None:
+    copy = finished.copy(tmp_path / "archive")
+    opened = posegaussian.open_archive(copy.root, [*copy.assignments, "run.scheduler=serial"])[NAME]
+    plan = opened.plan(paths=["still cam00"])
+    assert {v.task.stage for v in plan.verdicts.values() if v.state is not State.FRESH} == {"rendering"}
+    opened.run(paths=["still cam00"])
+    assert opened.plan(paths=["still cam00"]).all_fresh
+
+
+def test_the_example_of_the_package_is_true(opened: posegaussian.OpenSequence) -> None:
+    """Every name that the package's docstring uses exists."""
+    text = posegaussian.__doc__ or ""
+    for name in ("open_archive", "draw", "camera_of"):
+        assert f"posegaussian.{name}(" in text
+    for method in ("arrays", "read", "dataset", "gaussians", "plan", "run"):
+        assert f"person.{method}(" in text
+        assert callable(getattr(opened, method))
+    json.dumps(text)
