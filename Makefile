@@ -1,90 +1,59 @@
-# make demo | test | lint | bench | bench-quality | bench-sweep | bench-motorcycle | bench-mattes | bench-effects | bench-renderer | bench-refinement | bench-pose | bench-network | bench-network-time | bench-gpu | crash | fuzz | extreme | stability: each works alone on a machine with Python 3.11 and make.
+# Every target works alone on a machine with Python 3.11 and make; `make help` prints them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+CAPTURES ?= ../shared/captures
 
-.PHONY: demo test lint bench bench-quality bench-sweep bench-motorcycle bench-mattes bench-effects bench-renderer bench-refinement bench-pose bench-network bench-network-time bench-gpu crash fuzz extreme stability clean
+.PHONY: help demo test lint bench crash fuzz extreme stability clean
 
-demo: $(STAMP)
+help: ## Print every target with what it does.
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-20s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(STAMP) ## Film a simulated person and reconstruct that person, into demo-output/.
 	$(BIN)/posegaussian demo --output demo-output
 
-test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+test: $(STAMP) ## Run the tests, two processes at once.
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(STAMP)
+lint: $(STAMP) ## Check style and types.
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p posegaussian.storage -p posegaussian.dags -p posegaussian.stages.contract -m posegaussian.stages.registry
 
-# Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
-bench-quality: $(STAMP)
-	$(BIN)/python -m benchmarks.quality clean
-	$(BIN)/python -m benchmarks.quality spoilt
+# A benchmark is a line below: RUNS holds its modules of benchmarks/, each in quotes with its arguments.
+MEASURE = set -e; for run in $(RUNS); do $(BIN)/python -m benchmarks.$$run; done
 
-bench: $(STAMP)
-	$(BIN)/python -m benchmarks.plan_time
-	$(BIN)/python -m benchmarks.plan_scale
-	$(BIN)/python -m benchmarks.status_time
-	$(BIN)/python -m benchmarks.overhead
-	$(BIN)/python -m benchmarks.memory
-	$(BIN)/python -m benchmarks.metrics_time
-	$(BIN)/python -m benchmarks.renderer
+bench: RUNS = pipeline.plan_time pipeline.plan_scale pipeline.status_time pipeline.overhead pipeline.memory quality.metrics_time renderer.cpu_speed
+bench: $(STAMP) ## Measure planning, status, overhead, memory, metrics and renderer.
+	$(MEASURE)
 
-bench-renderer: $(STAMP)
-	$(BIN)/python -m benchmarks.renderer
+bench-%: $(STAMP)
+	$(if $(RUNS),$(MEASURE),$(error No benchmark is called $@; `make help` prints them))
 
-# Needs a CUDA device; any Python with a CUDA build of torch will do as well: python -m benchmarks.gpu_renderer
-bench-gpu: $(STAMP)
-	$(BIN)/python -m benchmarks.gpu_renderer
+bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
+bench-gpu: RUNS = renderer.gpu_speed ## The renderer on a CUDA device, by any Python with a CUDA build of torch.
+bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" ## Mattes without given masks, of simulated people and of a capture outlined by hand (CAPTURES=FOLDER).
+bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured stereo pair, beside OpenCV.
+bench-network: RUNS = network.gain ## The trained network over the analytic floor, on simulated people.
+bench-network-time: RUNS = network.speed ## What the network costs for two views, by module, beside plain float32.
+bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
+bench-quality: RUNS = "quality.views clean" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about three quarters of an hour on two cores.
+bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene optimisation from a plain start: about an hour on two cores.
+bench-renderer: RUNS = renderer.cpu_speed ## The renderer beside plain torch, on one thread.
+bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 
-# Refinement beside per-scene optimisation from a plain start, on simulated people: about an hour on two cores.
-bench-refinement: $(STAMP)
-	$(BIN)/python -m benchmarks.refinement
-
-# Joints in space, with every kind of smoothing: ten minutes on two cores; BlazePose's where its models are here.
-bench-pose: $(STAMP)
-	$(BIN)/python -m benchmarks.pose
-
-# The trained network over the analytic floor, on simulated people.
-bench-network: $(STAMP)
-	$(BIN)/python -m benchmarks.network
-
-# What the network costs for two views, by module, and plain float32 beside it.
-bench-network-time: $(STAMP)
-	$(BIN)/python -m benchmarks.network_time
-
-# Ten thousand random scenes of extreme scale, opacity, depth and camera: no number that is drawn of them is other than finite.
-extreme: $(STAMP)
-	$(BIN)/python -m tests.hard_cases.extreme
-
-# Every hard case in a naive version and in ours: docs/stability.md and docs/stability.png.
-stability: $(STAMP)
-	$(BIN)/python -m tests.hard_cases.stability
-
-# What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
-bench-sweep: $(STAMP)
-	$(BIN)/python -m benchmarks.sweep_time
-
-bench-motorcycle: $(STAMP)
-	$(BIN)/python -m benchmarks.motorcycle
-
-# Mattes without given masks: a capture outlined by hand (CAPTURES, default ../shared/captures) and simulated people.
-bench-mattes: $(STAMP)
-	$(BIN)/python -m benchmarks.mattes simulated
-	$(BIN)/python -m benchmarks.mattes balance $(or $(CAPTURES),../shared/captures)/balance
-	$(BIN)/python -m benchmarks.mattes given $(or $(CAPTURES),../shared/captures)/balance
-
-# What every effect of the simulator costs, and what leaving it out saves.
-bench-effects: $(STAMP)
-	$(BIN)/python -m benchmarks.effects_time
-
-# Kills runs at random moments and compares what they leave with an undisturbed one: some minutes, so not part of `test`.
-crash: $(STAMP)
+crash: $(STAMP) ## Kill runs at random moments and compare what they leave with an undisturbed one: some minutes.
 	$(BIN)/python -m pytest -m crash -s tests/crash
 
-# 300 spoilt variants of every kind of file that is read: each works or is refused with a sentence. Some minutes on two cores.
-fuzz: $(STAMP)
+fuzz: $(STAMP) ## Spoil every kind of file that is read in 300 ways; each works or is refused with a sentence: some minutes.
 	$(BIN)/python -m tests.fuzz
+
+extreme: $(STAMP) ## Draw ten thousand random scenes of extreme scale, opacity, depth and camera: every number must be finite.
+	$(BIN)/python -m tests.hard_cases.extreme
+
+stability: $(STAMP) ## Draw every hard case in a naive version and in ours: docs/stability.md and docs/stability.png.
+	$(BIN)/python -m tests.hard_cases.stability
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.
 $(STAMP): pyproject.toml constraints.txt
@@ -94,5 +63,5 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $(STAMP)
 
-clean:
+clean: ## Remove the virtual environment, the demo's output and caches.
 	rm -rf $(VENV) demo-output .pytest_cache .ruff_cache .mypy_cache .hypothesis

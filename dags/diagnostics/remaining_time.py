@@ -40,9 +40,9 @@ TYPICAL = {
     "metrics": 6e-7,
 }
 """Seconds of one core per unit of work (frames x views x pixels) by stage, for a guess: rounded from a filmed person
-at 512 px, four cameras, five frames, metrics from a small simulated one (`python -m benchmarks.typical_rates
-ARCHIVE` prints an archive's); network and refinement, which did not run there, are rough figures of the order of
-their benchmarks."""
+at 512 px, four cameras, five frames, metrics from a small simulated one (`python -m
+benchmarks.pipeline.typical_rates ARCHIVE` prints an archive's); network and refinement, which did not run there, are
+rough figures of the order of their benchmarks."""
 
 TRUST = 2.0
 """Tasks that have to be done before what they took weighs as much as what was expected of their stage."""

@@ -36,7 +36,7 @@ def partition_shape(context: Context, path: str | None = None) -> dict[str, int]
 
 RESERVED = 576 * 2**20
 """Bytes of a worker's process beside a task's own: interpreter, libraries, compiled kernels. Measured: 0.35 GB after
-the imports, 0.55 GB once every stage ran in it (benchmarks.memory)."""
+the imports, 0.55 GB once every stage ran in it (benchmarks.pipeline.memory)."""
 
 
 def raw_bytes(context: Context, task: Task, frames: int) -> dict[str, int]:

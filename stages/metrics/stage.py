@@ -9,8 +9,8 @@ from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.storage.model.spec import Shape, TableSpec
 
 BYTES = {"psnr": 100, "ssim": 288, "delta_ssim": 288, "ms_ssim": 340, "flip": 210, "lpips_alex": 200, "lpips_vgg": 1800}
-"""Bytes of working memory a pixel, by measure, as `benchmarks/metrics_time.py` finds them; one is taken after the
-other."""
+"""Bytes of working memory a pixel, by measure, as `benchmarks/quality/metrics_time.py` finds them; one is taken
+after the other."""
 WEIGHTS = {"lpips_alex": 260 * 10**6, "lpips_vgg": 620 * 10**6}
 """Bytes of the weight files, which are read as a whole, and of what is kept of them."""
 

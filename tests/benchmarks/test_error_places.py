@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.error_places import PLACES, squared_error_by_place
+from benchmarks.quality.error_places import PLACES, squared_error_by_place
 
 
 @pytest.fixture

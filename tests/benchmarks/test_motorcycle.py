@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.motorcycle import FOLDER, Pair, bad, by_sweep, load
+from benchmarks.depth.motorcycle import FOLDER, Pair, bad, by_sweep, load
 
 
 def test_the_surest_answers_are_counted_over_what_is_known() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.network import GATES, gates
-from benchmarks.network_picture import nearer
+from benchmarks.network.gain import GATES, gates
+from benchmarks.network.picture import nearer
 
 
 def _rows(gains: list[float], epe: float = 0.8) -> list[dict[str, object]]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.pose_joints import CLEAN, SPOILS, Spoil, body_axes, constant_of, offsets, spoilt, without_offset
+from benchmarks.pose.joints import CLEAN, SPOILS, Spoil, body_axes, constant_of, offsets, spoilt, without_offset
 from posegaussian.stages.simulator.effects.joint_noise import JointNoise
 from posegaussian.storage.model.joint_sets import COCO17
-from tests.stages.pose.scene import SKELETON, moving, pixels, ring, scored
+from tests.support.walking_skeleton import SKELETON, moving, pixels, ring, scored
 
 FLIPS = list(COCO17.flips)
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.real_agreement import SEEN, Shown, carried, drawn_from, drawn_row, outside, pair_rows, zncc
+from benchmarks.network.agreement import SEEN, Shown, carried, drawn_from, drawn_row, outside, pair_rows, zncc
 from posegaussian.stages.network.silhouettes import silhouettes_of
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import sphere_mask
-from tests.stages.network.made import UPRIGHT, plane_depth, source, two_cameras
+from tests.support.known_geometry import sphere_mask
+from tests.support.network_views import UPRIGHT, plane_depth, source, two_cameras
 
 torch.set_num_threads(1)
 KINDS = ("true", "off")

@@ -13,7 +13,7 @@ import pytest
 
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, film
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 ENOUGH = 9
 """Receipts on disk before the kill: some stages are past, most of the run is still to come (there are 50 tasks)."""

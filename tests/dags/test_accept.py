@@ -13,7 +13,7 @@ from posegaussian.dags.planning.explain import why
 from posegaussian.dags.planning.plan import State
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
 from posegaussian.storage.model.errors import UserError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.exporters.images_layout import write_capture
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.readers.images import read_picture, write_png
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 SIZE = 48
 

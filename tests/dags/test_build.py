@@ -13,7 +13,7 @@ from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.failures import Kind
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.storage.model.errors import OtherCode
-from tests.pipeline import Pipeline, ended
+from tests.support.pipeline import Pipeline, ended
 
 
 def edited(monkeypatch: pytest.MonkeyPatch, name: str) -> None:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipeline import NAME, Pipeline, film
+from tests.support.pipeline import NAME, Pipeline, film
 
 
 def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:

@@ -23,8 +23,8 @@ from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.model.errors import ConfigError
-from tests.dags.clusters import Cluster
-from tests.pipeline import Pipeline, assert_same_content, content
+from tests.support.clusters import Cluster
+from tests.support.pipeline import Pipeline, assert_same_content, content
 
 RENDERING = Selection(start="rendering")
 
@@ -121,7 +121,7 @@ def test_a_worker_that_dies_or_hangs_takes_only_its_own_task_along(archive: Pipe
     backend = DaskBackend(RunSettings(workers=1, window=3, gpus=0, memory=1200))
     backend._client.register_plugin(Sabotage(), name="sabotage")
     Run(
-        [archive.plan(selection=selection)], selection, backend, [events.append], rules=Rules(Terms("r", timeout=15.0))
+        [archive.plan(selection=selection)], selection, backend, [events.append], rules=Rules(Terms("r", timeout=6.0))
     ).go()
     failed = {e.task.partition: e for e in events if isinstance(e, TaskFailed)}
     assert {p: e.kind for p, e in failed.items()} == {1: "memory or crash", 2: "timed out"}
@@ -129,7 +129,7 @@ def test_a_worker_that_dies_or_hangs_takes_only_its_own_task_along(archive: Pipe
         "its worker cpu-0 died: killed for memory, or crashed; it was tried once more alone; give it more memory"
         in failed[1].error
     )
-    assert "it took longer than 15 s (run.timeout); raise run.timeout" in failed[2].error
+    assert "it took longer than 6 s (run.timeout); raise run.timeout" in failed[2].error
     assert [(e.task.stage, e.task.partition) for e in events if isinstance(e, TaskRetried)] == [("gaussians", 1)], (
         "what only waited on the worker is no suspect"
     )

@@ -11,8 +11,8 @@ import pytest
 from posegaussian.dags.config.settings import Settings
 from posegaussian.dags.planning.context import Context, make_context
 from posegaussian.storage.archive.store import Archive
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
-from tests.storage.samples import make_capture
+from tests.support.known_geometry import camera, on_ring, rig_of
+from tests.support.sample_captures import make_capture
 
 
 def context_of(folder: Path, *azimuths: float, settings: dict | None = None) -> Context:

@@ -20,7 +20,7 @@ from posegaussian.storage.archive.ledger import rebuild
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
-from tests.pipeline import FORCED, NAME, Pipeline, film
+from tests.support.pipeline import FORCED, NAME, Pipeline, film
 
 AUTO = [f"effects.{e}=auto" for e in FORCED]
 

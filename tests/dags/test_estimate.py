@@ -11,7 +11,7 @@ from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import Event, RunStarted, TaskDone, TaskFailed, TaskFresh, TaskNeeded
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.receipts import Receipt
-from tests.pipeline import Pipeline
+from tests.support.pipeline import Pipeline
 
 TASKS = [Task("kick", stage, p) for stage in ("depth", "rendering") for p in range(4)]
 EXPECTED = {t: 10.0 if t.stage == "depth" else 1.0 for t in TASKS}

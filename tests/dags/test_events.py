@@ -28,7 +28,7 @@ from posegaussian.dags.runtime.events import (
 from posegaussian.storage.archive.ledger import run_events
 from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import FORCED, NAME, Pipeline
+from tests.support.pipeline import FORCED, NAME, Pipeline
 
 DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
 TASK = Task("kick", "depth", 3, None, None)

@@ -16,7 +16,7 @@ from posegaussian.stages.splatting.splat_scene import scene_of
 from posegaussian.storage.formats.splat_ply import read_splats
 from posegaussian.storage.model.errors import ConfigError, UserError
 from tests.dags.test_cli import assert_says, posegaussian
-from tests.pipeline import NAME, Pipeline, film
+from tests.support.pipeline import NAME, Pipeline, film
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, SourceError
-from tests.pipeline import FORCED, Pipeline, film
+from tests.support.pipeline import FORCED, Pipeline, film
 
 GAUSSIANS = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
 

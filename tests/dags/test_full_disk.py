@@ -26,7 +26,7 @@ from posegaussian.storage.archive.receipts import missing_files, scan_receipts
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files import write
 from posegaussian.storage.model.errors import NotWritten
-from tests.pipeline import NAME, Pipeline, assert_same_content, content
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 BLOCK = 4096
 """Bytes that the smallest file takes."""
@@ -110,7 +110,7 @@ def test_a_disk_that_fills_up_in_mid_run_ends_with_the_table(
     archive: Pipeline, finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forced = Selection(start="depth")
-    session = Session(archive.configuration, str(archive.root), Console(file=open(tmp_path / "said", "w"), width=200))  # noqa: SIM115  read below
+    session = Session(archive.configuration, str(archive.root), Console(file=open(tmp_path / "said", "w"), width=200))
     plan = archive.plan(selection=forced)
     Disk(monkeypatch, archive.root, 0, leases=4)
     assert session.run_and_report([plan], forced) == 1

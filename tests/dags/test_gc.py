@@ -18,7 +18,7 @@ from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.storage.archive.deletion import SETTLED_SECONDS, folder_bytes
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ArchiveError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 
 @pytest.fixture

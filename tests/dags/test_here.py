@@ -11,7 +11,7 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
 from posegaussian.storage.archive.receipts import Receipt
-from tests.pipeline import Pipeline, film
+from tests.support.pipeline import Pipeline, film
 
 FRAMES = Selection(only=frozenset({"frames"}))
 

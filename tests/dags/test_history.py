@@ -13,7 +13,7 @@ from posegaussian.dags.diagnostics.run_log import retries, retry_command, still_
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 COMMON = [
     "--set",

@@ -13,7 +13,7 @@ from posegaussian.dags.simulation.simulate import read_scene
 from posegaussian.dags.training.config import load_training
 from posegaussian.storage.archive.store import local_path
 from posegaussian.storage.model.home import word_at_home
-from tests.pipeline import film
+from tests.support.pipeline import film
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from posegaussian.dags.cli.app import app
 from posegaussian.storage.archive.records import ATTRIBUTES, write_record
 from posegaussian.storage.model.errors import UserError
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 Spoil = Callable[[Path, Path], object]
 """Of the archive's folder, and of a folder beside it that nobody may touch."""

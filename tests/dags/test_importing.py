@@ -17,7 +17,7 @@ from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import ArchiveError, ConfigError, LeaseHeld
 from posegaussian.storage.model.spec import digest
-from tests.pipeline import NAME, Pipeline, film
+from tests.support.pipeline import NAME, Pipeline, film
 
 BARS = 6
 """Rows above and below."""

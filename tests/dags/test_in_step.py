@@ -11,7 +11,7 @@ import pytest
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.readers.sources import open_source
-from tests.pipeline import Pipeline, content, film
+from tests.support.pipeline import Pipeline, content, film
 
 LATE = "cam01"
 
@@ -78,7 +78,7 @@ def test_a_file_that_holds_all_frames_is_read_further(tmp_path: Path) -> None:
 
     from posegaussian.storage.exporters.video import write_video
     from posegaussian.storage.model.capture import Capture, SourceFile, Stream
-    from tests.stages.geometry.scenes import ring
+    from tests.support.known_geometry import ring
 
     pictures = [np.full((32, 32, 3), 40 * n, np.uint8) for n in range(6)]
     write_video(tmp_path / "a.mp4", pictures, 25.0)

@@ -27,7 +27,7 @@ from posegaussian.stages.inspection.report import IMPACT, Report
 from posegaussian.stages.inspection.report import inspect as measure
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline, film
+from tests.support.pipeline import NAME, Pipeline, film
 
 MEASURES = {
     "picture size", "frames", "principal point", "focal lengths", "lens distortion", "lens model", "aim", "epipolar distance", "joint residual",

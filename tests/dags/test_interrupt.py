@@ -16,7 +16,7 @@ import pytest
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.signals import interruptible
 from posegaussian.storage.archive.lease import living
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 
 def started(pipeline: Pipeline, scheduler: str, receipts: int) -> subprocess.Popen:

@@ -24,7 +24,7 @@ from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.storage.archive.deletion import folder_bytes
 from posegaussian.storage.model.errors import ConfigError, ShardMissing
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 DROP = "run.keep=as_declared"
 UNTIL_DONE = ("frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity", "pose/heatmaps")

@@ -22,7 +22,7 @@ from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.receipts import damaged_files, missing_files, scan_receipts
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, film
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 ROOM = 10**9
 OTHER = ("frames.size=32",)

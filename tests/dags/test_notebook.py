@@ -14,7 +14,7 @@ import posegaussian
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.results import Results
 from posegaussian.storage.model.errors import ArchiveError, ShardMissing
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from posegaussian.stages.inspection.light import of_light
 from posegaussian.stages.simulator.subjects.capsule_person import render, ring
 from posegaussian.stages.simulator.subjects.motion import pose
 from posegaussian.storage.exporters.images_layout import write_capture
-from tests.pipeline import Pipeline
+from tests.support.pipeline import Pipeline
 
 
 def test_a_darker_camera_is_found_and_by_the_same_amount(tmp_path: Path) -> None:

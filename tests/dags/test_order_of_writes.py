@@ -10,7 +10,7 @@ import pytest
 
 from posegaussian.storage.archive.receipts import receipt_file, scan_receipts
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="which file a descriptor means is only told by /proc")

@@ -29,8 +29,8 @@ from posegaussian.dags.runtime.failures import Kind
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.model.errors import ConfigError, SchedulerLost
-from tests.dags.clusters import Cluster
-from tests.pipeline import Pipeline, assert_same_content, content, ended
+from tests.support.clusters import Cluster
+from tests.support.pipeline import Pipeline, assert_same_content, content, ended
 
 METRICS = Selection(only=frozenset({"metrics"}), force=frozenset({"metrics"}))
 LAST = Selection(start="rendering")

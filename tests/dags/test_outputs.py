@@ -12,7 +12,7 @@ from posegaussian.dags.cli.app import app
 from posegaussian.dags.export.output_paths import output_file, output_folder
 from posegaussian.dags.export.request import ExportOrder
 from posegaussian.storage.model.errors import ConfigError, UserError
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 
 def test_a_good_name_is_given_back_and_nothing_is_made(tmp_path: Path) -> None:

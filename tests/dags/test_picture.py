@@ -11,7 +11,7 @@ import pytest
 from posegaussian.dags.diagnostics.plan_graph import CARD, HEAD, ROW, Card, cards, size_text, write_picture
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.stages.registry import STAGES
-from tests.pipeline import Pipeline
+from tests.support.pipeline import Pipeline
 
 SVG = "{http://www.w3.org/2000/svg}"
 

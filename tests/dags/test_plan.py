@@ -16,7 +16,7 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import TaskDone, TaskFailed
 from posegaussian.storage.model.errors import ConfigError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
 
 @pytest.fixture

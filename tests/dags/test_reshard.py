@@ -16,7 +16,7 @@ from posegaussian.storage.archive.ledger import row
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ArchiveError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from posegaussian.dags.humanize.text import Voice
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.session.session import Session
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 STILL = "still cam00"
 

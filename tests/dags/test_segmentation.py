@@ -10,7 +10,7 @@ from posegaussian.dags.planning.fingerprint import models
 from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import stage
-from tests.pipeline import Pipeline, film
+from tests.support.pipeline import Pipeline, film
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,8 @@ from posegaussian.storage.archive.receipts import (
     scan_receipts,
 )
 from posegaussian.storage.archive.store import Archive, Sequence
-from tests.nested import nest, shards
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
+from tests.support.nested_archive import nest, shards
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 SETTINGS = ["depth.method=hull", "effects.silhouette_clipping=off", "effects.hole_filling=off"]
 

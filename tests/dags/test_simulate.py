@@ -24,8 +24,8 @@ from posegaussian.stages.contract.io import Views
 from posegaussian.stages.simulator.effects.registry import EFFECTS
 from posegaussian.storage.model.errors import ArchiveError, ConfigError, SourceError
 from posegaussian.storage.readers.images import read_mask, read_picture, write_png
-from tests.pipeline import Pipeline
-from tests.pipeline import film as film_person
+from tests.support.pipeline import Pipeline
+from tests.support.pipeline import film as film_person
 
 SMALL = """\
 seed: 3

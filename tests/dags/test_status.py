@@ -12,7 +12,7 @@ from posegaussian.dags.diagnostics import status
 from posegaussian.dags.diagnostics.status import Numbers, numbers, standing
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.storage.files.write import write_atomically
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 
 @pytest.fixture

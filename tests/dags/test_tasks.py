@@ -18,7 +18,7 @@ from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.spec import ArraySpec
-from tests.storage.samples import make_capture
+from tests.support.sample_captures import make_capture
 
 JOINT_SET = next(iter(JOINT_SETS))
 

@@ -26,7 +26,7 @@ from posegaussian.dags.tradeoff.tradeoff import chosen_levels, declared_knobs, r
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.model.errors import ConfigError, UserError
 from posegaussian.storage.readers.images import read_picture
-from tests.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 KNOBS = ["depth.method", "frames.size"]
 

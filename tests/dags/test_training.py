@@ -23,7 +23,9 @@ from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
 from posegaussian.storage.model.errors import ConfigError, UserError
 
-PARTS = Parts("tests.dags.fake_frames", "tests.dags.fake_frames:frames_of_step", "tests.dags.fake_trainer:Trainer")
+PARTS = Parts(
+    "tests.support.fake_frames", "tests.support.fake_frames:frames_of_step", "tests.support.fake_trainer:Trainer"
+)
 SHORT = (
     "frames_per_scene=2",
     "depth_steps=40",
@@ -115,7 +117,7 @@ def assert_alike(folder: Path, undisturbed: Path) -> None:
         safe_open(undisturbed / "weights.safetensors", "np") as b,
     ):
         assert sorted(a.keys()) == sorted(b.keys())
-        assert all(a.get_tensor(k).tobytes() == b.get_tensor(k).tobytes() for k in a.keys())  # noqa: SIM118 (it is no mapping)
+        assert all(a.get_tensor(k).tobytes() == b.get_tensor(k).tobytes() for k in a.keys())
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 
 from posegaussian.dags.training.frame_producers import Frames, Item, Producers, read_frame
 from posegaussian.stages.training.config import TrainingConfig
-from tests.dags import fake_frames
+from tests.support import fake_frames
 
 CONFIG = TrainingConfig(depth_steps=400, joint_steps=0, window=3, steps_per_frame=2)
 OF_VALIDATION = {f"{s}-00.npz" for s in range(8000, 8004)}
@@ -19,7 +19,7 @@ OF_VALIDATION = {f"{s}-00.npz" for s in range(8000, 8004)}
 
 @pytest.fixture
 def producers(tmp_path: Path) -> Iterator[Producers]:
-    found = Producers(CONFIG, tmp_path, "tests.dags.fake_frames", 1)
+    found = Producers(CONFIG, tmp_path, "tests.support.fake_frames", 1)
     yield found
     found.close()
 
@@ -69,14 +69,14 @@ def test_what_is_needed_now_goes_before_what_is_needed_later(producers: Producer
 
 
 def test_who_waits_for_frames_can_be_stopped(tmp_path: Path) -> None:
-    without_workers = Producers(CONFIG, tmp_path, "tests.dags.fake_frames", 0)
+    without_workers = Producers(CONFIG, tmp_path, "tests.support.fake_frames", 0)
     assert frames_of(without_workers).of_step(0, lambda: False) is None
     assert frames_of(without_workers).of_validation(lambda: False) is None
     assert not files(without_workers)
 
 
 def test_a_frame_comes_back_as_it_was_made(tmp_path: Path) -> None:
-    without_workers = Producers(CONFIG, tmp_path, "tests.dags.fake_frames", 0)
+    without_workers = Producers(CONFIG, tmp_path, "tests.support.fake_frames", 0)
     found = frames_of(without_workers).of_step(0, lambda: True)
     assert found is not None
     for name, array in fake_frames.make_frame(CONFIG, 2).items():

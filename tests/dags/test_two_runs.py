@@ -27,7 +27,7 @@ from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
 from posegaussian.storage.model.errors import ArchiveError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, ended
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
 DEPTH = Selection(start="depth")
 
@@ -227,12 +227,12 @@ SLEEPER = """
 import sys, time
 from pathlib import Path
 import posegaussian.stages.depth.run as depth
-from posegaussian.dags.runtime.worker import Terms
 from posegaussian.dags.runtime.in_flight import Rules
 from posegaussian.dags.runtime.scheduler import Run
-from posegaussian.dags.planning.plan import Selection
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.executors.serial import SerialBackend
-from tests.pipeline import Pipeline
+from posegaussian.dags.runtime.work_order import Terms
+from tests.support.pipeline import Pipeline
 
 root, folder, flag = map(Path, sys.argv[1:])
 real = depth.run

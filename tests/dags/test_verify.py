@@ -15,7 +15,7 @@ from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
 from posegaussian.storage.model.errors import ArchiveError, ShardCorrupt
-from tests.pipeline import NAME, Pipeline, assert_same_content, content
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 SHARD = "depth/depth/c.1.2.0.0"
 """Partition 1 of view cam02."""

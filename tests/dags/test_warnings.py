@@ -6,7 +6,7 @@ import pytest
 
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import TaskDone
-from tests.pipeline import Pipeline, receipts
+from tests.support.pipeline import Pipeline, receipts
 
 
 def test_a_kernels_note_reaches_the_receipt_and_the_run(

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from posegaussian.dags.cli.app import app
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.readers import images
-from tests.pipeline import Pipeline, film
+from tests.support.pipeline import Pipeline, film
 
 
 @pytest.mark.parametrize(

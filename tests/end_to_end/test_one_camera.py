@@ -15,7 +15,7 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.runtime.events import TaskDone
 from posegaussian.storage.exporters.images_layout import write_capture
 from posegaussian.storage.readers import images
-from tests.pipeline import Pipeline, assert_same_content, content, film
+from tests.support.pipeline import Pipeline, assert_same_content, content, film
 
 AUTO = [f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")]
 

@@ -9,8 +9,9 @@ import numpy as np
 from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.registry import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
-from tests.storage.clips import counting_clip, planes
-from tests.storage.importers import made, test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
+from tests.storage.importers import test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
+from tests.support import import_capture
+from tests.support.video_clips import counting_clip, planes
 
 FRAMES = 3
 
@@ -18,8 +19,8 @@ FRAMES = 3
 def pose2sim(base: Path) -> None:
     """Videos, a TOML calibration, OpenPose joints and a TRC file."""
     (base / "videos").mkdir(parents=True)
-    for name in made.NAMES:
-        counting_clip(base / "videos" / f"{name}.mp4", FRAMES, made.SIZE)
+    for name in import_capture.NAMES:
+        counting_clip(base / "videos" / f"{name}.mp4", FRAMES, import_capture.SIZE)
     test_pose2sim.write_calibration(base)
     test_pose2sim.write_joints(base, frames=FRAMES)
     trc(base / "pose-3d" / "walk.trc")
@@ -59,8 +60,8 @@ def qualisys(base: Path) -> None:
     pose2sim(toml)
     rig = find_capture("pose2sim", toml, {}).rig
     (base / "videos").mkdir(parents=True)
-    for name in made.NAMES:
-        counting_clip(base / "videos" / f"{name}.mp4", FRAMES, made.SIZE)
+    for name in import_capture.NAMES:
+        counting_clip(base / "videos" / f"{name}.mp4", FRAMES, import_capture.SIZE)
     cameras = "".join(test_qualisys.camera(rig, v) for v in range(len(rig)))
     (base / "own.qca.txt").write_text(f"<calibration><cameras>{cameras}</cameras></calibration>")
 
@@ -81,7 +82,7 @@ def caliscope(base: Path) -> None:
 
 def easymocap(base: Path) -> None:
     """Pictures, intri.yml and extri.yml, masks and annots."""
-    made.pictures(base / "images", test_easymocap.NAMES)
+    import_capture.pictures(base / "images", test_easymocap.NAMES)
     test_easymocap.write_calibration(base)
     test_easymocap.write_joints(base)
     masks(base / "masks", test_easymocap.NAMES)
@@ -96,17 +97,17 @@ def masks(root: Path, names: tuple[str, ...]) -> None:
 
 def disc() -> np.ndarray:
     """[48, 64] uint8 of a person's place."""
-    y, x = np.mgrid[: made.SIZE[1], : made.SIZE[0]]
+    y, x = np.mgrid[: import_capture.SIZE[1], : import_capture.SIZE[0]]
     return (((x - 32) ** 2 + (y - 24) ** 2 < 200) * 255).astype(np.uint8)
 
 
 def images(base: Path) -> None:
     """Pictures, masks, COCO joints, depth maps and true depth."""
-    made.pictures(base / "images")
-    made.dump(base / "cameras.json", test_images.cameras())
-    masks(base / "masks", made.NAMES)
-    for v, name in enumerate(made.NAMES):
-        made.dump(base / "joints" / f"{name}.json", test_images.coco(v))
+    import_capture.pictures(base / "images")
+    import_capture.dump(base / "cameras.json", test_images.cameras())
+    masks(base / "masks", import_capture.NAMES)
+    for v, name in enumerate(import_capture.NAMES):
+        import_capture.dump(base / "joints" / f"{name}.json", test_images.coco(v))
         for kind in ("depth", "depth_maps"):
             (base / kind / name).mkdir(parents=True)
             for n in range(FRAMES):
@@ -119,14 +120,14 @@ def pictures_of(suffix: str, base: Path) -> None:
     """The images layout with pictures and masks in another format."""
     import OpenImageIO as oiio
 
-    made.dump(base / "cameras.json", test_images.cameras())
+    import_capture.dump(base / "cameras.json", test_images.cameras())
     random = np.random.default_rng(0)
-    for v, name in enumerate(made.NAMES):
+    for v, name in enumerate(import_capture.NAMES):
         for kind in ("images", "masks"):
             (base / kind / name).mkdir(parents=True)
             for n in range(FRAMES):
                 values = (
-                    random.integers(0, 256, (made.SIZE[1], made.SIZE[0], 3)).astype(np.uint8)
+                    random.integers(0, 256, (import_capture.SIZE[1], import_capture.SIZE[0], 3)).astype(np.uint8)
                     if kind == "images"
                     else np.repeat(disc()[..., None], 3, axis=2)
                 )
@@ -150,15 +151,15 @@ def videos_of(suffix: str, base: Path) -> None:
 
     (base / "videos").mkdir(parents=True)
     codec = {".mp4": "libx264", ".mov": "mpeg4", ".mkv": "libx264", ".avi": "mpeg4", ".webm": "libvpx"}[suffix]
-    for name in made.NAMES:
+    for name in import_capture.NAMES:
         with av.open(str(base / "videos" / f"{name}{suffix}"), "w") as target:
             for key in ("title", "artist", "comment", "copyright", "encoder"):
                 target.metadata[key] = f"{key} of {name}"
             stream = target.add_stream(codec, rate=30)
-            stream.width, stream.height, stream.pix_fmt = *made.SIZE, "yuv420p"
+            stream.width, stream.height, stream.pix_fmt = *import_capture.SIZE, "yuv420p"
             stream.metadata["language"] = "eng"
             for n in range(FRAMES):
-                target.mux(stream.encode(planes(np.full(made.SIZE[::-1], 16 + 3 * n, np.uint8))))
+                target.mux(stream.encode(planes(np.full(import_capture.SIZE[::-1], 16 + 3 * n, np.uint8))))
             target.mux(stream.encode(None))
     test_pose2sim.write_calibration(base)
 
@@ -167,9 +168,9 @@ def depth_maps_of(suffix: str, base: Path) -> None:
     """The images layout with depth maps in millimetres."""
     import OpenImageIO as oiio
 
-    made.pictures(base / "images")
-    made.dump(base / "cameras.json", test_images.cameras())
-    for name in made.NAMES:
+    import_capture.pictures(base / "images")
+    import_capture.dump(base / "cameras.json", test_images.cameras())
+    for name in import_capture.NAMES:
         (base / "depth_maps" / name).mkdir(parents=True)
         for n in range(FRAMES):
             oiio.ImageBuf(np.ascontiguousarray((disc() > 0)[..., None] * np.uint16(2500 + n))).write(
@@ -184,6 +185,6 @@ def path_file(base: Path) -> None:
     del body["frame_rate"]
     for n, camera in enumerate(body["cameras"]):  # type: ignore[attr-defined]
         del camera["distortion"]
-        camera["R"] = rotation_matrix(made.RODRIGUES[n]).tolist()
+        camera["R"] = rotation_matrix(import_capture.RODRIGUES[n]).tolist()
         camera |= {"frame": n} if n else {}
-    made.dump(base / "path.json", body)
+    import_capture.dump(base / "path.json", body)

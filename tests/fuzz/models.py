@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.stages.detection import onnx_files, test_onnx
+from tests.stages.detection import test_onnx
 from tests.storage import test_splat_files
+from tests.support import onnx_files
 
 
 def rows() -> Iterator[tuple[str, Callable[[Path], None], str, str, Callable[[Path, Path], object]]]:

@@ -16,7 +16,7 @@ from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.readers.images import write_png
 from tests.hard_cases.catalogue import Case, worst
-from tests.stages.geometry.scenes import camera, rig_of
+from tests.support.known_geometry import camera, rig_of
 
 SUBJECT = np.array([1.8, 0.3, 0.9])
 ANGLES = (22.5, 45.0, 72.0, 120.0)

@@ -28,7 +28,7 @@ from posegaussian.stages.silhouettes.hull import foreground
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.readers.images import read_depth, write_exr
 from tests.hard_cases.catalogue import Case, apart, worst
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask, textured_sphere
+from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask, textured_sphere
 
 ORIGIN = np.zeros(3)
 BODY = body_points(ORIGIN, np.array([0, 0, 1.0]))

@@ -11,8 +11,8 @@ from posegaussian.stages.metrics.ms_ssim import WEIGHTS, ms_ssim
 from posegaussian.stages.metrics.psnr import psnr
 from posegaussian.stages.metrics.ssim import ssim_map
 from tests.hard_cases.catalogue import Case, apart, worst
-from tests.stages.geometry.scenes import ring, sphere_depth
 from tests.stages.metrics.test_lpips import by_hand, made_weights
+from tests.support.known_geometry import ring, sphere_depth
 
 LEVELS = (0.0, 0.6, 1.0)
 

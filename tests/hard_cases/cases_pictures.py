@@ -12,7 +12,7 @@ from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
 from tests.hard_cases import naive
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.hard_cases.laws import FIELDS, drawn, pictures, to
-from tests.stages.rendering.scenes import camera, cloud, draw, gaussians, turned_about_y
+from tests.support.gaussian_scenes import camera, cloud, draw, gaussians, turned_about_y
 
 SINGLE, DOUBLE = torch.float32, torch.float64
 

@@ -13,9 +13,9 @@ from posegaussian.stages.pose.stage import STAGE as POSE
 from posegaussian.stages.smoothing.params import SmoothingParams
 from posegaussian.storage.model.joint_sets import COCO17
 from tests.hard_cases.catalogue import Case, apart, worst
-from tests.memory import run_stage
-from tests.stages.pose.scene import Joints2D, pixels, ring, roles, walk
 from tests.stages.smoothing.test_smoothing import HALF, METHODS, SIGMA, encode, noisy, smooth, track
+from tests.support.memory_inputs import run_stage
+from tests.support.walking_skeleton import Joints2D, pixels, ring, roles, walk
 
 SIZE, GRID = (64, 48), (12, 16)
 """(width, height) px, and (rows, columns) of cells."""

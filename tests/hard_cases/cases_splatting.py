@@ -11,7 +11,7 @@ from posegaussian.stages.splatting.quaternions import rotations
 from tests.hard_cases import cases_pictures, naive
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.hard_cases.laws import drawn, relative, slope_error, to
-from tests.stages.rendering.scenes import camera, draw, gaussians, turned_about_y
+from tests.support.gaussian_scenes import camera, draw, gaussians, turned_about_y
 
 SINGLE, DOUBLE = torch.float32, torch.float64
 

@@ -14,7 +14,7 @@ from posegaussian.stages.network.model.heads import Heads, Prior, blend_quaterni
 from posegaussian.stages.network.model.presets import PRESETS, Normalisation
 from posegaussian.stages.training.trainer import Trainer
 from tests.hard_cases.catalogue import Case, apart, worst
-from tests.stages.training.made import ball, tiny
+from tests.support.training_examples import ball, tiny
 
 FAR = (-1e3, -50.0, -0.5, 0.0, 0.5, 50.0, 1e3)
 

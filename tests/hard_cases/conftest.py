@@ -7,10 +7,10 @@ import pytest
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    from tests.stages.rendering import scenes
+    from tests.support import gaussian_scenes
 
     if "each_compiled" in metafunc.fixturenames:
-        metafunc.parametrize("each_compiled", scenes.COMPILED, indirect=True)
+        metafunc.parametrize("each_compiled", gaussian_scenes.COMPILED, indirect=True)
 
 
 @pytest.fixture
@@ -18,9 +18,9 @@ def each_compiled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
     """What draws float32 in `draw` and `drawn`. The interpreter is given large tiles: it takes as long for a pixel
     as for a thousand."""
     from posegaussian.stages.splatting.gpu import backend
-    from tests.stages.rendering import scenes
+    from tests.support import gaussian_scenes
 
-    monkeypatch.setattr(scenes, "compiled", request.param)
+    monkeypatch.setattr(gaussian_scenes, "compiled", request.param)
     if backend.interpreted():
         monkeypatch.setattr(backend, "SHAPE", backend.Shape(tile=64, chunk=32))
     return request.param

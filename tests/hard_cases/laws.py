@@ -10,7 +10,7 @@ import torch
 
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
 from posegaussian.stages.splatting.rasterizer import rasterize
-from tests.stages.rendering.scenes import placed
+from tests.support.gaussian_scenes import placed
 
 FIELDS = tuple(Gaussians.__dataclass_fields__)
 EXTRAS = ("depth", "normal")

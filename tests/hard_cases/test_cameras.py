@@ -7,7 +7,7 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.storage.importers.cameras import RawCamera, build_rig
 from posegaussian.storage.model.errors import CalibrationError
 from tests.hard_cases.cases_cameras import arc, as_captured, centres, doubled, two, written
-from tests.stages.geometry.scenes import camera
+from tests.support.known_geometry import camera
 
 
 @pytest.mark.parametrize("degrees", [22.5, 45, 72, 120, 180])

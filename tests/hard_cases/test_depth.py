@@ -31,7 +31,7 @@ from tests.hard_cases.cases_depth import (
     wrong_where_hidden,
 )
 from tests.hard_cases.catalogue import named, run
-from tests.stages.geometry.scenes import rig_of, ring
+from tests.support.known_geometry import rig_of, ring
 
 
 def test_r1_pairs_without_common_rows_are_named_and_not_matched() -> None:

@@ -9,7 +9,7 @@ from posegaussian.stages.metrics.psnr import psnr
 from posegaussian.stages.metrics.run import ONLY_SSIM, measure
 from posegaussian.stages.metrics.ssim import ssim_map
 from tests.hard_cases.cases_metrics import depths, nearly_constant, network, noisy_pair, picture
-from tests.stages.geometry.scenes import ring
+from tests.support.known_geometry import ring
 
 
 @pytest.mark.parametrize("level", [0.0, 1e-3, 0.6, 1.0])

@@ -27,9 +27,9 @@ from tests.hard_cases.cases_pose import (
     twin,
 )
 from tests.hard_cases.catalogue import apart
-from tests.memory import run_stage
-from tests.stages.pose.scene import Joints2D, pixels, ring, roles, walk
 from tests.stages.smoothing.test_smoothing import HALF, METHODS, noisy, smooth, track
+from tests.support.memory_inputs import run_stage
+from tests.support.walking_skeleton import Joints2D, pixels, ring, roles, walk
 
 
 def test_p1_nobody_is_nowhere_in_every_step() -> None:

@@ -16,8 +16,8 @@ from tests.hard_cases import naive
 from tests.hard_cases.cases_depth import ORIGIN, hidden_matches, hidden_scene, matches, naive_matches
 from tests.hard_cases.cases_pictures import COLUMN, EDGE_ON, before_white, wrapped
 from tests.hard_cases.cases_pose import pairwise_plain, swapped
-from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
 from tests.stages.smoothing.test_smoothing import smooth
+from tests.support.gaussian_scenes import camera, cloud, draw, gaussians
 
 NO_NUMBER = (255, 96, 200)
 """Red, green, blue of pixels that are NaN or infinite."""

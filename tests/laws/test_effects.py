@@ -27,7 +27,7 @@ from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.stages.simulator.subjects.motion import joints_at, pose
 from posegaussian.storage.exporters.images_layout import write_capture
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
-from tests.pipeline import FORCED, Pipeline, assert_same_content, content
+from tests.support.pipeline import FORCED, Pipeline, assert_same_content, content
 
 Scene = dict[str, Any]
 """Arguments of `write_capture` by name."""

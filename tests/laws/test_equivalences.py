@@ -18,7 +18,7 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.archive.store import Archive
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
 @pytest.mark.parametrize("length", [1, 4, 6])

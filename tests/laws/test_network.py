@@ -27,7 +27,7 @@ from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.model.errors import ConfigError
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 FRAMES = "frames.range=0:2"
 

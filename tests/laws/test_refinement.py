@@ -10,7 +10,7 @@ import pytest
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
-from tests.pipeline import NAME, Pipeline, assert_same_content, content, receipts
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 SHORT = ["frames.range=0:3", "gaussians.opacity=0.1"]
 """Gaussians so transparent that two steps make their pictures better."""

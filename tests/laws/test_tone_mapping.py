@@ -12,7 +12,7 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.stages.imaging.color import to_linear, tone_mapped
 from tests.laws.test_effects import filmed, pipeline, state
-from tests.pipeline import Pipeline
+from tests.support.pipeline import Pipeline
 
 FRAMES = Selection(only=frozenset({"survey", "frames"}))
 SETTINGS = [

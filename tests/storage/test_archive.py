@@ -20,7 +20,7 @@ from posegaussian.storage.archive.records import ATTRIBUTES
 from posegaussian.storage.archive.store import FORMAT, MAX_CHUNK_BYTES, Archive, Sequence, layout, local_path
 from posegaussian.storage.model.errors import ArchiveError
 from posegaussian.storage.model.spec import ArraySpec
-from tests.storage.samples import make_capture, make_rig, make_sequence
+from tests.support.sample_captures import make_capture, make_rig, make_sequence
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)
 SPECS = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec)]

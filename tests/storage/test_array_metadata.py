@@ -18,7 +18,7 @@ from posegaussian.storage.archive.shards import read_array
 from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.files.names import Unsafe
 from posegaussian.storage.model.spec import ArraySpec, array_digest
-from tests.storage.samples import make_sequence
+from tests.support.sample_captures import make_sequence
 
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 SHAPE = {"frame": 10, "view": 3, "y": 6, "x": 8}

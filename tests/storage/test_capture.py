@@ -14,7 +14,7 @@ from posegaussian.storage.archive.records import read_capture
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import BrokenRecord, SourceError, UserError
-from tests.storage.samples import fake_file, make_capture
+from tests.support.sample_captures import fake_file, make_capture
 
 
 def through_json(capture: Capture) -> Capture:

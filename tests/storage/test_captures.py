@@ -16,7 +16,7 @@ from posegaussian.storage.model.cameras import to_integer_centres
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.importers.made import project
+from tests.support.import_capture import project
 
 SHARED = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures"
 CROP = {"scale": 1.00741, "offset": [0, -7.06]}

@@ -19,7 +19,7 @@ from posegaussian.storage.archive.records import ATTRIBUTES, write_record
 from posegaussian.storage.archive.store import Archive, Sequence
 from posegaussian.storage.model.errors import ArchiveError, BrokenRecord
 from posegaussian.storage.model.spec import ArraySpec
-from tests.storage.samples import make_capture, make_sequence
+from tests.support.sample_captures import make_capture, make_sequence
 
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 SHAPE = {"frame": 10, "view": 3, "y": 6, "x": 8}

@@ -19,9 +19,9 @@ from posegaussian.storage.archive.shards import read_array, read_frames, write_a
 from posegaussian.storage.archive.store import Archive, Sequence
 from posegaussian.storage.model.errors import ShardMissing
 from posegaussian.storage.model.timegrid import TimeGrid
-from tests.nested import nest, nest_array, nest_description, nested_output, shards
-from tests.storage.samples import make_sequence
 from tests.storage.test_shards import DEPTH, FRAMES, GRID, PARTITION, SHAPE, VIEWS, block_of, make_values, write_all
+from tests.support.nested_archive import nest, nest_array, nest_description, nested_output, shards
+from tests.support.sample_captures import make_sequence
 
 VALUES = make_values(DEPTH)
 

@@ -12,7 +12,7 @@ import pytest
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile, write_receipt
 from posegaussian.storage.archive.store import Archive
-from tests.storage.samples import make_capture
+from tests.support.sample_captures import make_capture
 
 FACTS = {
     "seconds": 2.5,

@@ -22,7 +22,7 @@ from posegaussian.storage.model.errors import CalibrationError, ConfigError, Sou
 from posegaussian.storage.model.plausible import check_rate, check_rotation_vector, check_time
 from posegaussian.storage.readers.images import picture_size, read_picture, write_png
 from tests.fuzz.captures import trc
-from tests.storage.samples import make_rig
+from tests.support.sample_captures import make_rig
 
 
 def rig(part: str, at: tuple[int, ...], value: float) -> Any:

@@ -20,7 +20,7 @@ from posegaussian.storage.archive.receipts import (
     write_receipt,
 )
 from posegaussian.storage.archive.store import Sequence
-from tests.storage.samples import make_sequence
+from tests.support.sample_captures import make_sequence
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 word = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,7}", fullmatch=True)

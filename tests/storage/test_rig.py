@@ -19,7 +19,7 @@ from posegaussian.storage.model.cameras import (
     to_integer_centres,
 )
 from posegaussian.storage.model.errors import CalibrationError, UserError
-from tests.storage.samples import make_rig
+from tests.support.sample_captures import make_rig
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=50)
 

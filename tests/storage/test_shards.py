@@ -19,7 +19,7 @@ from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing, UserError
 from posegaussian.storage.model.spec import ArraySpec, TableSpec
 from posegaussian.storage.model.timegrid import TimeGrid
-from tests.storage.samples import make_sequence
+from tests.support.sample_captures import make_sequence
 
 FRAMES, VIEWS, HEIGHT, WIDTH, PARTITION = 10, 2, 5, 7, 4
 GRID = TimeGrid(FRAMES, PARTITION)

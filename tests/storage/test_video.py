@@ -9,7 +9,7 @@ import pytest
 from posegaussian.storage.exporters.video import write_video
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video import VideoFile
-from tests.storage.clips import counted, counting_clip, planes, write_clip
+from tests.support.video_clips import counted, counting_clip, planes, write_clip
 
 CONTAINERS = [
     ("a.mp4", {"g": 7, "bf": 3}),

@@ -65,8 +65,8 @@ class SceneEffect:
     apply: str
     """`module:function`; what it is given depends on the phase (`take.py`)."""
     milliseconds: float
-    """What it costs a picture of 512 x 512 px, alone, by `python -m benchmarks.effects_time`; light is shared by the
-    eight cameras of a frame."""
+    """What it costs a picture of 512 x 512 px, alone, by `python -m benchmarks.simulator.effects_time`; light is
+    shared by the eight cameras of a frame."""
 
     @property
     def name(self) -> str:

@@ -16,7 +16,7 @@ from posegaussian.stages.geometry.projection import project, rays, unproject
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import points_from_integer_centres
 from posegaussian.storage.model.joint_sets import COCO17
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 DEPTH = "depth/depth"
 RIGHT_ARM = [COCO17.names.index(n) for n in ("RElbow", "RWrist")]

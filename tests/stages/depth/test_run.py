@@ -12,7 +12,7 @@ from posegaussian.stages.depth.stage import STAGE
 from posegaussian.stages.metrics.depth_error import depth_error
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.errors import UserError
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 DEPTH, CONFIDENCE = "depth/depth", "depth/confidence"
 

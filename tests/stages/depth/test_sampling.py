@@ -3,7 +3,7 @@ import pytest
 
 from posegaussian.stages.matching.fuse import transfer
 from posegaussian.stages.matching.sampling import disagreement, extend, fill, sample
-from tests.stages.geometry.scenes import ring, sphere_depth
+from tests.support.known_geometry import ring, sphere_depth
 
 
 def test_sampling_is_exact_on_a_ramp_and_leaves_unknown_pixels_out():

@@ -6,7 +6,7 @@ import pytest
 
 from posegaussian.stages.geometry.rectification import rectify
 from posegaussian.stages.matching.sgbm import Bounds, match
-from tests.stages.geometry.scenes import ring, textured_sphere
+from tests.support.known_geometry import ring, textured_sphere
 
 CENTRE = np.zeros(3)
 

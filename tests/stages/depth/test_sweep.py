@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.baselines.cost_volume import cost_volume as plain
+from benchmarks.depth.plain_cost_volume import cost_volume as plain
 from posegaussian.stages.depth.occluding_contour import turn_away
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.depth.scene import Frame, Geometry, hull_only
@@ -18,7 +18,7 @@ from posegaussian.stages.matching.sweep import MOST, Neighbours, labels, nearest
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person, look_at, render, samples_per_side
 from posegaussian.stages.simulator.subjects.motion import pose
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
+from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 Arguments = tuple[
     np.ndarray,

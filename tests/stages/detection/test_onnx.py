@@ -15,7 +15,7 @@ from posegaussian.stages.estimators.onnx import OnnxEstimator
 from posegaussian.stages.estimators.outputs import _to_cells, _to_shares
 from posegaussian.stages.imaging.regions import to_own, to_picture
 from posegaussian.storage.model.errors import ConfigError
-from tests.stages.detection.onnx_files import heatmap_network, simcc_network
+from tests.support.onnx_files import heatmap_network, simcc_network
 
 REGION = np.array([150.3, 120.7, 160.0, 0.3])
 DOTS = np.array([[150.0, 120.0], [131.4, 98.3], [165.7, 150.2]])

@@ -15,9 +15,9 @@ from posegaussian.stages.detection.stage import STAGE
 from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.stage import STAGE as POSE
-from tests.memory import run_stage
-from tests.stages.detection.acting import Actor, Numbered
-from tests.stages.pose.scene import pixels, ring, roles, walk
+from tests.support.acting_estimator import Actor, Numbered
+from tests.support.memory_inputs import run_stage
+from tests.support.walking_skeleton import pixels, ring, roles, walk
 
 FRAMES, SIZE = 4, 256
 RIG = ring(5, SIZE)

@@ -15,8 +15,8 @@ from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import SourceError
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Pictures
+from tests.support.frame_readers import Pictures
+from tests.support.memory_inputs import run_stage
 
 
 def _rig(sizes: list[tuple[int, int]], distortion: np.ndarray | None = None) -> Rig:

@@ -12,7 +12,7 @@ from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.silhouettes.support import Fields, ray_support
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
-from tests.stages.frames.people import hints_of, segmented
+from tests.support.person_estimates import hints_of, segmented
 
 
 @pytest.mark.parametrize("region", [[60.0, 40.0, 90.0, 0.0], [50.0, 45.0, 70.0, 0.6], [64.0, 48.0, 30.0, -2.1]])

@@ -11,8 +11,8 @@ from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.simulator.subjects.capsule_person import ring
 from posegaussian.stages.survey.params import PLATE, SPREAD, SurveyParams
 from posegaussian.stages.survey.stage import STAGE as SURVEY
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Joints, Pictures, film, overlap, wall
+from tests.support.frame_readers import Joints, Pictures, film, overlap, wall
+from tests.support.memory_inputs import run_stage
 
 
 def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:

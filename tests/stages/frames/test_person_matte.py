@@ -14,9 +14,9 @@ from posegaussian.stages.frames.person_matte import Known, person_matte
 from posegaussian.stages.frames.stage import STAGE
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.joint_sets import COCO17
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Pictures, overlap, wall
-from tests.stages.frames.people import FACTS, hints_of, segmented
+from tests.support.frame_readers import Pictures, overlap, wall
+from tests.support.memory_inputs import run_stage
+from tests.support.person_estimates import FACTS, hints_of, segmented
 
 SIZE = 160
 THRESHOLD, MARGIN = FramesParams().plate_threshold, FramesParams().hint_margin

@@ -9,7 +9,7 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.run import check
 from posegaussian.stages.registry import stage
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 
 @pytest.fixture(scope="module")

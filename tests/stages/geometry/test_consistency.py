@@ -5,7 +5,7 @@ import pytest
 from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
 from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import ring, sphere_depth
+from tests.support.known_geometry import ring, sphere_depth
 
 CENTRE, RADIUS = np.zeros(3), 0.5
 

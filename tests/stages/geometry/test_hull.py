@@ -12,7 +12,7 @@ from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.hull import visual_hull as hull_of
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
+from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 
 def visual_hull(

@@ -8,7 +8,7 @@ from posegaussian.stages.geometry.pairs import Verdict, choose_pairs, classify, 
 from posegaussian.stages.geometry.rectification import rectify
 from posegaussian.stages.geometry.subject import body_points, look_at_point
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
+from tests.support.known_geometry import camera, on_ring, rig_of, ring
 
 ORIGIN = np.zeros(3)
 REFERENCE = camera(on_ring(0), ORIGIN)

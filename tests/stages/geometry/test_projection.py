@@ -1,7 +1,7 @@
 import numpy as np
 
 from posegaussian.stages.geometry.projection import pixel_centres, project, rays, unproject
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth
+from tests.support.known_geometry import camera, on_ring, rig_of, sphere_depth
 
 
 def test_the_optical_axis_meets_the_principal_point():

@@ -4,7 +4,7 @@ import pytest
 
 from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring, sphere_depth
+from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth
 
 ORIGIN = np.zeros(3)
 POINTS = np.random.default_rng(1).uniform(-0.6, 0.6, (200, 3))

@@ -13,7 +13,7 @@ from posegaussian.stages.geometry.pairs import MAX_ANGLE, angle_at, pair_report
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.errors import UserError
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
+from tests.support.known_geometry import camera, on_ring, rig_of, ring
 
 MIDDLE = np.zeros(3)
 Place = tuple[float, float, float]

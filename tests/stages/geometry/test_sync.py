@@ -9,7 +9,7 @@ import pytest
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.sync import FURTHEST, SURE, time_offsets
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 FRAMES, JOINTS = 100, 13
 OFFSETS = [0.0, 1.0, -2.4, 0.0]

@@ -12,7 +12,7 @@ from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import ring, sphere_mask
+from tests.support.known_geometry import ring, sphere_mask
 
 CENTRE = np.array([0.1, -0.05, 0.1])
 

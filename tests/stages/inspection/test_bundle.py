@@ -10,7 +10,7 @@ import numpy as np
 from posegaussian.stages.geometry.points import project
 from posegaussian.stages.inspection.bundle import pair_error, refit
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 
 def rig_and_joints(noise: float) -> tuple[Rig, np.ndarray, np.ndarray]:

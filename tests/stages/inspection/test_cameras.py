@@ -9,7 +9,7 @@ import pytest
 
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
 from posegaussian.stages.inspection.finding import Finding, Verdict
-from tests.stages.geometry.scenes import ring
+from tests.support.known_geometry import ring
 
 RIG = ring(4, (640, 480), 600.0)
 

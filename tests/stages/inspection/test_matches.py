@@ -10,7 +10,7 @@ from posegaussian.stages.geometry.features import features, matched
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.inspection.matches import epipolar_fit
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 SIZE = 1000
 

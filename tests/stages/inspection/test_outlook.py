@@ -14,8 +14,8 @@ from posegaussian.stages.inspection.outlook import RING, TIERS, expected, of_cam
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
-from tests.stages.inspection.plans import planned
+from tests.support.inspection_plans import planned
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 MIDDLE = np.zeros(3)
 BAD = measured("mask agreement", ("cam0",), 0.5, "", 0.98, 0.9, "masks contradict each other", "look at them")

@@ -9,8 +9,8 @@ from posegaussian.stages.depth.scene import Geometry
 from posegaussian.stages.inspection.finding import Finding, Verdict
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
 from posegaussian.stages.inspection.planned import Planned
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
-from tests.stages.inspection.plans import planned
+from tests.support.inspection_plans import planned
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 MIDDLE = np.zeros(3)
 

@@ -12,8 +12,8 @@ from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.inspection.finding import Verdict
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.people import SURE, Finder, of_people, people
-from tests.stages.geometry.scenes import ring
-from tests.stages.inspection.plans import planned
+from tests.support.inspection_plans import planned
+from tests.support.known_geometry import ring
 
 RIG = ring(4)
 

@@ -3,7 +3,7 @@ import pytest
 
 from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.stages.metrics.depth_error import MISSING, depth_error, disparity_error, nearest_pair
-from tests.stages.geometry.scenes import ring, sphere_depth
+from tests.support.known_geometry import ring, sphere_depth
 
 RIG = ring(8, (64, 48))
 TRUTH = sphere_depth(RIG, 0, np.zeros(3), 0.6)

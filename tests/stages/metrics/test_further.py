@@ -18,9 +18,9 @@ from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import check, measure
 from posegaussian.stages.metrics.stage import BYTES, WEIGHTS
 from posegaussian.stages.registry import stage
-from tests.memory import run_stage
 from tests.stages.metrics.test_lpips import made_weights, saved
 from tests.stages.metrics.test_run import F, world
+from tests.support.memory_inputs import run_stage
 from tests.test_conformance import SHAPE
 
 METRICS = stage("metrics")

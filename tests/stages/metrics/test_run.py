@@ -12,7 +12,7 @@ from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import check, measure
 from posegaussian.stages.registry import stage
 from posegaussian.storage.model.cameras import CameraPath, Rig
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 F, H, W = 4, 20, 24
 Row = tuple[str, int, str, str]
@@ -51,7 +51,7 @@ def table(
     rig, views, whole, given = world()
     path, given = path or whole, given | (arrays or {})
     rows: dict[Row, float] = {}
-    from tests.memory import MemoryInputs
+    from tests.support.memory_inputs import MemoryInputs
 
     for start in range(0, F, length):
         part = range(start, min(start + length, F))

@@ -12,7 +12,7 @@ import torch
 from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.stages.network.model.correlation import Correlation, columns_of, volume_bytes
 from posegaussian.stages.network.model.warping import projection, warp, warped_correlation
-from tests.stages.geometry.scenes import camera, on_ring
+from tests.support.known_geometry import camera, on_ring
 
 LEVELS, RADIUS = 3, 2
 

@@ -24,8 +24,8 @@ from posegaussian.stages.network.model.presets import FURTHER_COSTS, PRESETS, Pr
 from posegaussian.stages.network.model.warping import warp, warped_correlation
 from posegaussian.stages.network.third_view import LEAST, candidates, window_around
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, ring
-from tests.stages.network.made import UPRIGHT, depth_of_plane, network, plane_depth, random_views, source, two_cameras
+from tests.support.known_geometry import camera, on_ring, rig_of, ring
+from tests.support.network_views import UPRIGHT, depth_of_plane, network, plane_depth, random_views, source, two_cameras
 
 torch.set_num_threads(1)
 CELL = 8

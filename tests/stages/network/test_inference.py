@@ -15,7 +15,7 @@ from posegaussian.stages.network.model.network import Prediction
 from posegaussian.stages.network.model.pairs import SourceView, Views, windows
 from posegaussian.stages.network.model.presets import PRESETS, Preset
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.network.made import UPRIGHT, network, plane_depth, plane_disparity, source, two_cameras
+from tests.support.network_views import UPRIGHT, network, plane_depth, plane_disparity, source, two_cameras
 
 torch.set_num_threads(1)
 TRUE = np.array([1.0, 0.12, 0.16]), 0.07

@@ -13,7 +13,7 @@ from posegaussian.stages.network.model.heads import trust
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
 from posegaussian.stages.network.model.pairs import MAPS, Views
 from posegaussian.stages.network.model.presets import COSTS, PRESETS
-from tests.stages.network.made import network, random_views
+from tests.support.network_views import network, random_views
 
 torch.set_num_threads(1)
 

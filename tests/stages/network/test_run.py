@@ -14,8 +14,8 @@ from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.run import check
 from posegaussian.stages.network.stage import STAGE, unneeded
 from posegaussian.storage.model.cameras import Rig
-from tests.memory import MemoryInputs, run_stage
-from tests.stages.network.made import network, plane_depth, source, two_cameras
+from tests.support.memory_inputs import MemoryInputs, run_stage
+from tests.support.network_views import network, plane_depth, source, two_cameras
 
 torch.set_num_threads(1)
 FRAMES, SIDE = 3, 64

@@ -12,7 +12,7 @@ from posegaussian.stages.network.inference import Learned, refined
 from posegaussian.stages.network.silhouettes import TOLERANCE, held, silhouettes_of
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
-from tests.stages.geometry.scenes import camera, on_ring, rig_of, sphere_depth, sphere_mask
+from tests.support.known_geometry import camera, on_ring, rig_of, sphere_depth, sphere_mask
 
 SIZE = (160, 160)
 AWAY = 6.0

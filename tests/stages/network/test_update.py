@@ -15,7 +15,7 @@ from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.refine import DepthRefinement, Refined
 from posegaussian.stages.network.model.update import ConvGRU, convex_weights, upsample
 from posegaussian.stages.network.model.warping import projection
-from tests.stages.geometry.scenes import camera, on_ring, rig_of
+from tests.support.known_geometry import camera, on_ring, rig_of
 
 FACTOR, CELLS = 4, (6, 9)
 NEAR, FAR = 1.0, 4.0

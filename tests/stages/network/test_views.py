@@ -22,8 +22,8 @@ from posegaussian.stages.network.model.pairs import (
     start_on,
     windows,
 )
-from tests.stages.geometry.scenes import sphere_depth
-from tests.stages.network.made import UPRIGHT, pair_of, plane_depth, plane_disparity, source, two_cameras
+from tests.support.known_geometry import sphere_depth
+from tests.support.network_views import UPRIGHT, pair_of, plane_depth, plane_disparity, source, two_cameras
 
 torch.set_num_threads(1)
 SHIFTED: tuple[Window, Window] = ((11, -5, 96, 104), (-20, -5, 96, 104))

@@ -7,7 +7,7 @@ import pytest
 
 from posegaussian.stages.pose.bridge import Bones, bridge, rejected
 from posegaussian.storage.model.joint_sets import JOINT_SETS, joint_set
-from tests.stages.pose.scene import SKELETON, pixels, ring
+from tests.support.walking_skeleton import SKELETON, pixels, ring
 
 BONES = Bones.of("coco17")
 RIG = ring(4, size=512)

@@ -20,8 +20,8 @@ from posegaussian.stages.pose.tracking import Followed, follow
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig, from_integer_centres, points_from_integer_centres, rigid
 from posegaussian.storage.model.joint_sets import to_set
-from tests.memory import MemoryInputs, run_stage
-from tests.stages.pose.scene import Joints2D, ring
+from tests.support.memory_inputs import MemoryInputs, run_stage
+from tests.support.walking_skeleton import Joints2D, ring
 
 BALANCE = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "balance"
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")

@@ -8,9 +8,9 @@ from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.stage import STAGE
 from posegaussian.stages.pose.subject_match import FLIPS, nearest
 from posegaussian.storage.model.joint_sets import joint_set, to_set
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Joints
-from tests.stages.pose.scene import pixels, ring, roles, walk
+from tests.support.frame_readers import Joints
+from tests.support.memory_inputs import run_stage
+from tests.support.walking_skeleton import pixels, ring, roles, walk
 
 FRAMES = 3
 

@@ -10,8 +10,8 @@ from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.stage import STAGE
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import COCO17
-from tests.memory import run_stage
-from tests.stages.pose.scene import pixels, ring, roles, walk
+from tests.support.memory_inputs import run_stage
+from tests.support.walking_skeleton import pixels, ring, roles, walk
 
 FRAMES, SIZE = 7, 128
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.points import focus, project, to_frames
 from posegaussian.storage.model.cameras import Rig, from_integer_centres, points_from_integer_centres
-from tests.stages.pose.scene import SKELETON, pixels, ring
+from tests.support.walking_skeleton import SKELETON, pixels, ring
 
 
 def lens(rig: Rig, coefficients: list[float]) -> Rig:

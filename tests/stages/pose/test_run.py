@@ -13,8 +13,8 @@ from posegaussian.stages.pose.run import check, run, unknown_note
 from posegaussian.stages.pose.stage import STAGE
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import BODY_25, COCO17, to_set
-from tests.memory import MemoryInputs, run_stage
-from tests.stages.pose.scene import SKELETON, Joints2D, Joints3D, pixels, ring, roles, walk
+from tests.support.memory_inputs import MemoryInputs, run_stage
+from tests.support.walking_skeleton import SKELETON, Joints2D, Joints3D, pixels, ring, roles, walk
 
 NAMES = ("pose/joints2d", "pose/joints3d", "pose/heatmaps")
 

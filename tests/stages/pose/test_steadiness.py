@@ -7,7 +7,7 @@ import pytest
 
 from posegaussian.stages.pose.heatmaps import draw
 from posegaussian.stages.pose.jitter import measures, off_heatmaps
-from tests.stages.pose.scene import SKELETON, moving, scored
+from tests.support.walking_skeleton import SKELETON, moving, scored
 
 
 def test_a_joint_is_read_off_its_heatmap_to_a_twentieth_of_a_cell() -> None:

@@ -18,7 +18,7 @@ from posegaussian.stages.pose.left_right_swaps import (
 )
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import JOINT_SETS
-from tests.stages.pose.scene import SKELETON, pixels, ring, walk
+from tests.support.walking_skeleton import SKELETON, pixels, ring, walk
 
 SIDES = Sides.of("coco17")
 WHOLE, ONLY_ARMS, ONLY_LEGS = np.array([[True, True, True], [True, False, False], [False, True, False]])

@@ -8,7 +8,7 @@ import pytest
 from posegaussian.stages.geometry.points import project
 from posegaussian.stages.geometry.triangulation import MIN_ANGLE, MOST_PAIRS, pairs_of, triangulate
 from posegaussian.storage.model.cameras import Rig, rigid
-from tests.stages.pose.scene import SKELETON, pixels, ring
+from tests.support.walking_skeleton import SKELETON, pixels, ring
 
 
 def lift(rig: Rig, joints: np.ndarray, max_residual: float = 0.02) -> np.ndarray:

@@ -11,7 +11,7 @@ from posegaussian.stages.refinement.run import check
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 FRAMES = 4
 OUTCOME = "refinement/outcome"

@@ -4,7 +4,7 @@ import pytest
 from posegaussian.stages.rendering.clipping import clipped, cover, filled, silhouettes_of
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import ring, sphere_mask
+from tests.support.known_geometry import ring, sphere_mask
 
 CENTRE, RADIUS = np.array([0.1, -0.05, 0.1]), 0.5
 

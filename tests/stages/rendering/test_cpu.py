@@ -10,7 +10,7 @@ import torch
 from posegaussian.stages.splatting.cpu import backend, tiles
 from posegaussian.stages.splatting.definition.scene import Cutoffs
 from tests.hard_cases.laws import agree
-from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
+from tests.support.gaussian_scenes import camera, cloud, draw, gaussians
 
 KERNELS = (
     "cpu_tiles.sort_tiles-1.py311.nbi",

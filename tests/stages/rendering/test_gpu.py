@@ -20,9 +20,9 @@ from posegaussian.stages.splatting.gpu import backend, tiles
 from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
-from tests.stages.rendering import scenes
-from tests.stages.rendering.reference_render import GSPLAT, reference_case
-from tests.stages.rendering.scenes import GPU_DEVICE, NO_GPU, camera, cloud, draw, gaussians
+from tests.support import gaussian_scenes
+from tests.support.gaussian_scenes import GPU_DEVICE, NO_GPU, camera, cloud, draw, gaussians
+from tests.support.gsplat_reference import GSPLAT, reference_case
 
 needs_triton = pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
 QUICK = backend.Shape(tile=64, chunk=32)
@@ -32,7 +32,7 @@ QUICK = backend.Shape(tile=64, chunk=32)
 @pytest.fixture
 def on_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """Float32 is drawn by `gpu`."""
-    monkeypatch.setattr(scenes, "compiled", "gpu")
+    monkeypatch.setattr(gaussian_scenes, "compiled", "gpu")
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from posegaussian.stages.splatting.definition.scene import Backend
-from tests.stages.rendering.reference_render import CASES, GSPLAT, reference_case
-from tests.stages.rendering.scenes import draw
+from tests.support.gaussian_scenes import draw
+from tests.support.gsplat_reference import CASES, GSPLAT, reference_case
 
 
 # gsplat's float32 sums differ from float64 by up to a few 1e-6 on values near 1, and ours by as much again

@@ -9,7 +9,7 @@ import torch
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing
 from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.hard_cases.laws import drawn, pictures, relative, to
-from tests.stages.rendering.scenes import camera, cloud, turned_about_y
+from tests.support.gaussian_scenes import camera, cloud, turned_about_y
 
 
 def test_bits_do_not_depend_on_threads_or_on_the_run() -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.workloads import person
+from benchmarks.renderer.workloads import person
 from posegaussian.stages.splatting.definition import reference
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians, Rendering
-from tests.stages.rendering.scenes import camera, cloud, draw, gaussians
+from tests.support.gaussian_scenes import camera, cloud, draw, gaussians
 
 NO_CUTS = Cutoffs(alpha_min=1e-12, alpha_max=1.0, transmittance_stop=0.0)
 SMOOTH = Cutoffs(alpha_min=1e-9, alpha_max=1.0, transmittance_stop=0.0)

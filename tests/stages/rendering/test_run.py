@@ -15,7 +15,7 @@ from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.run import check, masked_note, quantise, run
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from tests.memory import MemoryInputs, run_stage
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"
 

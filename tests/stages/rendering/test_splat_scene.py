@@ -9,9 +9,9 @@ from posegaussian.stages.splatting.quaternions import rotations
 from posegaussian.stages.splatting.splat_scene import MOST_OPAQUE, quaternions, scene_of, sh_color, splats_of
 from posegaussian.storage.formats.splat_ply import read_splats
 from posegaussian.storage.model.splats import SH0, Splats
-from tests.stages.rendering.reference_render import FOLDER, GSPLAT, harmonics, read_safetensors, reference_case
-from tests.stages.rendering.scenes import camera, cloud, draw
 from tests.storage.test_splat_files import made, real
+from tests.support.gaussian_scenes import camera, cloud, draw
+from tests.support.gsplat_reference import FOLDER, GSPLAT, harmonics, read_safetensors, reference_case
 
 
 def test_a_rotation_matrix_turns_as_its_quaternion_does() -> None:

@@ -18,7 +18,7 @@ from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 SIZE, COLOR = 96, "rendering/{path}/color"
 CPU = torch.device("cpu")

@@ -16,7 +16,7 @@ from posegaussian.stages.smoothing.params import SmoothingParams
 from posegaussian.stages.smoothing.run import check
 from posegaussian.stages.smoothing.stage import STAGE
 from posegaussian.storage.model.cameras import Rig
-from tests.memory import run_stage
+from tests.support.memory_inputs import run_stage
 
 METHODS = ("pairwise", "recurrent", "adaptive")
 SIGMA, PIXELS, CELLS = 8.0, 128, 32

@@ -9,8 +9,8 @@ from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture,
 from posegaussian.stages.survey.params import COLORS, MOTION, SurveyParams
 from posegaussian.stages.survey.patches import DIRECTIONS, JOINTS, NAMES, PATCHES, patch_points, typical_colors
 from posegaussian.stages.survey.stage import STAGE
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Joints, Pictures
+from tests.support.frame_readers import Joints, Pictures
+from tests.support.memory_inputs import run_stage
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,8 @@ from posegaussian.stages.survey.params import (
 )
 from posegaussian.stages.survey.sample import FEWEST, worked_numbers
 from posegaussian.stages.survey.stage import STAGE
-from tests.memory import MemoryInputs, run_stage
-from tests.stages.frames.fakes import Joints, Pictures
+from tests.support.frame_readers import Joints, Pictures
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 VIEWS, FRAMES = 3, 12
 EVERY = frozenset({PLATE, SPREAD, COLORS, SURFACE, OUTLINES, LIGHT, NOISE, "joints2d", "masks"})

@@ -15,7 +15,7 @@ from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE, match
 from posegaussian.stages.survey.sample import look
 from posegaussian.stages.survey.surface import SurfaceLook
 from posegaussian.storage.model.cameras import Rig
-from tests.stages.geometry.scenes import camera, rig_of
+from tests.support.known_geometry import camera, rig_of
 
 SIZE, FOCAL = (240, 200), 260.0
 STOPS = np.array([[0.0, 0.0, 0.0], [0.9, 0.6, 0.4], [-0.5, -0.3, -0.6]])

@@ -11,8 +11,8 @@ from posegaussian.stages.survey.plate import UNKNOWN, median_and_spread
 from posegaussian.stages.survey.run import check
 from posegaussian.stages.survey.sample import sample_numbers
 from posegaussian.stages.survey.stage import STAGE
-from tests.memory import run_stage
-from tests.stages.frames.fakes import Pictures
+from tests.support.frame_readers import Pictures
+from tests.support.memory_inputs import run_stage
 
 
 def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarray]:

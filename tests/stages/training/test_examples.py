@@ -15,7 +15,7 @@ from posegaussian.stages.training.augmentation import shifted
 from posegaussian.stages.training.contract import Frame
 from posegaussian.stages.training.examples import Example, crop, drawn, frames_of_step, whole
 from posegaussian.stages.training.frames import make_frame
-from tests.stages.training.made import ball, tiny
+from tests.support.training_examples import ball, tiny
 
 torch.set_num_threads(1)
 CONFIG = tiny(batch=2, iterations=6, window=2, steps_per_frame=3)

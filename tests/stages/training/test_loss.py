@@ -19,8 +19,8 @@ from posegaussian.stages.training.loss import (
     render_terms,
     together,
 )
-from tests.stages.network.made import network
-from tests.stages.training.made import ball, tiny
+from tests.support.network_views import network
+from tests.support.training_examples import ball, tiny
 
 torch.set_num_threads(1)
 CONFIG = tiny()

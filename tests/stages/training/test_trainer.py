@@ -15,7 +15,7 @@ from posegaussian.stages.training.contract import Frame
 from posegaussian.stages.training.examples import drawn, frames_of_step
 from posegaussian.stages.training.loss import depth_terms, together
 from posegaussian.stages.training.trainer import Trainer
-from tests.stages.training.made import ball, tiny
+from tests.support.training_examples import ball, tiny
 
 torch.set_num_threads(1)
 LEARNT = 0.85

@@ -14,9 +14,9 @@ from posegaussian.storage.importers.registry import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.clips import counted, counting_clip
-from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import table
+from tests.support import import_capture
+from tests.support.video_clips import counted, counting_clip
 
 CAMERAS = (1, 2, 10)
 NAMES = ("cam_1", "cam_2", "cam_10")
@@ -45,7 +45,7 @@ def write_recording(
     base.mkdir(parents=True, exist_ok=True)
     rows = []
     for c, found in seen.items():
-        counting_clip(base / f"{camera.removesuffix('_id')}_{c}.mp4", len(found), made.SIZE, rate=RATE)
+        counting_clip(base / f"{camera.removesuffix('_id')}_{c}.mp4", len(found), import_capture.SIZE, rate=RATE)
         rows += [(f"{first + n}," if index else "") + f"{c},{7.25 + n / RATE + LATE[c]!r}" for n in found]
     head = ("sync_index," if index else "") + f"{camera},frame_time"
     (base / times).write_text("\n".join([head, *rows[::-1]]) + "\n")
@@ -111,7 +111,7 @@ def test_which_frame_of_the_video_is_meant_is_part_of_the_digest(base: Path) -> 
 
 def test_everything_is_half_a_pixel_further(base: Path) -> None:
     np.testing.assert_allclose(
-        made.imported_pixels(find(base).rig), made.known_pixels() + 0.5, atol=1e-11
+        import_capture.imported_pixels(find(base).rig), import_capture.known_pixels() + 0.5, atol=1e-11
     )  # float64 rounding of ~60 px
 
 
@@ -158,7 +158,7 @@ def test_without_times_videos_of_one_length_start_together(base: Path) -> None:
     capture = find(base)
     assert seen_in(capture) == {n: {k: k for k in range(4)} for n in NAMES}
     assert "no timestamps.csv: frame n of each video is taken as one instant" in capture.notes
-    counting_clip(base / "cam_2.mp4", 3, made.SIZE)
+    counting_clip(base / "cam_2.mp4", 3, import_capture.SIZE)
     with pytest.raises(
         SourceError,
         match=r"there is no timestamps\.csv, and the videos have 4 frames \(camera 1\), 3 frames \(camera 2\)",
@@ -168,7 +168,7 @@ def test_without_times_videos_of_one_length_start_together(base: Path) -> None:
 
 def test_the_times_give_the_rate_unless_it_is_set(base: Path) -> None:
     for c, found in SEEN.items():
-        counting_clip(base / f"cam_{c}.mp4", len(found), made.SIZE, rate=25)
+        counting_clip(base / f"cam_{c}.mp4", len(found), import_capture.SIZE, rate=25)
     capture = find(base)
     # mean times of a group move by the cameras that lack it: 7 ms over 5 periods of 33 ms
     assert capture.frame_rate == pytest.approx(RATE, rel=0.03)
@@ -179,7 +179,7 @@ def test_the_times_give_the_rate_unless_it_is_set(base: Path) -> None:
 def test_a_frame_between_two_instants_is_left_out(base: Path) -> None:
     write_recording(base, SEEN, index=False)
     text = (base / "timestamps.csv").read_text()
-    counting_clip(base / "cam_10.mp4", 5, made.SIZE, rate=RATE)
+    counting_clip(base / "cam_10.mp4", 5, import_capture.SIZE, rate=RATE)
     (base / "timestamps.csv").write_text(text + f"10,{7.25 + 2.45 / RATE}\n")
     capture = find(base)
     assert seen_in(capture)["cam_10"] == {1: 0, 2: 1, 3: 3, 4: 4}
@@ -297,11 +297,11 @@ def add(base: Path, text: str) -> None:
 WRONG = {
     "no videos": (lambda b: [p.unlink() for p in b.glob("*.mp4")], r"no video cam_N\.mp4 in"),
     "two of one number": (
-        lambda b: counting_clip(b / "port_2.mp4", 5, made.SIZE),
+        lambda b: counting_clip(b / "port_2.mp4", 5, import_capture.SIZE),
         r"two videos are camera 2: cam_2\.mp4 and port_2\.mp4; take one out",
     ),
     "no table": (
-        lambda b: counting_clip(b / "cam_3.mp4", 5, made.SIZE),
+        lambda b: counting_clip(b / "cam_3.mp4", 5, import_capture.SIZE),
         r"camera cam_3 has no calibration in .*camera_array\.toml, which holds cameras\.1, cameras\.2, cameras\.10",
     ),
     "ignored": (lambda b: write_calibration(b / "camera_array.toml", ignore="true"), "camera cam_1 is set to ignore"),
@@ -314,7 +314,7 @@ WRONG = {
         "camera cam_1: pictures are 64x48 px, the calibration is for 128x128 px",
     ),
     "other recording": (
-        lambda b: counting_clip(b / "cam_2.mp4", 3, made.SIZE),
+        lambda b: counting_clip(b / "cam_2.mp4", 3, import_capture.SIZE),
         (
             r"timestamps\.csv has 5 rows of camera 2, its video .*cam_2\.mp4 has 3 frames; put the file of this"
             r" recording there"
@@ -329,7 +329,7 @@ WRONG = {
     "short line": (lambda b: add(b, "60\n"), r"timestamps\.csv line 17: "),
     "NaN": (lambda b: add(b, "60,1,nan\n"), r"timestamps\.csv line 17: frame_time nan must be finite"),
     "index twice": (
-        lambda b: (counting_clip(b / "cam_1.mp4", 7, made.SIZE), add(b, "40,1,99.0\n")),
+        lambda b: (counting_clip(b / "cam_1.mp4", 7, import_capture.SIZE), add(b, "40,1,99.0\n")),
         r"camera 1 has sync_index 40 after 40 in order of frame_time; each must come once and ascend",
     ),
 }

@@ -15,14 +15,14 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.images import write_exr
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.importers import made
 from tests.storage.importers.test_images import cameras
+from tests.support import import_capture
 
 
 @pytest.fixture
 def base(tmp_path: Path) -> Path:
-    made.pictures(tmp_path / "images")
-    made.dump(tmp_path / "cameras.json", cameras())
+    import_capture.pictures(tmp_path / "images")
+    import_capture.dump(tmp_path / "cameras.json", cameras())
     return tmp_path
 
 
@@ -30,7 +30,7 @@ def ramp(height: int = 48, width: int = 64) -> np.ndarray:
     return np.linspace(2, 3, height * width, dtype=np.float32).reshape(height, width)
 
 
-def write(base: Path, depth: np.ndarray, name: str = made.NAMES[0], number: int = 0) -> None:
+def write(base: Path, depth: np.ndarray, name: str = import_capture.NAMES[0], number: int = 0) -> None:
     folder = base / "depth_maps" / name
     folder.mkdir(parents=True, exist_ok=True)
     if depth.dtype == np.uint16:
@@ -47,9 +47,9 @@ def test_maps_are_read_and_are_no_truth(base: Path) -> None:
     write(base, ramp())
     capture = find(base)
     assert not capture.has("depth")
-    assert [s is not None for s in capture.depth_maps] == [True] + [False] * (len(made.NAMES) - 1)
-    assert any(f"camera {made.NAMES[1]} has no depth maps" in n for n in capture.notes)
-    assert any(f"camera {made.NAMES[0]} lacks depth maps of" in n for n in capture.notes)
+    assert [s is not None for s in capture.depth_maps] == [True] + [False] * (len(import_capture.NAMES) - 1)
+    assert any(f"camera {import_capture.NAMES[1]} has no depth maps" in n for n in capture.notes)
+    assert any(f"camera {import_capture.NAMES[0]} lacks depth maps of" in n for n in capture.notes)
     (depth,) = open_source(capture, "depth_maps").read(0, [0])
     np.testing.assert_array_equal(depth, ramp())
     with pytest.raises(SourceError, match="has no depth maps of frame 1"):
@@ -104,7 +104,7 @@ def test_another_resolution_is_taken_and_another_shape_refused(base: Path) -> No
     write(base, ramp(), number=1)
     with pytest.raises(SourceError, match="is 64x48 px, the first one is 32x24 px"):
         find(base)
-    (base / "depth_maps" / made.NAMES[0] / "000001.exr").unlink()
+    (base / "depth_maps" / import_capture.NAMES[0] / "000001.exr").unlink()
     write(base, ramp(24, 24))
     with pytest.raises(SourceError, match="another shape than the pictures' 64x48 px"):
         find(base)

@@ -14,8 +14,8 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, UserError
 from posegaussian.storage.readers.images import write_png
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.clips import counting_clip
-from tests.storage.importers import made
+from tests.support import import_capture
+from tests.support.video_clips import counting_clip
 
 NAMES = ("01", "02", "10")
 
@@ -26,15 +26,19 @@ def matrix(key: str, values: np.ndarray) -> str:
     return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [{data}]\n"
 
 
-def write_calibration(base: Path, names: tuple[str, ...] = NAMES, translation: np.ndarray = made.TRANSLATION) -> None:
+def write_calibration(
+    base: Path, names: tuple[str, ...] = NAMES, translation: np.ndarray = import_capture.TRANSLATION
+) -> None:
     # names without quotes on purpose: 01 must stay "01"
     head = "%YAML:1.0\n---\nnames:\n" + "".join(f"  - {n}\n" for n in names)
     intri = "".join(
-        matrix(f"K_{n}", made.K[v]) + matrix(f"D_{n}", made.DISTORTION[v][:, None]) + f"H_{n}: 48\nW_{n}: 64\n"
+        matrix(f"K_{n}", import_capture.K[v])
+        + matrix(f"D_{n}", import_capture.DISTORTION[v][:, None])
+        + f"H_{n}: 48\nW_{n}: 64\n"
         for v, n in enumerate(names)
     )
     extri = "".join(
-        matrix(f"R_{n}", made.RODRIGUES[v][:, None]) + matrix(f"T_{n}", translation[v][:, None])
+        matrix(f"R_{n}", import_capture.RODRIGUES[v][:, None]) + matrix(f"T_{n}", translation[v][:, None])
         for v, n in enumerate(names)
     )
     (base / "intri.yml").write_text(head + intri)
@@ -43,7 +47,7 @@ def write_calibration(base: Path, names: tuple[str, ...] = NAMES, translation: n
 
 @pytest.fixture
 def base(tmp_path):
-    made.pictures(tmp_path / "images", NAMES)
+    import_capture.pictures(tmp_path / "images", NAMES)
     write_calibration(tmp_path)
     return tmp_path
 
@@ -54,10 +58,14 @@ def find(base: Path, **options: object) -> Capture:
 
 def write_joints(base: Path) -> None:
     for v, name in enumerate(NAMES):
-        u, w = made.known_pixels()[v]
+        u, w = import_capture.known_pixels()[v]
         for n in range(3):
-            person = {"personID": 0, "bbox": [u - 4, w - 5, u + 6, w + 7, 0.9], "keypoints": made.people(v).tolist()}
-            made.dump(
+            person = {
+                "personID": 0,
+                "bbox": [u - 4, w - 5, u + 6, w + 7, 0.9],
+                "keypoints": import_capture.people(v).tolist(),
+            }
+            import_capture.dump(
                 base / "annots" / name / f"{n:06d}.json",
                 {"filename": f"images/{name}/{n:06d}.jpg", "annots": [person] if n else []},
             )
@@ -68,12 +76,12 @@ def test_everything_is_half_a_pixel_further(base):
     capture = find(base)
     assert capture.rig.names == NAMES
     np.testing.assert_allclose(
-        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+        import_capture.imported_pixels(capture.rig), import_capture.known_pixels() + 0.5, atol=1e-11
     )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "body_25"
     for v in range(3):
-        pixel = made.imported_pixels(capture.rig)[v]
+        pixel = import_capture.imported_pixels(capture.rig)[v]
         np.testing.assert_allclose(joints.read(v, 1)[0, 0], [*pixel, 0.75], atol=1e-11)
         np.testing.assert_allclose(joints.boxes(v, 1), [[*(pixel - [4, 5]), *np.add(pixel, [6, 7]), 0.9]], atol=1e-11)
         assert joints.read(v, 0).shape == (0, 25, 3)
@@ -84,7 +92,11 @@ def test_the_parser_agrees_with_opencv(base):
     import cv2
 
     storage = cv2.FileStorage(str(base / "written.yml"), cv2.FILE_STORAGE_WRITE)
-    values = {"K_a": made.K[0], "T_a": np.array([[1e-20], [1e20], [-3.0]]), "bad": np.array([[np.nan, np.inf, 1.0]])}
+    values = {
+        "K_a": import_capture.K[0],
+        "T_a": np.array([[1e-20], [1e20], [-3.0]]),
+        "bad": np.array([[np.nan, np.inf, 1.0]]),
+    }
     for key, value in values.items():
         storage.write(key, value)
     storage.release()
@@ -96,14 +108,14 @@ def test_the_parser_agrees_with_opencv(base):
 def test_a_rotation_matrix_goes_before_the_vector(base):
     by_vector = find(base).rig
     with (base / "extri.yml").open("a") as f:
-        f.write("".join(matrix(f"Rot_{n}", rotation_matrix(made.RODRIGUES[v])) for v, n in enumerate(NAMES)))
+        f.write("".join(matrix(f"Rot_{n}", rotation_matrix(import_capture.RODRIGUES[v])) for v, n in enumerate(NAMES)))
     np.testing.assert_allclose(find(base).rig.world_to_camera, by_vector.world_to_camera, atol=1e-14)
 
 
 def test_videos_or_images(base):
     (base / "videos").mkdir()
     for name in NAMES:
-        counting_clip(base / "videos" / f"{name}.mp4", 5, made.SIZE, rate=25)
+        counting_clip(base / "videos" / f"{name}.mp4", 5, import_capture.SIZE, rate=25)
     assert len(find(base).numbers) == 3
     capture = find(base, pictures="videos")
     assert (len(capture.numbers), capture.frame_rate) == (5, 25)
@@ -126,7 +138,7 @@ def test_soft_masks(base, folder, top):
 
 
 def test_masks_that_are_missing(base):
-    made.pictures(base / "masks", NAMES, frames=(0, 1))
+    import_capture.pictures(base / "masks", NAMES, frames=(0, 1))
     capture = find(base)
     assert "camera 01 lacks masks of 1 frames (2)" in capture.notes
     with pytest.raises(UserError, match="camera 01 has no masks of frame 2"):
@@ -149,7 +161,7 @@ def test_frames_that_a_camera_lacks(base):
 
 WRONG = {
     "mask of another size": (
-        lambda b: made.pictures(b / "masks", NAMES, size=(32, 48)),
+        lambda b: import_capture.pictures(b / "masks", NAMES, size=(32, 48)),
         r"mask .* is 32x48 px, its picture is 64x48 px",
     ),
     "no intri": (lambda b: (b / "intri.yml").unlink(), r"cannot read calibration .*intri\.yml: No such file"),
@@ -169,17 +181,20 @@ WRONG = {
         r"camera 01: extri\.yml has no Rot_01 or R_01",
     ),
     "NaN": (
-        lambda b: write_calibration(b, translation=made.TRANSLATION * np.nan),
+        lambda b: write_calibration(b, translation=import_capture.TRANSLATION * np.nan),
         "camera 01: world_to_camera holds nan",
     ),
     "duplicate": (lambda b: write_calibration(b, ("01", "01", "10")), "camera name '01' occurs 2 times"),
     "no pictures": (
-        lambda b: made.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")],
+        lambda b: import_capture.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")],
         "no pictures in",
     ),
-    "two sizes in a view": (lambda b: made.pictures(b / "images", ("01",), (7,), (32, 32)), "one camera has one size"),
+    "two sizes in a view": (
+        lambda b: import_capture.pictures(b / "images", ("01",), (7,), (32, 32)),
+        "one camera has one size",
+    ),
     "another size": (
-        lambda b: made.pictures(b / "images", NAMES, size=(32, 32)),
+        lambda b: import_capture.pictures(b / "images", NAMES, size=(32, 32)),
         r"(?s)pictures are 32x32 px, the calibration is for 64x48 px.*scale: 2, offset: \[0, -8\]",
     ),
     "one frame twice": (
@@ -192,7 +207,7 @@ WRONG = {
     ),
     "no picture": (lambda b: (b / "images/01/000001.png").write_text("x"), r"cannot read picture .*000001\.png"),
     "joints of odd length": (
-        lambda b: made.dump(b / "annots/01/000001.json", {"annots": [{"keypoints": [[1, 2, 1]] * 7}]}),
+        lambda b: import_capture.dump(b / "annots/01/000001.json", {"annots": [{"keypoints": [[1, 2, 1]] * 7}]}),
         "holds 7 joints a person, which no known joint set has",
     ),
 }

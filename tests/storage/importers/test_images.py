@@ -14,7 +14,7 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_exr, write_png
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.importers import made
+from tests.support import import_capture
 
 
 def cameras(pixel_center: str = "integer", **first: object) -> dict[str, object]:
@@ -23,12 +23,12 @@ def cameras(pixel_center: str = "integer", **first: object) -> dict[str, object]
             "name": n,
             "width": 64,
             "height": 48,
-            "K": made.K[v].tolist(),
-            "R": rotation_matrix(made.RODRIGUES[v]).tolist(),
-            "t": made.TRANSLATION[v].tolist(),
-            "distortion": made.DISTORTION[v].tolist(),
+            "K": import_capture.K[v].tolist(),
+            "R": rotation_matrix(import_capture.RODRIGUES[v]).tolist(),
+            "t": import_capture.TRANSLATION[v].tolist(),
+            "distortion": import_capture.DISTORTION[v].tolist(),
         }
-        for v, n in enumerate(made.NAMES)
+        for v, n in enumerate(import_capture.NAMES)
     ]
     entries[0] |= first
     return {"pixel_center": pixel_center, "frame_rate": 24, "cameras": entries}
@@ -36,8 +36,8 @@ def cameras(pixel_center: str = "integer", **first: object) -> dict[str, object]
 
 @pytest.fixture
 def base(tmp_path):
-    made.pictures(tmp_path / "images")
-    made.dump(tmp_path / "cameras.json", cameras())
+    import_capture.pictures(tmp_path / "images")
+    import_capture.dump(tmp_path / "cameras.json", cameras())
     return tmp_path
 
 
@@ -47,12 +47,12 @@ def find(base: Path, **options: object) -> Capture:
 
 def coco(v: int, prefix: str = "", **more: object) -> dict[str, list[object]]:
     """Frames 0 and 1 with one person of 17 joints, frame 2 with none; a box around the known point."""
-    u, w = made.known_pixels()[v]
+    u, w = import_capture.known_pixels()[v]
     people = [
         {
             "id": 10 * v + n,
             "image_id": 10 * v + n,
-            "keypoints": made.people(v)[:17].reshape(-1).tolist(),
+            "keypoints": import_capture.people(v)[:17].reshape(-1).tolist(),
             "bbox": [u - 4, w - 5, 10, 12],
             "score": 0.9,
         }
@@ -66,58 +66,60 @@ def coco(v: int, prefix: str = "", **more: object) -> dict[str, list[object]]:
 
 
 def test_everything_is_half_a_pixel_further(base):
-    for v, name in enumerate(made.NAMES):
-        made.dump(base / "joints" / f"{name}.json", coco(v))
+    for v, name in enumerate(import_capture.NAMES):
+        import_capture.dump(base / "joints" / f"{name}.json", coco(v))
     capture = find(base)
-    assert (capture.frame_rate, capture.rig.names) == (24, made.NAMES)
+    assert (capture.frame_rate, capture.rig.names) == (24, import_capture.NAMES)
     np.testing.assert_allclose(
-        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+        import_capture.imported_pixels(capture.rig), import_capture.known_pixels() + 0.5, atol=1e-11
     )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "coco17"
     for v in range(3):
-        pixel = made.imported_pixels(capture.rig)[v]
+        pixel = import_capture.imported_pixels(capture.rig)[v]
         np.testing.assert_allclose(joints.read(v, 1)[0, 0], [*pixel, 0.75], atol=1e-11)
         np.testing.assert_allclose(joints.boxes(v, 1), [[*(pixel - [4, 5]), *np.add(pixel, [6, 7]), 0.9]], atol=1e-11)
         assert joints.read(v, 2).shape == (0, 17, 3)
 
 
 def test_half_centres_are_taken_as_they_are(base):
-    made.dump(base / "cameras.json", cameras("half"))
-    made.dump(base / "joints" / "cam1.json", coco(0, pixel_center="half"))
+    import_capture.dump(base / "cameras.json", cameras("half"))
+    import_capture.dump(base / "joints" / "cam1.json", coco(0, pixel_center="half"))
     capture = find(base)
-    np.testing.assert_allclose(made.imported_pixels(capture.rig), made.known_pixels(), atol=1e-11)
+    np.testing.assert_allclose(import_capture.imported_pixels(capture.rig), import_capture.known_pixels(), atol=1e-11)
     joints = open_source(capture, "joints")
-    np.testing.assert_allclose(joints.read(0, 0)[0, 0, :2], made.known_pixels()[0], atol=0)
-    np.testing.assert_allclose(joints.boxes(0, 0)[0, :2], made.known_pixels()[0] - [4, 5], atol=1e-13)
+    np.testing.assert_allclose(joints.read(0, 0)[0, 0, :2], import_capture.known_pixels()[0], atol=0)
+    np.testing.assert_allclose(joints.boxes(0, 0)[0, :2], import_capture.known_pixels()[0] - [4, 5], atol=1e-13)
     assert joints.read(1, 0).shape == (0, 17, 3)
     assert "camera cam2 has no 2D joints" in capture.notes
 
 
 def test_one_coco_file_for_all_views(base):
-    parts = [coco(v, f"images/{n}/") for v, n in enumerate(made.NAMES)]
-    made.dump(base / "joints.json", {k: [item for p in parts for item in p[k]] for k in ("images", "annotations")})
+    parts = [coco(v, f"images/{n}/") for v, n in enumerate(import_capture.NAMES)]
+    import_capture.dump(
+        base / "joints.json", {k: [item for p in parts for item in p[k]] for k in ("images", "annotations")}
+    )
     joints = open_source(find(base), "joints")
     for v in range(3):
-        np.testing.assert_allclose(joints.read(v, 1)[0, 0, :2], made.known_pixels()[v] + 0.5, atol=1e-11)
+        np.testing.assert_allclose(joints.read(v, 1)[0, 0, :2], import_capture.known_pixels()[v] + 0.5, atol=1e-11)
 
 
 def test_openpose_folders(base):
-    for v, name in enumerate(made.NAMES):
+    for v, name in enumerate(import_capture.NAMES):
         for n in range(3):
-            flat = made.people(v).reshape(-1).tolist()
-            made.dump(
+            flat = import_capture.people(v).reshape(-1).tolist()
+            import_capture.dump(
                 base / "joints" / name / f"{name}_{n:012d}_keypoints.json",
                 {"people": [{"pose_keypoints_2d": flat}, {}, {"pose_keypoints_2d": []}, {"pose_keypoints_2d": flat}]},
             )
     joints = open_source(find(base), "joints")
     assert joints.joint_set == "body_25"
     assert joints.read(2, 2).shape == (2, 25, 3)
-    np.testing.assert_allclose(joints.read(2, 2)[1, 0, :2], made.known_pixels()[2] + 0.5, atol=1e-11)
+    np.testing.assert_allclose(joints.read(2, 2)[1, 0, :2], import_capture.known_pixels()[2] + 0.5, atol=1e-11)
 
 
 def test_numbers_come_from_file_names(base):
-    made.pictures(base / "images", frames=(3, 12, 20))
+    import_capture.pictures(base / "images", frames=(3, 12, 20))
     for p in base.glob("images/*/00000[0-2].png"):
         p.unlink()
     capture = find(base)
@@ -132,19 +134,22 @@ def write(path: Path, values: np.ndarray) -> None:
 
 
 def change(base: Path, **first: object) -> None:
-    made.dump(base / "cameras.json", cameras(**first))
+    import_capture.dump(base / "cameras.json", cameras(**first))
 
 
 WRONG = {
-    "no pixel_center": (lambda b: made.dump(b / "cameras.json", {"cameras": []}), "pixel_center: Field required"),
+    "no pixel_center": (
+        lambda b: import_capture.dump(b / "cameras.json", {"cameras": []}),
+        "pixel_center: Field required",
+    ),
     "another pixel_center": (
-        lambda b: made.dump(b / "cameras.json", cameras("corner")),
+        lambda b: import_capture.dump(b / "cameras.json", cameras("corner")),
         "pixel_center: Input should be 'integer' or 'half'",
     ),
     "no file": (lambda b: (b / "cameras.json").unlink(), r"cannot read .*cameras\.json"),
     "no JSON": (lambda b: (b / "cameras.json").write_text("{"), r"cameras\.json:1:2: not valid JSON"),
     "no cameras": (
-        lambda b: made.dump(b / "cameras.json", {"pixel_center": "half", "cameras": []}),
+        lambda b: import_capture.dump(b / "cameras.json", {"pixel_center": "half", "cameras": []}),
         "names no cameras",
     ),
     "no K": (lambda b: change(b, K=None), "cameras.0.K: Input should be a valid list"),
@@ -162,7 +167,7 @@ WRONG = {
     ),
     "size": (lambda b: change(b, width=128), r"camera cam1: pictures are 64x48 px, the calibration is for 128x48 px"),
     "no camera for a folder": (
-        lambda b: made.pictures(b / "images", ("extra",)),
+        lambda b: import_capture.pictures(b / "images", ("extra",)),
         r"images/extra have no camera in .*cameras\.json",
     ),
     "no pictures": (lambda b: [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
@@ -171,15 +176,18 @@ WRONG = {
         "depth .* is 3x3 px, its picture is 64x48",
     ),
     "joints two ways": (
-        lambda b: (made.dump(b / "joints.json", coco(0)), made.dump(b / "joints/cam1.json", coco(0))),
+        lambda b: (
+            import_capture.dump(b / "joints.json", coco(0)),
+            import_capture.dump(b / "joints/cam1.json", coco(0)),
+        ),
         r"joints as joints\.json and as joints/NAME\.json",
     ),
     "joints without list": (
-        lambda b: made.dump(b / "joints/cam1.json", {"images": []}),
+        lambda b: import_capture.dump(b / "joints/cam1.json", {"images": []}),
         r"cam1\.json has no list 'annotations'",
     ),
     "joints of odd convention": (
-        lambda b: made.dump(b / "joints/cam1.json", coco(0, pixel_center="edge")),
+        lambda b: import_capture.dump(b / "joints/cam1.json", coco(0, pixel_center="edge")),
         "pixel_center is 'edge'",
     ),
 }
@@ -213,7 +221,7 @@ def test_equal_sources_have_equal_digests(base):
 
 def test_cameras_held_out_are_those_that_the_layout_marks_or_the_option_names(base):
     assert find(base).held_out == ()
-    made.dump(base / "cameras.json", cameras(held_out=True))
+    import_capture.dump(base / "cameras.json", cameras(held_out=True))
     marked = find(base)
     assert marked.held_out == ("cam1",)
     assert "held out, for metrics alone: cam1; views.held_out overrules it" in marked.notes

@@ -15,9 +15,9 @@ from posegaussian.storage.importers.registry import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import CalibrationError
-from tests.storage.clips import planes, write_clip
-from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import write_calibration
+from tests.support import import_capture
+from tests.support.video_clips import planes, write_clip
 
 CALIBRATED = (320, 240)
 LOSSY = [cv2.IMWRITE_JPEG_QUALITY, 50]
@@ -117,10 +117,10 @@ def test_bars_in_a_picture_of_the_same_shape_leave_it_open() -> None:
 def capture_of(folder: Path, size: tuple[int, int], at: tuple[int, int, int, int], **options: object) -> Capture:
     """A pose2sim folder whose cam2 was filmed at another size, in H.264; bars of a film have luma 16."""
     (folder / "videos").mkdir(exist_ok=True)
-    for name in made.NAMES:
-        shown = [scene(i, made.SIZE)[..., 1] for i in range(4)]
+    for name in import_capture.NAMES:
+        shown = [scene(i, import_capture.SIZE)[..., 1] for i in range(4)]
         if name == "cam2":
-            shown = [np.maximum(filmed(size, at, scene(i, made.SIZE))[..., 1], 16) for i in range(4)]
+            shown = [np.maximum(filmed(size, at, scene(i, import_capture.SIZE))[..., 1], 16) for i in range(4)]
         write_clip(folder / "videos" / f"{name}.mp4", [planes(s) for s in shown])
     write_calibration(folder)
     return find_capture("pose2sim", folder, options)

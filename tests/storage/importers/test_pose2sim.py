@@ -14,17 +14,17 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.clips import counted, counting_clip
-from tests.storage.importers import made
+from tests.support import import_capture
+from tests.support.video_clips import counted, counting_clip
 
 
 def table(v: int, name: str, **changes: str) -> str:
     fields = {
-        "size": str(list(map(float, made.SIZE))),
-        "matrix": str(made.K[v].tolist()),
-        "distortions": str(made.DISTORTION[v].tolist()),
-        "rotation": str(made.RODRIGUES[v].tolist()),
-        "translation": str(made.TRANSLATION[v].tolist()),
+        "size": str(list(map(float, import_capture.SIZE))),
+        "matrix": str(import_capture.K[v].tolist()),
+        "distortions": str(import_capture.DISTORTION[v].tolist()),
+        "rotation": str(import_capture.RODRIGUES[v].tolist()),
+        "translation": str(import_capture.TRANSLATION[v].tolist()),
         "fisheye": "false",
         **changes,
     }
@@ -43,17 +43,17 @@ def write_calibration(
 @pytest.fixture
 def base(tmp_path):
     (tmp_path / "videos").mkdir()
-    for name in made.NAMES:
-        counting_clip(tmp_path / "videos" / f"{name}.mp4", 6, made.SIZE)
+    for name in import_capture.NAMES:
+        counting_clip(tmp_path / "videos" / f"{name}.mp4", 6, import_capture.SIZE)
     write_calibration(tmp_path)
     return tmp_path
 
 
 def write_joints(base: Path, folder: str = "pose/25b", frames: int = 6) -> None:
-    for v, name in enumerate(made.NAMES):
+    for v, name in enumerate(import_capture.NAMES):
         for n in range(frames):
-            body = {"people": [{"person_id": [-1], "pose_keypoints_2d": made.people(v).reshape(-1).tolist()}]}
-            made.dump(base / folder / f"{name}_json" / f"{name}.{n:04d}.json", body)
+            body = {"people": [{"person_id": [-1], "pose_keypoints_2d": import_capture.people(v).reshape(-1).tolist()}]}
+            import_capture.dump(base / folder / f"{name}_json" / f"{name}.{n:04d}.json", body)
 
 
 def find(base: Path, **options: object) -> Capture:
@@ -64,14 +64,14 @@ def test_everything_is_half_a_pixel_further(base):
     write_joints(base)
     capture = find(base)
     np.testing.assert_allclose(
-        made.imported_pixels(capture.rig), made.known_pixels() + 0.5, atol=1e-11
+        import_capture.imported_pixels(capture.rig), import_capture.known_pixels() + 0.5, atol=1e-11
     )  # float64 rounding of ~60 px
     joints = open_source(capture, "joints")
     assert joints.joint_set == "body_25b"
     for v in range(3):
         found = joints.read(v, 2)
         assert found.shape == (1, 25, 3)
-        np.testing.assert_allclose(found[0, 0, :2], made.imported_pixels(capture.rig)[v], atol=1e-11)
+        np.testing.assert_allclose(found[0, 0, :2], import_capture.imported_pixels(capture.rig)[v], atol=1e-11)
         assert found[0, 3, 2] == 0
         assert found[0, 4, 2] == 0.75
 
@@ -80,11 +80,11 @@ def test_cameras_are_named_after_videos_in_natural_order(base):
     (base / "Config.toml").write_text("[project]\nframe_rate = 60\n")
     (base / "notes.txt").write_text("extra files are ignored")
     capture = find(base)
-    assert capture.rig.names == made.NAMES
+    assert capture.rig.names == import_capture.NAMES
     assert capture.frame_rate == 30
     np.testing.assert_array_equal(capture.numbers, range(6))
     pictures = open_source(capture, "pictures")
-    assert pictures.size(0) == made.SIZE
+    assert pictures.size(0) == import_capture.SIZE
     assert [counted(p) for p in pictures.read(1, [1, 4])] == [1, 4]
     assert json.loads(json.dumps(capture.to_json())) == json.loads(
         json.dumps(Capture.from_json(json.loads(json.dumps(capture.to_json()))).to_json())
@@ -92,11 +92,14 @@ def test_cameras_are_named_after_videos_in_natural_order(base):
 
 
 @pytest.mark.parametrize(
-    "names", [made.NAMES, ("cameras.1", "cameras.2", "cameras.10"), ("1", "2", "10"), ("cam_1", "cam_2", "cam_10")]
+    "names",
+    [import_capture.NAMES, ("cameras.1", "cameras.2", "cameras.10"), ("1", "2", "10"), ("cam_1", "cam_2", "cam_10")],
 )
 def test_tables_are_matched_by_name_and_index(base, names):
     write_calibration(base, names)
-    np.testing.assert_allclose(made.imported_pixels(find(base).rig), made.known_pixels() + 0.5, atol=1e-11)
+    np.testing.assert_allclose(
+        import_capture.imported_pixels(find(base).rig), import_capture.known_pixels() + 0.5, atol=1e-11
+    )
 
 
 def test_rotation_as_a_matrix_is_the_same(base):
@@ -104,7 +107,8 @@ def test_rotation_as_a_matrix_is_the_same(base):
 
     by_vector = find(base).rig
     text = "".join(
-        table(v, n, rotation=str(rotation_matrix(made.RODRIGUES[v]).tolist())) for v, n in enumerate(made.NAMES)
+        table(v, n, rotation=str(rotation_matrix(import_capture.RODRIGUES[v]).tolist()))
+        for v, n in enumerate(import_capture.NAMES)
     )
     (base / "calib" / "Calib.toml").write_text(text)
     np.testing.assert_allclose(find(base).rig.world_to_camera, by_vector.world_to_camera, atol=1e-14)
@@ -115,7 +119,7 @@ def test_rodrigues_is_opencv_s():
 
     from posegaussian.storage.importers.cameras import rotation_matrix
 
-    for vector in [*made.RODRIGUES, np.zeros(3), np.array([1e-9, 0, 0]), np.array([0, np.pi, 0])]:
+    for vector in [*import_capture.RODRIGUES, np.zeros(3), np.array([1e-9, 0, 0]), np.array([0, np.pi, 0])]:
         np.testing.assert_allclose(rotation_matrix(vector), cv2.Rodrigues(vector)[0], atol=1e-14)
 
 
@@ -130,14 +134,14 @@ def test_a_size_mismatch_says_both_sizes_and_the_setting(base):
     assert copied == {"frames": {"crop": {"cam2": {"scale": 2, "offset": [0, -8]}}}}
     capture = find(base, crop={"cam2": {"scale": 2, "offset": [0, -8]}})
     assert capture.pictures[1].size == (32, 32)
-    assert tuple(capture.rig.size[1]) == made.SIZE
+    assert tuple(capture.rig.size[1]) == import_capture.SIZE
     assert capture.crops == {"cam2": Crop(scale=2, offset=(0, -8))}
     with pytest.raises(CalibrationError, match=r"frames\.crop names cam3, but"):
         find(base, crop={"cam3": {"scale": 2}})
 
 
 def test_a_shorter_video_keeps_the_longest(base):
-    counting_clip(base / "videos" / "cam2.mp4", 4, made.SIZE)
+    counting_clip(base / "videos" / "cam2.mp4", 4, import_capture.SIZE)
     capture = find(base)
     assert len(capture.numbers) == 6
     assert open_source(capture, "pictures").numbers(1).tolist() == [0, 1, 2, 3]
@@ -228,20 +232,23 @@ WRONG = {
         "12 distortion coefficients",
     ),
     "two rates": (
-        lambda b: counting_clip(b / "videos/cam2.mp4", 6, made.SIZE, rate=25),
+        lambda b: counting_clip(b / "videos/cam2.mp4", 6, import_capture.SIZE, rate=25),
         "camera cam1 runs at 30 frames/s and camera cam2 at 25",
     ),
     "one name twice": (
-        lambda b: counting_clip(b / "videos/cam1.mkv", 6, made.SIZE),
+        lambda b: counting_clip(b / "videos/cam1.mkv", 6, import_capture.SIZE),
         r"two videos would be camera cam1: cam1\.mkv and cam1\.mp4",
     ),
-    "two folders": (lambda b: counting_clip(b / "cam1.mp4", 6, made.SIZE), None),
+    "two folders": (lambda b: counting_clip(b / "cam1.mp4", 6, import_capture.SIZE), None),
     "broken joints": (
-        lambda b: made.dump(b / "pose/cam1_json/cam1.0000.json", {"people": [{"pose_keypoints_2d": [1, 2]}]}),
+        lambda b: import_capture.dump(b / "pose/cam1_json/cam1.0000.json", {"people": [{"pose_keypoints_2d": [1, 2]}]}),
         "not .x, y, score. triples",
     ),
     "one table for two": (
-        lambda b: (counting_clip(b / "videos/view1.mp4", 6, made.SIZE), write_calibration(b, ("1", "2", "10"))),
+        lambda b: (
+            counting_clip(b / "videos/view1.mp4", 6, import_capture.SIZE),
+            write_calibration(b, ("1", "2", "10")),
+        ),
         "fits two videos, view1 and cam1",
     ),
 }
@@ -252,7 +259,7 @@ def test_wrong_input_gets_a_sentence(base, case):
     change, sentence = WRONG[case]
     change(base)
     if sentence is None:
-        assert find(base).rig.names == made.NAMES  # the folder named videos goes before others
+        assert find(base).rig.names == import_capture.NAMES  # the folder named videos goes before others
         return
     with pytest.raises(UserError, match=sentence):
         find(base)
@@ -288,7 +295,8 @@ def test_odd_but_valid_rigs_are_told(base):
     assert "calibration int_cam10_img has no video and is left out" in find(base).notes
     for factor in (200, 1000):
         text = "".join(
-            table(v, n, translation=str((made.TRANSLATION[v] * factor).tolist())) for v, n in enumerate(made.NAMES)
+            table(v, n, translation=str((import_capture.TRANSLATION[v] * factor).tolist()))
+            for v, n in enumerate(import_capture.NAMES)
         )
         (base / "calib" / "Calib.toml").write_text(text)
         if factor == 200:
@@ -302,7 +310,7 @@ def test_odd_but_valid_rigs_are_told(base):
 
 def test_a_changed_file_is_noticed(base):
     capture = find(base)
-    counting_clip(base / "videos" / "cam1.mp4", 9, made.SIZE)
+    counting_clip(base / "videos" / "cam1.mp4", 9, import_capture.SIZE)
     with pytest.raises(SourceError, match=r"cam1\.mp4 changed since it was imported"):
         list(open_source(capture, "pictures").read(0, [0]))
     (base / "videos" / "cam2.mp4").unlink()

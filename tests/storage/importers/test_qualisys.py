@@ -12,12 +12,12 @@ from posegaussian.storage.importers.registry import find_capture
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError
-from tests.storage.clips import counting_clip
-from tests.storage.importers import made
 from tests.storage.importers.test_pose2sim import write_calibration
+from tests.support import import_capture
+from tests.support.video_clips import counting_clip
 
 SENSOR = (80, 60)
-"""Columns and rows of the sensor; the filmed part of it is `made.SIZE`, from column 10, row 5 on."""
+"""Columns and rows of the sensor; the filmed part of it is `import_capture.SIZE`, from column 10, row 5 on."""
 CORNER = (10, 5)
 
 
@@ -43,8 +43,8 @@ def camera(rig: Rig, v: int, **changes: str) -> str:
     seen = {
         "left": CORNER[0],
         "top": CORNER[1],
-        "right": CORNER[0] + made.SIZE[0] - 1,
-        "bottom": CORNER[1] + made.SIZE[1] - 1,
+        "right": CORNER[0] + import_capture.SIZE[0] - 1,
+        "bottom": CORNER[1] + import_capture.SIZE[1] - 1,
     }
     head = {"active": "1", "serial": rig.names[v], "viewrotation": "0"}
 
@@ -76,8 +76,8 @@ def write_qca(path: Path, rig: Rig, **changes: str) -> None:
 @pytest.fixture
 def base(tmp_path: Path) -> Path:
     (tmp_path / "videos").mkdir()
-    for name in made.NAMES:
-        counting_clip(tmp_path / "videos" / f"{name}.mp4", 3, made.SIZE)
+    for name in import_capture.NAMES:
+        counting_clip(tmp_path / "videos" / f"{name}.mp4", 3, import_capture.SIZE)
     write_calibration(tmp_path)
     write_qca(tmp_path / "own.qca.txt", find(tmp_path).rig)
     return tmp_path
@@ -94,7 +94,7 @@ def test_a_rig_written_as_qualisys_comes_back(base: Path) -> None:
     # decimal text and 64ths of a pixel lose a few of float64's last digits, no more
     for part in ("intrinsics", "distortion", "world_to_camera", "size"):
         np.testing.assert_allclose(getattr(own.rig, part), getattr(toml.rig, part), atol=1e-9)
-    np.testing.assert_allclose(made.imported_pixels(own.rig), made.known_pixels() + 0.5, atol=1e-9)
+    np.testing.assert_allclose(import_capture.imported_pixels(own.rig), import_capture.known_pixels() + 0.5, atol=1e-9)
 
 
 def test_it_is_taken_by_itself_where_there_is_no_toml(base: Path) -> None:
@@ -111,7 +111,9 @@ def test_it_is_taken_by_itself_where_there_is_no_toml(base: Path) -> None:
 def test_k3_is_read_and_the_order_is_opencv_s(base: Path) -> None:
     write_qca(base / "own.qca.txt", find(base).rig, radialDistortion3="0.25")
     np.testing.assert_allclose(
-        find(base, calibration="own.qca.txt").rig.distortion[0], [*made.DISTORTION[0], 0.25, 0, 0, 0], atol=1e-15
+        find(base, calibration="own.qca.txt").rig.distortion[0],
+        [*import_capture.DISTORTION[0], 0.25, 0, 0, 0],
+        atol=1e-15,
     )
 
 

@@ -1,0 +1,1 @@
+"""Depth: the offset sweep's cost, a measured stereo pair, and what a single camera gives."""

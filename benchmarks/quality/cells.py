@@ -1,0 +1,127 @@
+"""One benchmark scene, filmed and run by the real pipeline with several kinds of depth, and what is measured of
+each."""
+
+from __future__ import annotations
+
+import shutil
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.quality.error_places import PLACES, squared_error_by_place
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
+from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.network.params import depth_array
+from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+
+WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+"""Luminance of RGB (BT.709)."""
+TIMED = ("depth", "network", "gaussians", "rendering")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A scene of the benchmark."""
+
+    seed: int
+    cameras: int
+    variant: str = "clean"
+    size: int = 512
+    frames: int = 3
+    held_out: int = 2
+
+
+def measure_cell(
+    cell: Cell, methods: tuple[str, ...], folder: Path, settings: tuple[str, ...] = ()
+) -> list[dict[str, Any]]:
+    """One row for every method; `folder` is removed afterwards. Raises RunFailed when a task fails."""
+    motion, held_out = film_cell(cell, folder)
+    rows = []
+    for method in methods:
+        results, seconds = run_capture(folder, (held_out, f"depth.method={method}", *settings))
+        per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
+        rows.append(
+            {
+                "seed": cell.seed,
+                "motion": motion,
+                "cameras": cell.cameras,
+                "variant": cell.variant,
+                "depth": method,
+                **pictures(results, cell),
+                **depths(results),
+                **_agreement(results, cell),
+                **per_frame,
+            }
+        )
+    shutil.rmtree(folder)
+    return rows
+
+
+def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
+    """Film the scene into `folder`; the motion's name, and the setting that keeps its middle cameras aside."""
+    scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
+    staged, _ = film_capture(scene, folder)
+    return scene.motion.name, held_out_setting(staged)
+
+
+def pictures(results: Results, cell: Cell) -> dict[str, Any]:
+    """Means over held-out pictures; error shares of all of them together; one picture for the eye."""
+    context, frames = results.context, range(cell.frames)
+    (path,) = context.paths.values()
+    color, alpha = (results.read(f"rendering/{path.name}/{a}", frames) for a in ("color", "alpha"))
+    found: dict[str, list[float]] = defaultdict(list)
+    error = np.zeros(len(PLACES))
+    shown: list[np.ndarray] = []
+    for c, name in enumerate(path.names):
+        view = context.rig.index(name)
+        truth, mask = results.read("frames/color", frames, view), results.read("frames/mask", frames, view)
+        for i in frames:
+            for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics).items():
+                found[f"{region} {m}"].append(value)
+            inside = mask[i] > 127
+            found["luminance"].append(
+                float(np.abs((color[i, c].astype(np.float64) - truth[i])[inside] @ WEIGHTS).mean())
+            )
+            error += squared_error_by_place(color[i, c], alpha[i, c], truth[i], mask[i])
+        shown.append(np.stack([color[-1, c], (truth[-1] * (mask[-1][..., None] / 255.0)).astype(np.uint8)]))
+    return {
+        **{k: float(np.mean(v)) for k, v in found.items()},
+        **dict(zip(PLACES, (error / error.sum()).tolist(), strict=True)),
+        "shown": shown[0],
+    }
+
+
+def _agreement(results: Results, cell: Cell) -> dict[str, float]:
+    """What the capture says about itself, without truth: medians over joints, points, outlines (see
+    stages/geometry/consistency)."""
+    context, frames = results.context, range(cell.frames)
+    rig, sources = context.rig, context.views.sources
+    seen, world = (
+        np.stack([results.read("frames/color", frames, v) for v in sources], 1),
+        results.read("pose/joints3d", frames),
+    )
+    masks, depths = (
+        np.stack([results.read(a, frames, v) for v in sources], 1) for a in ("frames/mask", depth_array(context.facts))
+    )
+    joints = np.stack([results.read("pose/joints2d", frames, v) for v in sources], 1)
+    subset = rig.subset(sources)
+    residuals = [reprojection_residual(subset, joints[i], world[i]) for i in frames]
+    apart = [
+        photometric_disagreement(subset, (a, b), (seen[i, a], seen[i, b]), (depths[i, a], depths[i, b]))
+        for i in frames
+        for a, b in ((k, (k + 1) % len(sources)) for k in range(len(sources)))
+    ]
+    outlines = [silhouette_offset(seen[i, v], masks[i, v]) for i in frames for v in range(len(sources))]
+    decision = context.effects["outline_correction"].decision
+    given = decision.measured if decision is not None and decision.measured is not None else float("nan")
+    return {
+        "given outline px": given,
+        "joints px": float(np.median(np.concatenate(residuals))),
+        "photo": float(np.concatenate(apart).mean()),
+        "outline px": float(np.median(np.concatenate(outlines))),
+    }

@@ -1,0 +1,1 @@
+"""Refinement beside per-scene optimisation from a plain start."""

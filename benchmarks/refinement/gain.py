@@ -1,0 +1,201 @@
+"""What refinement is worth and what it costs, beside per-scene optimisation from a plain start, on simulated people at
+512 px.
+
+    python -m benchmarks.refinement.gain                                     the published figures: seeds 9000-9007
+    python -m benchmarks.refinement.gain --seeds 1-4 --minutes 0.25 --steps 0 50    tuning; seeds from 9000 on are for
+    publishing only
+
+Eight cameras on a ring, two held out in the middle of gaps, one frame a scene. `refinement STEPS` is the pipeline with
+that many steps; its seconds are the CPU seconds a frame of all stages from frames to the rendering of both held-out
+pictures. `plain` is the same loss on Gaussians that start as points on the visual hull
+(benchmarks/refinement/plain_start.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is that of the
+held-out pictures, clipped to the source masks' hull and filled by the same code; `plain, unclipped` is what a user of
+3DGS sees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from benchmarks.quality.cells import Cell, film_cell, pictures
+from benchmarks.quality.views import means, seeds
+from benchmarks.refinement.picture import draw
+from benchmarks.refinement.plain_start import PlainGaussians, hull_points, optimised
+from benchmarks.report import publish, show
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.runtime.threads import limit
+from posegaussian.dags.simulation.simulated_run import run_capture
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.refinement.optimise import Filmed
+from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.lift import Maps
+from posegaussian.stages.rendering.run import quantise
+from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
+from posegaussian.stages.splatting.definition.scene import Camera
+
+GAIN = 1.0
+"""dB that 50 steps gain on the mean."""
+MADE = ("frames", "pose", "smoothing", "depth", "gaussians", "refinement", "rendering")
+"""Stages whose seconds count."""
+PSNR = MetricsParams(measures=["psnr"])
+
+
+def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[int]) -> list[dict[str, Any]]:
+    """One row a level; what does not depend on it is made once and counts for each."""
+    rows: list[dict[str, Any]] = []
+    seconds: dict[str, float] = {}
+    for steps in levels:
+        results, now = run_capture(folder, (*settings, f"refinement.steps={steps}"))
+        seconds |= now
+        spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or steps}
+        rows.append(
+            {
+                "method": "refinement",
+                "level": f"{steps}",
+                "box psnr": pictures(results, cell)["box psnr"],
+                "optimisation s": spent.get("refinement", 0.0),
+                "seconds": sum(spent.values()),
+            }
+        )
+    return rows
+
+
+def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
+    """One row a time, of the first frame."""
+    results, _ = run_capture(folder, (*settings, "depth.method=hull"))
+    context, frame = results.context, range(1)
+    rig, views = context.rig, context.views
+    cameras = {
+        v: Camera(rig.intrinsics[v], rig.world_to_camera[v], *(int(n) for n in rig.size[v])) for v in range(len(rig))
+    }
+    masks = {v: results.read("frames/mask", frame, v)[0] for v in (*views.sources, *views.held_out)}
+    maps = {
+        v: Maps(*(results.read(a, frame, v)[0] for a in unrefined_arrays(results.context.facts))) for v in views.sources
+    }
+    filmed = [_filmed(cameras[v], np.asarray(maps[v].color), masks[v]) for v in views.sources]
+    silhouettes = silhouettes_of(rig, {v: masks[v] for v in views.sources})
+    extent = float(np.linalg.norm(rig.centres - rig.centres.mean(axis=0), axis=1).max() * 1.1)
+    rows: list[dict[str, Any]] = []
+
+    def watch(spent: float, gaussians: PlainGaussians) -> None:
+        found = []
+        for v in views.held_out:
+            with torch.no_grad():
+                picture = gaussians.draw(cameras[v])
+            shown, cover = picture.color[0].numpy(), picture.alpha[0].numpy()
+            touched, _ = retouched(shown, cover, silhouettes, cameras[v], True, True)
+            found.append([_box_psnr(results, p, v, masks[v]) for p in (touched, shown)])
+        for name, value in zip(("plain", "plain, unclipped"), np.mean(found, axis=0), strict=True):
+            rows.append(
+                {
+                    "method": name,
+                    "level": f"{spent:g} s",
+                    "box psnr": float(value),
+                    "optimisation s": spent,
+                    "seconds": spent,
+                }
+            )
+
+    for steps in optimised(hull_points(maps, cameras), filmed, extent, [60 * m for m in minutes], watch):
+        print(
+            f"seed {cell.seed}, plain {rows[-1]['level']}, {steps} steps: box {rows[-2]['box psnr']:.2f} dB,"
+            f" {rows[-1]['box psnr']:.2f} unclipped",
+            flush=True,
+        )
+    return rows
+
+
+def _filmed(camera: Camera, color: np.ndarray, mask: np.ndarray) -> Filmed:
+    cover = mask.astype(np.float32) / 255
+    return Filmed(camera, torch.from_numpy(color.astype(np.float32) / 255 * cover[..., None]), torch.from_numpy(cover))
+
+
+def _box_psnr(results: Results, picture: np.ndarray, view: int, mask: np.ndarray) -> float:
+    value = measure(quantise(torch.from_numpy(picture)), results.read("frames/color", range(1), view)[0], mask, PSNR)[
+        "box", "psnr"
+    ]
+    assert isinstance(value, float)
+    return value
+
+
+def scene_rows(seed: int, levels: list[int], minutes: list[float], settings: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Every row of one seed."""
+    cell = Cell(seed, 8, frames=1)
+    with tempfile.TemporaryDirectory() as folder:
+        _, held_out = film_cell(cell, Path(folder))
+        found = refined(cell, Path(folder), (held_out, *settings), levels)
+        for row in found:
+            print(
+                f"seed {seed}, refinement {row['level']}: box {row['box psnr']:.2f} dB, refinement"
+                f" {row['optimisation s']:.1f} s of {row['seconds']:.1f} s",
+                flush=True,
+            )
+        found += plain(cell, Path(folder), (held_out, *settings), minutes) if minutes else []
+    return [{"seed": seed, **r} for r in found]
+
+
+def one_thread() -> None:
+    """One thread for every library of this process."""
+    limit(1)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
+    parser.add_argument("--steps", type=int, nargs="+", default=[0, 20, 50, 200])
+    parser.add_argument(
+        "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of the plain start; none: leave it out"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
+    )
+    parser.add_argument("--processes", type=int, default=2)
+    a = parser.parse_args()
+    with ProcessPoolExecutor(a.processes, initializer=one_thread) as pool:
+        jobs = [pool.submit(scene_rows, seed, a.steps, a.minutes, tuple(a.set)) for seed in a.seeds]
+        rows = [row for job in jobs for row in job.result()]
+    table = [
+        {k: r[k] for k in ("method", "level", "optimisation s", "seconds", "box psnr")}
+        for r in means(rows, "method", "level")
+    ]
+    if a.seeds == tuple(REPORTING_SEEDS) and {0, 20, 50, 200} <= set(a.steps):
+        publish(
+            "refinement",
+            table,
+            {"seeds": list(a.seeds), "steps": a.steps, "minutes": a.minutes, "set": a.set, "scenes": rows},
+        )
+        draw(table, Path("docs/refinement.png"))
+    else:
+        show(table)
+    for sentence, holds in gates(rows):
+        print("holds  " if holds else "FAILS  ", sentence)
+
+
+def gates(rows: list[dict[str, Any]]) -> list[tuple[str, bool]]:
+    """(sentence, whether it holds): what 50 steps gain over none."""
+    box = {(r["seed"], r["level"]): r["box psnr"] for r in rows if r["method"] == "refinement"}
+    gains = {seed: v - box[seed, "0"] for (seed, level), v in box.items() if level == "50" and (seed, "0") in box}
+    if not gains:
+        return []
+    worst = min(gains, key=lambda s: gains[s])
+    mean = float(np.mean(list(gains.values())))
+    return [
+        (f"50 steps gain {mean:+.2f} dB of at least {GAIN:+.2f} on the mean", mean >= GAIN),
+        (f"50 steps gain {gains[worst]:+.2f} dB at worst (seed {worst}), on no scene a loss", gains[worst] >= 0),
+    ]
+
+
+if __name__ == "__main__":
+    main()

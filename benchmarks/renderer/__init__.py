@@ -1,0 +1,1 @@
+"""The renderer on processors and GPUs, beside plain torch."""

@@ -1,0 +1,1 @@
+"""The simulator: what its effects cost, and pictures of its cast."""
