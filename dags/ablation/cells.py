@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from safetensors import safe_open
 
 from posegaussian.dags.ablation.groups import Group, Row
@@ -25,6 +24,7 @@ from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.archive.checkpoints import steps_kept
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.yaml_documents import yaml_text
 
 Numbers = dict[str, float]
 PLAIN = "default"
@@ -171,7 +171,7 @@ def take(folder: Path, config: TrainingConfig) -> None:
                 f"{folder} holds an ablation of another configuration ({told}); its cells could not be compared with"
                 " new ones: take these back, or choose another --output"
             )
-    write_atomically(file, yaml.safe_dump(new, sort_keys=False).encode())
+    write_atomically(file, yaml_text(new).encode())
 
 
 def parameters(file: Path) -> int:

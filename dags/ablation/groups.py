@@ -15,14 +15,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
 
-import yaml
-
 from posegaussian.stages.network.model.presets import FusionKind
 from posegaussian.stages.simulator.quality_scenes import ablation_scene
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.yaml_documents import read_yaml
 
 PAPER = Path(__file__).with_name("paper.yaml")
 """The paper's numbers, by group and row."""
@@ -150,7 +149,7 @@ def chosen(config: TrainingConfig, names: Sequence[str]) -> tuple[Group, ...]:
 @lru_cache(maxsize=1)
 def paper() -> dict[str, Paper]:
     """{group: what the paper prints}."""
-    read = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
+    read = read_yaml(PAPER)
     return {name: Paper(found["label"], found.get("note", ""), found.get("rows", {})) for name, found in read.items()}
 
 

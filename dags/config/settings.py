@@ -13,15 +13,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 
 from posegaussian.dags.config.effect_settings import EffectSettings
+from posegaussian.dags.config.faults import dotted, faults_of, present, unknown_key
 from posegaussian.dags.config.yaml_source import Document, Location, load, parse_value
 from posegaussian.stages.contract.declaration import Params, setting
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.spec import ArraySpec, Keep
+from posegaussian.storage.model.yaml_documents import yaml_text
 
 GLOBAL = {"archive", "partition", "run", "sequences"}
 """Sections that hold for all sequences alike."""
@@ -177,7 +178,7 @@ class Configuration:
                 g: merge(o, own) if "paths" in (o.get("rendering") or {}) else o for g, o in self.overrides.items()
             }
             values = {**merge(values, own), "sequences": named}
-        return yaml.safe_dump(values, sort_keys=False)
+        return yaml_text(values)
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -273,31 +274,17 @@ def from_assignments(assignments: Sequence[str]) -> Document:
                 raise ConfigError(f"--set {text}: {parent} was already given a value and cannot hold {last}")
         try:
             target[last] = parse_value(value)
-        except (yaml.YAMLError, ValueError) as e:
-            raise ConfigError(f"--set {text}: {value!r} is not a YAML value: {e}") from e
+        except ConfigError as e:
+            raise ConfigError(f"--set {text}: {e}") from e
     return document
 
 
 def _where(layers: Sequence[Document], location: Location) -> str:
     """Position in the topmost layer that has the key."""
     for layer in reversed(layers):
-        if _present(layer.values, location):
+        if present(layer.values, location):
             return layer.where(location)
     return layers[-1].where(location)
-
-
-def _present(node: Any, location: Location) -> bool:
-    """Whether a layer says something about a key."""
-    for part in location:
-        inside = (
-            part in node
-            if isinstance(node, Mapping)
-            else isinstance(node, list) and isinstance(part, int) and part < len(node)
-        )
-        if not inside:
-            return False
-        node = node[part]
-    return True
 
 
 def _try(
@@ -312,29 +299,20 @@ def _try(
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        for e in error.errors():
-            location: Location = tuple(p for p in e["loc"] if p != "[key]")
-            if only is not None and not _present(only, location):
-                continue
-            where = _where(layers, (*prefix, *location))
-            faults.append(f"{where} {'.'.join(map(str, (*prefix, *location)))}: {_sentence(e, location, model)}")
+        for location, sentence in faults_of(error, values, lambda at: _unknown(at, model)):
+            if only is None or present(only, location):
+                place = (*prefix, *location)
+                faults.append(f"{_where(layers, place)} {dotted(place)}: {sentence}")
         return None
 
 
-def _sentence(error: Any, location: Location, model: type[BaseModel]) -> str:
-    """What is wrong, the bound, and a suggestion."""
-    if error["type"] == "extra_forbidden":
-        known = _fields_at(location[:-1], model)
-        elsewhere = [
-            f"{s.name}.{location[-1]}"
-            for s in STAGES
-            if model is Settings and len(location) == 2 and str(location[-1]) in s.params.model_fields
-        ]
-        close = elsewhere or difflib.get_close_matches(str(location[-1]), known, n=1)
-        return f'unknown key; did you mean "{close[0]}"?' if close else f"unknown key; known are {', '.join(known)}"
-    message = error["msg"].removeprefix("Value error, ")
-    message = message[0].lower() + message[1:]
-    return message if error["type"] == "value_error" else f"{message}, got {error['input']!r}"
+def _unknown(location: Location, model: type[BaseModel]) -> str:
+    """The sentence about a key that a model has not; a stage's key at the top of a section may belong to another
+    stage."""
+    key = str(location[-1])
+    of_stage = model is Settings and len(location) == 2
+    elsewhere = [f"{s.name}.{key}" for s in STAGES if of_stage and key in s.params.model_fields]
+    return unknown_key(key, _fields_at(location[:-1], model), elsewhere)
 
 
 def _fields_at(location: Location, model: type[BaseModel]) -> list[str]:

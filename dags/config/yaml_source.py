@@ -6,18 +6,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from posegaussian.storage.model.documents import shortened
 from posegaussian.storage.model.errors import ConfigError, SourceError
-from posegaussian.storage.model.yaml_documents import Loader, compose
+from posegaussian.storage.model.yaml_documents import PlainConstructor, compose, loader
 
 Location = tuple[str | int, ...]
 
 
 def parse_value(text: str) -> Any:
-    """One value as a configuration file would have it. Raises yaml.YAMLError."""
-    return yaml.load(text, Loader=Loader)  # bounded, and a SafeLoader: builds plain values only
+    """One value as a configuration file would have it. Raises ConfigError."""
+    try:
+        return loader().load(text)
+    except (YAMLError, ValueError) as e:
+        problem = e.problem if isinstance(e, MarkedYAMLError) and e.problem else " ".join(str(e).split())
+        raise ConfigError(f"{shortened(text)} is not a YAML value: {problem}") from e
 
 
 @dataclass
@@ -49,49 +54,59 @@ def load(path: Path) -> Document:
     document = Document(str(path))
     if node is None:
         return document
-    if not isinstance(node, yaml.MappingNode):
-        kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+    if not isinstance(node, MappingNode):
+        kind = "list" if isinstance(node, SequenceNode) else "single value"
         raise ConfigError(f"{path}:1:1: a configuration is a mapping of stages to settings, this is a {kind}")
-    errors: list[str] = []
-    document.values = _plain(node, (), document, errors)
-    if errors:
-        raise ConfigError("\n".join(errors))
+    reading = _Reading(document)
+    document.values = reading.value(node, ())
+    if reading.faults:
+        raise ConfigError("\n".join(reading.faults))
     return document
 
 
-def _at(document: Document, node: yaml.Node) -> str:
-    return f"{document.source}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
+@dataclass
+class _Reading:
+    """Makes values of the nodes of a document; notes the mark of every key, and every fault."""
 
+    document: Document
+    constructor: PlainConstructor = field(default_factory=lambda: loader().constructor)
+    faults: list[str] = field(default_factory=list)
 
-def _plain(node: yaml.Node, location: Location, document: Document, errors: list[str]) -> Any:
-    """Value of a node; notes the mark of every key on the way, and what YAML itself cannot read as a value."""
-    if isinstance(node, yaml.MappingNode):
-        out: dict[Any, Any] = {}
+    def value(self, node: Node, location: Location) -> Any:
+        """What a node stands for; None where YAML cannot read it as a value."""
+        if isinstance(node, MappingNode):
+            return self._mapping(node, location)
+        if isinstance(node, SequenceNode):
+            for i, item in enumerate(node.value):
+                self.document.marks[(*location, i)] = _place(item)
+            return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
+        try:
+            return self.constructor.construct_object(node)
+        except (YAMLError, ValueError) as e:
+            why = e.problem if isinstance(e, MarkedYAMLError) else e
+            problem = f"cannot read {shortened(node.value)} as a value ({why}); quote it if it is a text"
+            self._fault(node, f"{'.'.join(map(str, location))}: {problem}")
+            return None
+
+    def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
+        """The keys are texts, whatever they look like, and each is given once."""
+        out: dict[str, Any] = {}
         for key_node, value_node in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                errors.append(f"{_at(document, key_node)} a key must be a word, this is a {key_node.id}")
+            if not isinstance(key_node, ScalarNode):
+                self._fault(key_node, f"a key must be a word, this is a {key_node.id}")
                 continue
-            key = key_node.value
-            here = (*location, key)
-            if key in out:
-                first = document.where(here)
-                errors.append(f"{_at(document, key_node)} {'.'.join(map(str, here))}: given twice, first at {first}")
+            key = (*location, key_node.value)
+            if key_node.value in out:
+                self._fault(key_node, f"{'.'.join(map(str, key))}: given twice, first at {self.document.where(key)}")
                 continue
-            document.marks[here] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
-            out[key] = _plain(value_node, here, document, errors)
+            self.document.marks[key] = _place(key_node)
+            out[key_node.value] = self.value(value_node, key)
         return out
-    if isinstance(node, yaml.SequenceNode):
-        items = []
-        for i, item in enumerate(node.value):
-            document.marks[(*location, i)] = (item.start_mark.line + 1, item.start_mark.column + 1)
-            items.append(_plain(item, (*location, i), document, errors))
-        return items
-    try:
-        return Loader("").construct_object(node)
-    except (yaml.YAMLError, ValueError) as e:
-        why = e.problem if isinstance(e, yaml.MarkedYAMLError) else e
-        errors.append(
-            f"{_at(document, node)} {'.'.join(map(str, location))}: cannot read {shortened(node.value)} as a value"
-            f" ({why}); quote it if it is a text"
-        )
-        return None
+
+    def _fault(self, node: Node, sentence: str) -> None:
+        line, column = _place(node)
+        self.faults.append(f"{self.document.source}:{line}:{column} {sentence}")
+
+
+def _place(node: Node) -> tuple[int, int]:
+    return node.start_mark.line + 1, node.start_mark.column + 1

@@ -3,11 +3,10 @@ it."""
 
 from __future__ import annotations
 
-import difflib
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.config.faults import dotted, faults_of, unknown_key
 from posegaussian.dags.config.yaml_source import Document, Location, load
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.importing.replace import filmed_into, make_room
@@ -27,7 +27,7 @@ from posegaussian.storage.archive.store import Archive, Sequence
 from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import make_folder, scratch_array
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES
-from posegaussian.storage.model.documents import read_bytes
+from posegaussian.storage.model.documents import read_bytes, shortened
 from posegaussian.storage.model.errors import ConfigError, SourceError
 from posegaussian.storage.model.joint_sets import COCO17
 
@@ -63,47 +63,21 @@ def read_scene(path: Path) -> Scene:
     try:
         scene = Scene.model_validate(document.values)
     except ValidationError as error:
-        raise ConfigError("\n".join(dict.fromkeys(_told(document, e) for e in error.errors()))) from None
-    found = [f"{document.where(at)} {'.'.join(map(str, at))}: {what}" for at, what in faults(scene)]
-    if found:
-        raise ConfigError("\n".join(found))
+        wrong: Iterable[tuple[Location, str]] = faults_of(error, document.values, lambda at: _unknown(document, at))
+    else:
+        wrong = faults(scene)
+    told = [f"{document.where(at)} {dotted(at) or 'the file'}: {what}" for at, what in wrong]
+    if told:
+        raise ConfigError("\n".join(dict.fromkeys(told)))
     return scene
 
 
-def _told(document: Document, error: Mapping[str, Any]) -> str:
-    location = _in_file(document.values, error["loc"])
-    name = ".".join(map(str, location)) or "the file"
-    return f"{document.where(location)} {name}: {_sentence(document, error, location)}"
-
-
-def _in_file(values: Any, location: Location) -> Location:
-    """The place as the file has it: without the tags that pydantic adds for one of several models."""
-    out: list[str | int] = []
-    node = values
-    for n, part in enumerate(location):
-        inside = (
-            part in node
-            if isinstance(node, Mapping)
-            else isinstance(node, list) and isinstance(part, int) and part < len(node)
-        )
-        if inside:
-            out.append(part)
-            node = node[part]
-        elif n == len(location) - 1 and isinstance(node, Mapping) and part != "[key]":
-            out.append(part)
-    return tuple(out)
-
-
-def _sentence(document: Document, error: Mapping[str, Any], location: Location) -> str:
-    if error["type"] == "extra_forbidden":
-        rig = document.values.get("rig")
-        known = known_fields(location[:-1], rig.get("kind") if isinstance(rig, Mapping) else None)
-        close = difflib.get_close_matches(str(location[-1]), known, n=1)
-        thing = "unknown effect" if location[:1] == ("effects",) and len(location) == 2 else "unknown key"
-        return f'{thing}; did you mean "{close[0]}"?' if close else f"{thing}; known are {', '.join(known)}"
-    message = error["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:]
-    return message if error["type"] in ("value_error", "missing") else f"{message}, got {error['input']!r}"
+def _unknown(document: Document, location: Location) -> str:
+    """The sentence about a key that a scene has not."""
+    rig = document.values.get("rig")
+    known = known_fields(location[:-1], rig.get("kind") if isinstance(rig, Mapping) else None)
+    is_effect = location[:1] == ("effects",) and len(location) == 2
+    return unknown_key(str(location[-1]), known, thing="unknown effect" if is_effect else "unknown key")
 
 
 def load_scan(scan: Scan, folder: Path) -> Any:
@@ -115,16 +89,25 @@ def load_scan(scan: Scan, folder: Path) -> Any:
     path = folder / scan.obj
     try:
         vertices, tris, uv, material = parse_obj(_text(path))
-        named = texture_name(_text(path.parent / material)) if material else None
+        named = texture_name(_text(_beside(path, material))) if material else None
     except ValueError as e:
         raise SourceError(f"{path}: {e}") from e
-    picture = read_picture(path.parent / named) if named else None
+    picture = read_picture(_beside(path, named)) if named else None
     return Still(scan_mesh(vertices, tris, uv, picture, scan), scan.turn)
+
+
+def _beside(scan: Path, name: str) -> Path:
+    """A file that a scan names, in its folder or below. Raises SourceError for one elsewhere: scans are other
+    people's."""
+    inside = os.path.normpath(name)
+    if os.path.isabs(inside) or inside.split(os.sep)[0] == os.pardir:
+        raise SourceError(f"{scan}: it names {shortened(name)}, outside its folder; copy that file beside the scan")
+    return scan.parent / inside
 
 
 def _text(path: Path) -> str:
     """Text of a scanner's file, whatever its names are encoded in."""
-    return read_bytes(path, "scan", largest=None).decode("utf-8", "replace")
+    return read_bytes(path, "scan").decode("utf-8", "replace")
 
 
 def simulate(

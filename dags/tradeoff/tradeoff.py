@@ -17,6 +17,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from posegaussian.dags.config.faults import dotted, faults_of
 from posegaussian.dags.config.settings import Settings, merge
 from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.humanize.text import number
@@ -110,12 +111,12 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
     for knob, value in values.items():
         stage, _, key = knob.partition(".")
         partial.setdefault(stage, {})[key] = value
+    settings = {**merge(context.settings.model_dump(), partial), "keep": {}}
     try:
-        return Settings.model_validate({**merge(context.settings.model_dump(), partial), "keep": {}})
+        return Settings.model_validate(settings)
     except ValidationError as e:
-        raise ConfigError(
-            "; ".join(f"--levels {'.'.join(map(str, f['loc']))}: {f['msg']}, got {f['input']!r}" for f in e.errors())
-        ) from e
+        faults = faults_of(e, settings, lambda at: "unknown key")
+        raise ConfigError("; ".join(f"--levels {dotted(at)}: {what}" for at, what in faults)) from e
 
 
 def _settled(origin: ArchiveSequence, settings: Any, values: dict[str, Any]) -> Context:

@@ -12,14 +12,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-import yaml
-
 from posegaussian.dags.config.yaml_source import load
 from posegaussian.dags.training.config import differences, forbidden
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.archive.checkpoints import Checkpoint, read_latest, steps_kept, write_checkpoint
 from posegaussian.storage.files.write import refusals, write_atomically
 from posegaussian.storage.model.errors import ConfigError, UserError
+from posegaussian.storage.model.yaml_documents import yaml_text
 
 
 @contextlib.contextmanager
@@ -85,7 +84,7 @@ class RunFolder:
                     " another --output for the new one, or take these back to go on"
                 )
             said = [f"{key}: {change}, from here on" for key, change in changes.items()]
-        write_atomically(self.config_file, yaml.safe_dump(new, sort_keys=False).encode())
+        write_atomically(self.config_file, yaml_text(new).encode())
         return said
 
     def resume(self) -> tuple[Checkpoint | None, list[str]]:

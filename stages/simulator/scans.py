@@ -1,4 +1,9 @@
-"""Textured scans: Wavefront OBJ as THuman2.0, Twindom and most scanners write it."""
+"""Textured scans: Wavefront OBJ as THuman2.0, Twindom and most scanners write it.
+
+Not read by trimesh (5.2): it counts negative indices from the end of the file instead of from the face, has one texture
+place a vertex or takes vertices apart at seams, drops all places where one corner has none, sorts faces by material,
+takes index 0 for a vertex, and names no line of what it cannot read.
+"""
 
 from __future__ import annotations
 

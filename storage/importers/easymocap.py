@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field
+from ruamel.yaml.nodes import MappingNode
 
 from posegaussian.storage.formats.joint_files import read_easymocap
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
@@ -32,7 +32,7 @@ from posegaussian.storage.importers.joint_streams import picture_joints
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
-from posegaussian.storage.model.yaml_documents import BoundedBase, parse
+from posegaussian.storage.model.yaml_documents import TextConstructor, TextResolver, loader, parse
 from posegaussian.storage.readers import images as media
 
 DEFAULT_RATE = 30.0
@@ -93,16 +93,16 @@ def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], l
     return names, streams, rate, [*notes, *picture_gaps(names, streams)]
 
 
-class _Loader(BoundedBase):
-    """Every scalar stays text, so that a camera named 01 stays 01 and OpenCV's .Nan is seen."""
+class _Constructor(TextConstructor):
+    """Builds texts and matrices. Every scalar stays text: a camera named 01 stays 01, and OpenCV's .Nan is seen."""
+
+    def construct_matrix(self, node: MappingNode) -> np.ndarray:
+        """OpenCV's matrix. Raises ValueError, KeyError or TypeError for what is none."""
+        fields: dict[Any, Any] = self.construct_mapping(node, deep=True)
+        return np.array([_number(x) for x in fields["data"]]).reshape(int(fields["rows"]), int(fields["cols"]))
 
 
-def _matrix(loader: yaml.BaseLoader, node: yaml.MappingNode) -> np.ndarray:
-    fields: dict[Any, Any] = loader.construct_mapping(node, deep=True)
-    return np.array([_number(x) for x in fields["data"]]).reshape(int(fields["rows"]), int(fields["cols"]))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+_Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", _Constructor.construct_matrix)
 
 
 def _number(text: Any) -> float:
@@ -113,9 +113,8 @@ def _number(text: Any) -> float:
 
 def _without_version(text: str) -> Any:
     """What the text holds; OpenCV's first line, %YAML:1.0, is none that YAML knows."""
-    return yaml.load(
-        "\n".join("" if line.startswith("%YAML") else line for line in text.split("\n")), Loader=_Loader
-    )  # bounded; builds texts and matrices
+    known = "\n".join("" if line.startswith("%YAML") else line for line in text.split("\n"))
+    return loader(_Constructor, TextResolver).load(known)
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:

@@ -129,6 +129,26 @@ def test_a_missing_or_broken_scan_is_named(tmp_path: Path) -> None:
         stage_scene(scene, tmp_path)
 
 
+@pytest.mark.parametrize("named", ["../m.mtl", "/etc/m.mtl", "in/../../m.mtl"])
+def test_a_scan_leads_to_no_file_outside_its_folder(tmp_path: Path, named: str) -> None:
+    folder = tmp_path / "scan"
+    (folder / "in").mkdir(parents=True)
+    scene = read_scene(write(folder, "subject: {obj: body.obj}\n"))
+    square = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    refused = rf"body\.obj: it names '{named}', outside its folder; copy that file beside the scan"
+    for file in (folder / "m.mtl", tmp_path / "m.mtl"):
+        file.write_text("newmtl a\n")
+    (folder / "body.obj").write_text(f"mtllib {named}\n{square}")
+    with pytest.raises(SourceError, match=refused):
+        stage_scene(scene, folder)
+    (folder / "m.mtl").write_text(f"newmtl a\nmap_Kd {named}\n")
+    (folder / "body.obj").write_text(f"mtllib in/.././m.mtl\n{square}")
+    with pytest.raises(SourceError, match=refused):
+        stage_scene(scene, folder)
+    (folder / "m.mtl").write_text("newmtl a\n")
+    stage_scene(scene, folder)
+
+
 def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
     """A plate 2 units high whose fit says scale 2 and an offset: y is up, red on its upper half, blue on its lower
     half."""

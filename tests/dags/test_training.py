@@ -216,8 +216,8 @@ def test_a_damaged_checkpoint_is_gone_back_from(
 ) -> None:
     half = CONFIG.model_copy(update={"depth_steps": 30, "joint_steps": 0})
     run(tmp_path, half)
-    piece = next((tmp_path / "checkpoints" / "00000030").glob("*.bin"))
-    piece.write_bytes(piece.read_bytes()[:-1] + b"?")
+    last = tmp_path / "checkpoints" / "00000030.checkpoint"
+    last.write_bytes(last.read_bytes()[:-1] + b"?")
     said = run(tmp_path, half)
     assert "step 30 is damaged" in said[0]
     assert "going on from step 20" in said[0]

@@ -131,6 +131,13 @@ def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
         load(tmp_path / "latin.yaml")
 
 
+@pytest.mark.parametrize("text", ["[1", "{a: 1, a: 2}", "!foo 1", "9" * 30, "\0", "*a", "[" * 5000])
+def test_what_is_no_value_is_one_line(text: str) -> None:
+    with pytest.raises(ConfigError, match="is not a YAML value: ") as error:
+        parse_value(text)
+    assert len(str(error.value).splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [

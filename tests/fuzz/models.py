@@ -22,7 +22,7 @@ def rows() -> Iterator[tuple[str, Callable[[Path], None], str, str, Callable[[Pa
     yield "PLY header", splats, "*.ply", "table", read_splat_file
     yield "weights and their card", weights, "*.safetensors", "binary", read_weights
     yield "weights' card", weights, "*.safetensors", "table", read_weights
-    yield "checkpoint of a training", checkpoint, "checkpoints/**/*.*", "json", read_checkpoints
+    yield "checkpoint of a training", checkpoint, "checkpoints/*.checkpoint", "binary", read_checkpoints
     yield "model description YAML", described, "own.yaml", "yaml", read_model
     yield "ONNX model", described, "*.onnx", "binary", read_model
     yield "tflite and wheel", bought, "*", "binary", add_models

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from posegaussian.dags.config.yaml_source import load
 from posegaussian.storage.formats.ply import read_ply
@@ -15,7 +16,7 @@ from posegaussian.storage.model import documents
 from posegaussian.storage.model.capture import SourceFile
 from posegaussian.storage.model.documents import read_json, read_table, read_text, read_toml, read_xml, regular
 from posegaussian.storage.model.errors import ConfigError, SourceError
-from posegaussian.storage.model.yaml_documents import read_yaml
+from posegaussian.storage.model.yaml_documents import read_yaml, yaml_text
 from posegaussian.storage.readers.images import picture_size
 from posegaussian.storage.readers.video import VideoFile
 
@@ -71,6 +72,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], bytes, str]] = {
     "yaml, deep by aliases": (read_yaml, b"a0: &a0 [1]\n" + b"".join(b"a%d: &a%d [*a%d]\n" % (n, n, n - 1) for n in range(1, 40)), "nested more than 32 deep"),
     "yaml, digits": (read_yaml, b"a: " + b"9" * 5000, "a whole number has 5000 digits"),
     "yaml, values": (read_yaml, b"a: [" + b"1," * 40_000 + b"]", "more than 30000 values"),
+    "yaml, twice": (read_yaml, b"a: {b: 1, b: 2}", r":1:11: not valid YAML: 'b' is given twice"),
     "yaml, code": (read_yaml, b"!!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "xml, entities": (read_xml, b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>', "it declares a document type"),
     "xml, encoding": (read_xml, b"<?xml version='1.0' encoding='nope'?><x/>", "cannot be read"),
@@ -103,12 +105,27 @@ def test_what_is_ordinary_is_read(tmp_path: Path) -> None:
         ('{"a": [1, -2.5, NaN, "x"], "b": 123456789012345678}', lambda p: read_json(p)["b"], 123456789012345678),
         ("a.b.c = 1\n[d.e]\nf = [1.0, 2.0]\n", read_toml, {"a": {"b": {"c": 1}}, "d": {"e": {"f": [1.0, 2.0]}}}),
         ("a: &x {b: 1}\nc: [*x, *x]\n", read_yaml, {"a": {"b": 1}, "c": [{"b": 1}, {"b": 1}]}),
+        ("a: &x {b: 1, c: 1}\nd: {<<: *x, c: 2}\n", lambda p: read_yaml(p)["d"], {"b": 1, "c": 2}),
+        ("a: &x 1\nb: &x 2\nc: *x\n", read_yaml, {"a": 1, "b": 2, "c": 2}),
+        ("%YAML 1.1\n---\n[on, 08, 1_000, 2026-01-01]\n", read_yaml, ["on", "08", "1_000", "2026-01-01"]),
         ("a,b\r\n1,2\r\n", lambda p: list(read_table(p)[1]), [(2, {"a": "1", "b": "2"})]),
         ("<a><b c='1'/></a>", lambda p: read_xml(p)[0].get("c"), "1"),
     ):  # fmt: skip
         file.write_bytes(text.encode())
         assert read(file) == expected
     assert regular(file).st_size == len("<a><b c='1'/></a>")
+
+
+def test_what_is_written_is_read_by_us_and_by_readers_of_yaml_1_1(tmp_path: Path) -> None:
+    values = {
+        "b": [1e-05, 1e20, -0.5, 3, float("inf")],
+        "a": {"08": None, "c": "M\u00fcller", "d": ["", True, "1", "no dot"]},
+    }
+    text = yaml_text(values)
+    assert list(yaml.safe_load(text).items()) == list(values.items())
+    file = tmp_path / "a.yaml"
+    file.write_text(text, encoding="ascii")
+    assert read_yaml(file) == values
 
 
 def test_a_json_of_too_many_values_is_refused_before_it_is_parsed(

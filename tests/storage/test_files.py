@@ -166,7 +166,7 @@ writers = {
     "frames/a/000000.png": lambda f: frames.write_frames(root / "frames", ["a"], [0], [0.0], [("a", 0, noise, None)]),
     "a.mp4": lambda f: video.write_video(f, (random.integers(0, 256, (96, 96, 3), dtype=np.uint8) for _ in range(8)), 30),
     "a.ply": lambda f: write_splats(f, splats),
-    "checkpoints/00000001": lambda f: checkpoints.write_checkpoint(root / "checkpoints", 1, noise.tobytes(), {}),
+    "checkpoints/00000001.checkpoint": lambda f: checkpoints.write_checkpoint(root / "checkpoints", 1, noise.tobytes(), {}),
 }
 for file in writers:
     old = root / file

@@ -138,3 +138,14 @@ def test_a_scan_is_read_and_stood_on_the_ground() -> None:
         parse_obj("v 0 0 0\nv 1 x 3\n")
     with pytest.raises(ValueError, match="nothing to film"):
         parse_obj("v 0 0 0\n")
+
+
+def test_indices_below_zero_count_from_the_face_and_each_corner_has_its_own_place_in_the_texture() -> None:
+    three = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    _, tris, _, _ = parse_obj(f"{three}f -3 -2 -1\n{three}f -3 -2 -1\n")
+    assert tris.tolist() == [[0, 1, 2], [3, 4, 5]]
+    _, tris, uv, _ = parse_obj(
+        f"{three}vt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\nusemtl b\nf 1 2 3\nusemtl a\nf 1/2 2/1 3/1\n"
+    )
+    assert tris.tolist() == [[0, 1, 2]] * 3
+    assert uv[..., 0].tolist() == [[0, 1, 0], [0, 0, 0], [1, 0, 0]]

@@ -45,6 +45,10 @@ def write_calibration(
     (base / "extri.yml").write_text(head + extri)
 
 
+def rename(file: Path, old: str, new: str) -> None:
+    file.write_text(file.read_text().replace(old, new))
+
+
 @pytest.fixture
 def base(tmp_path):
     import_capture.pictures(tmp_path / "images", NAMES)
@@ -184,7 +188,14 @@ WRONG = {
         lambda b: write_calibration(b, translation=import_capture.TRANSLATION * np.nan),
         "camera 01: world_to_camera holds nan",
     ),
-    "duplicate": (lambda b: write_calibration(b, ("01", "01", "10")), "camera name '01' occurs 2 times"),
+    "calibrated twice": (
+        lambda b: write_calibration(b, ("01", "01", "10")),
+        r"intri\.yml:19:1: not valid YAML: 'K_01' is given twice",
+    ),
+    "named twice": (
+        lambda b: rename(b / "intri.yml", "  - 01\n", "  - 01\n  - 01\n"),
+        "camera name '01' occurs 2 times",
+    ),
     "no pictures": (
         lambda b: import_capture.pictures(b / "images", NAMES, ()) or [p.unlink() for p in b.glob("images/*/*")],
         "no pictures in",
