@@ -17,7 +17,6 @@ from itertools import islice
 from pathlib import Path
 
 from posegaussian.dags.provenance.code_digest import (
-    PACKAGE,
     ROOT,
     STARTED,
     check_started,
@@ -52,6 +51,9 @@ LIBRARIES = {
 EXECUTOR = "posegaussian.dags.runtime.executors.dask_worker"
 """Module whose imports are all of `dags` that a task goes through."""
 
+EDITED = "files were edited since the run began: run again"
+"""Advice about a process of our own that is of another build."""
+
 NAMED = 4
 """Differences a sentence names; the others are counted."""
 
@@ -70,7 +72,7 @@ class Build:
 def here() -> Build:
     """What this process imported, or will: taken once. Raises OtherCode when one of its files was edited since it
     began."""
-    executor = [file for name, _ in closure(EXECUTOR, folders=("dags",)) if (file := module_file(name)) is not None]
+    executor = [file for name, _ in closure(EXECUTOR, packages=("dags",)) if (file := module_file(name)) is not None]
     files = sorted({*executor, *(f for f in STARTED if f.relative_to(ROOT).parts[0] != "dags")})
     code = {f.relative_to(ROOT).as_posix(): hashlib.blake2b(read_started(f), digest_size=8).hexdigest() for f in files}
     versions = code | libraries()
@@ -98,6 +100,11 @@ def differences(there: Mapping[str, str]) -> str:
     return ", ".join(said) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
+def objection(who: str, versions: Mapping[str, str], advice: str) -> str:
+    """Sentence about a process that is of another build than this one."""
+    return f"{who} has other code or libraries than this run: {differences(versions)}; {advice}"
+
+
 def _difference(name: str, there: str | None, here: str | None) -> str:
     if there is None or here is None:
         return f"{name} is missing {'there' if there is None else 'here'}"
@@ -120,7 +127,11 @@ def check_imports() -> None:
         return
     count = len(sys.modules)
     for name, module in list(sys.modules.items()):
-        if name not in _checked and name.partition(".")[0] == PACKAGE and (file := getattr(module, "__file__", None)):
+        if (
+            name not in _checked
+            and name.partition(".")[0] in ("dags", "stages", "storage")
+            and (file := getattr(module, "__file__", None))
+        ):
             check_started(Path(file).resolve())
             _checked.add(name)
     for library, name in LIBRARIES.items():

@@ -69,7 +69,7 @@ class Failure:
 
 
 class TaskTimedOut(Exception):
-    """A task that took longer than `run.timeout`."""
+    """A task that took longer than `run.timeout`, so that its process was ended."""
 
 
 NOT_TRANSIENT = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)

@@ -1,94 +1,91 @@
-"""Time limit of one task: an exception in its thread, and the end of the worker's process if that is not heard."""
+"""Time limit of one task: the process that computes it ends itself and says so in the task's lease; who waited reads it
+there.
+
+A kernel in a C call that never comes back hears no exception, and while it holds the interpreter no Python runs beside
+it. The limit is therefore kept by the thread of `faulthandler`, which needs no interpreter: it writes where every
+thread is, and ends the process. A Dask worker is started anew by its nanny, the serial back end's child by its parent.
+"""
 
 from __future__ import annotations
 
-import ctypes
-import os
-import sys
+import faulthandler
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
-from posegaussian.dags.runtime.failures import TaskTimedOut
+from posegaussian.dags.runtime.failures import Failure, Kind, TaskTimedOut, failure
+from posegaussian.dags.runtime.work_order import Order
+from posegaussian.storage.archive.lease import Holder, Lease, read_lease
+from posegaussian.storage.archive.receipts import lease_file
+from posegaussian.storage.archive.store import Sequence
 
-GRACE = 5.0
-"""Seconds from the exception to the end of the process: a kernel inside one long C call hears the exception only
-after it."""
-
-
-def worker_name() -> str:
-    """Name of the Dask worker this thread works for; `main` outside of one."""
-    worker = _worker()
-    return "main" if worker is None else str(worker.name)
-
-
-def _worker() -> Any:
-    distributed = sys.modules.get("distributed")  # a task of a Dask worker finds it imported
-    if distributed is None:
-        return None
-    try:
-        return distributed.get_worker()
-    except ValueError:
-        return None
+AT_ONCE = 1e-3
+"""Seconds, more than none, after which a limit ends that is over when it is armed."""
 
 
 @contextmanager
-def time_limit(seconds: float | None, last_words: Callable[[str], None]) -> Iterator[None]:
-    """Raise TaskTimedOut in this thread after `seconds`; None: never.
-
-    In a Dask worker, a thread that does not hear it for GRACE seconds takes its process along, after `last_words` was
-    given the reason; the nanny starts a new one. In the driver's own process the exception waits for the C call to end.
-    """
+def time_limit(seconds: float | None, lease: Lease) -> Iterator[None]:
+    """End this process after `seconds` with last words in the lease of the task, unless the block ends before; None:
+    never."""
     if seconds is None:
         yield
         return
-    watch = _Watch(seconds, last_words if _worker() is not None else None)
+    _LIMITS.add(lease, seconds)
     try:
         yield
-    except TaskTimedOut:
-        raise TaskTimedOut(watch.why) from None  # the interpreter raised the bare class
     finally:
-        watch.stop()
+        _LIMITS.remove(lease)
 
 
-class _Watch:
-    def __init__(self, seconds: float, last_words: Callable[[str], None] | None) -> None:
-        self._thread = threading.get_ident()
-        self.why = f"it took longer than {seconds:g} s (run.timeout)"
-        self._last_words = last_words
-        self._fired = False
-        self._over = False
+class _Limits:
+    """The limits of the tasks in this process: workers of others may have several threads. The earliest one is
+    armed."""
+
+    def __init__(self) -> None:
         self._guard = threading.Lock()
-        self._timer = self._start(seconds, self._raise)
+        self._ends: dict[Lease, float] = {}
 
-    def _start(self, seconds: float, then: Callable[[], None]) -> threading.Timer:
-        timer = threading.Timer(seconds, then)
-        timer.daemon = True
-        timer.start()
-        return timer
-
-    def _raise(self) -> None:
+    def add(self, lease: Lease, seconds: float) -> None:
         with self._guard:
-            if self._over:
-                return
-            self._fired = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), ctypes.py_object(TaskTimedOut))
-            if self._last_words is not None:
-                self._timer = self._start(GRACE, self._die)
+            self._ends[lease] = time.monotonic() + seconds
+            self._arm()
 
-    def _die(self) -> None:
+    def remove(self, lease: Lease) -> None:
         with self._guard:
-            if self._over:
-                return
-            assert self._last_words is not None
-            self._last_words(self.why)
-            os._exit(1)
+            del self._ends[lease]
+            self._arm()
 
-    def stop(self) -> None:
-        """The task is over: an exception that was not heard yet is withdrawn."""
-        with self._guard:
-            self._over = True
-            self._timer.cancel()
-            if self._fired:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), None)
+    def _arm(self) -> None:
+        faulthandler.cancel_dump_traceback_later()
+        if self._ends:
+            lease, end = min(self._ends.items(), key=lambda entry: entry[1])
+            faulthandler.dump_traceback_later(max(end - time.monotonic(), AT_ONCE), exit=True, file=lease.last_words())
+
+
+_LIMITS = _Limits()
+
+
+def overran(order: Order) -> TaskTimedOut | None:
+    """The error of a task whose limit ended its process in this very run; None where that has not happened."""
+    if order.terms.timeout is None or (holder := _holder(order)) is None or not holder.ended:
+        return None
+    error = TaskTimedOut(f"it took longer than {order.terms.timeout:g} s (run.timeout)")
+    error.add_note(f"where its process {holder.pid} on {holder.host} was then:\n{holder.ended}")
+    return error
+
+
+def death(order: Order) -> Failure:
+    """What the end of the process that had a task means for it, from the task's lease."""
+    holder = _holder(order)
+    if holder is None:
+        return Failure("the worker it waited on died", kind=Kind.SPARED)
+    if error := overran(order):
+        return failure(error)
+    return Failure(f"its worker {holder.worker} died: killed for memory, or crashed", kind=Kind.MEMORY)
+
+
+def _holder(order: Order) -> Holder | None:
+    """Who of this run holds the lease of a task, or left it behind."""
+    holder = read_lease(lease_file(Sequence(order.root), order.key), order.terms.lease)
+    return holder if holder is not None and holder.run == order.terms.run else None

@@ -25,7 +25,7 @@ from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import here_is
 from posegaussian.dags.runtime import threads
 from posegaussian.dags.runtime.meters import Peak, Stopwatch
-from posegaussian.dags.runtime.timeout import time_limit, worker_name
+from posegaussian.dags.runtime.timeout import overran, time_limit
 from posegaussian.dags.runtime.work_order import Order, Reading
 from posegaussian.stages.contract.declaration import Stage, resolve
 from posegaussian.stages.contract.io import Block
@@ -134,16 +134,28 @@ def execute(order: Order) -> Receipt:
     """Run one task and return its receipt, which is on disk by then.
 
     Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
-    Raises LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken over, OtherCode when
-    code it imported is not what it was when this process began.
+    Beyond its time limit the task takes this process along. Raises TaskTimedOut when it did so to another one and the
+    scheduler handed it out again, LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken
+    over, OtherCode when code it imported is not what it was when this process began.
     """
     sequence = Sequence(order.root)
     terms = order.terms
+    if error := overran(order):
+        raise error
     with (
         Lease.take(lease_file(sequence, order.key), terms.run, worker_name(), terms.lease) as lease,
-        time_limit(terms.timeout, lease.give_up),
+        time_limit(terms.timeout, lease),
     ):
         return _made_meanwhile(sequence, order) or _make(sequence, order, lease)
+
+
+def worker_name() -> str:
+    """Name of the Dask worker this thread works for; `main` outside of one."""
+    distributed = sys.modules.get("distributed")  # a task of a Dask worker finds it imported
+    try:
+        return "main" if distributed is None else str(distributed.get_worker().name)
+    except ValueError:
+        return "main"
 
 
 def _made_meanwhile(sequence: Sequence, order: Order) -> Receipt | None:

@@ -21,7 +21,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -37,13 +37,13 @@ from posegaussian.storage.model.errors import LeaseHeld, LeaseLost
 SUFFIX = ".lease"
 """Ending of a lease's file name."""
 LENGTH = 1024
-"""Bytes of a lease file: fixed, so that a renewal overwrites the old text whole."""
+"""Bytes of a lease's own line: fixed, so that a renewal overwrites the old one whole. Last words come after it."""
 RENEWALS = 4
 """Renewals in the time of one lease."""
 CLAIM_SECONDS = 10.0
 """Age at which the claim to an ended lease was left behind by a contender that died in the moment it takes."""
-MOST_BYTES = 2**16
-"""Bytes of a lease that is read."""
+MOST_BYTES = 2**20
+"""Bytes of a lease that is read: last words are a traceback of every thread."""
 _TOKEN = re.compile(r"[A-Za-z0-9_\-]{0,64}")
 """A token: files beside the lease are named after it."""
 SAME_START = 2.0
@@ -73,7 +73,7 @@ class Holder:
     until: float
     """When it ends unless it is renewed, seconds since the epoch."""
     ended: str = ""
-    """Why the holder gave up, where it could still say so."""
+    """What its process said last, when it ended itself in the middle of its work."""
 
     def sentence(self, now: float) -> str:
         """`run R, worker W (process P on host H) since 12:03:11 UTC (for 40 s)`."""
@@ -131,10 +131,12 @@ def read_lease(file: Path, seconds: float) -> Holder | None:
         changed = file.stat().st_mtime
     except FileNotFoundError:
         return None
+    line, _, last_words = text.partition(b"\n")
     try:
-        return _holder(parse_json(text))
+        holder = _holder(parse_json(line))
     except (ValueError, TypeError):
         return Holder("", "unknown", "unknown", "unknown", "", 0, 0.0, changed, changed + seconds)
+    return replace(holder, ended=last_words.decode(errors="replace")) if last_words else holder
 
 
 def _holder(said: dict[str, Any]) -> Holder:
@@ -180,7 +182,7 @@ def _create(file: Path, holder: Holder) -> int:
 
 
 def _text(holder: Holder) -> bytes:
-    return json.dumps(asdict(holder)).encode().ljust(LENGTH)
+    return json.dumps(asdict(holder)).encode().ljust(LENGTH - 1) + b"\n"
 
 
 def _displace(file: Path, token: str, meant: Callable[[Holder], bool]) -> None:
@@ -301,11 +303,15 @@ class Lease:
             if self._handle >= 0:
                 self._write(Holder(**{**asdict(self.holder), "until": self._clock() + self._seconds}))
 
-    def give_up(self, why: str) -> None:
-        """Say in the lease why its holder is about to die."""
+    def last_words(self) -> int:
+        """Handle on the place after the lease's line, valid until it is dropped: text that is written there ends the
+        lease.
+
+        It is for a process that ends itself and can run no Python any more.
+        """
         with self._guard:
-            if self._handle >= 0:
-                self._write(Holder(**{**asdict(self.holder), "ended": why}))
+            os.lseek(self._handle, 0, os.SEEK_END)
+            return self._handle
 
     def check(self) -> None:
         """Raise LeaseLost unless this lease is still ours: to be called before every write."""

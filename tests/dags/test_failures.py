@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import io
-import time
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.failures import Kind, TaskTimedOut, classify
 from posegaussian.dags.runtime.in_flight import Rules
 from posegaussian.dags.runtime.scheduler import Run
-from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, SourceError
@@ -118,24 +116,6 @@ def test_what_ran_out_of_memory_is_tried_once_more_and_then_fails_with_advice(
     (failed,) = of(events, TaskFailed)
     assert "tried once more alone" in failed.error
     assert "run.workers" in failed.error
-
-
-def test_a_task_beyond_its_time_fails_by_the_setting_s_name(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    import posegaussian.stages.gaussians.run as gaussians
-
-    real = gaussians.run
-
-    def slow(inputs: object, params: object) -> object:
-        for _ in range(500 if inputs.partition.start == 2 else 0):  # type: ignore[attr-defined]
-            time.sleep(0.02)
-        return real(inputs, params)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(gaussians, "run", slow)
-    events = run(archive, Rules(Terms("r", timeout=3.0)))
-    (failed,) = of(events, TaskFailed)
-    assert failed.kind == "timed out"
-    assert failed.error.startswith("it took longer than 3 s (run.timeout); raise run.timeout")
-    assert len(of(events, TaskDone)) == 2
 
 
 def three_sequences(tmp_path: Path) -> tuple[Path, list[str]]:

@@ -19,13 +19,14 @@ from posegaussian.storage.archive.lease import living
 from tests.support.pipeline import NAME, Pipeline
 
 
-def started(pipeline: Pipeline, scheduler: str, receipts: int) -> subprocess.Popen:
+def started(pipeline: Pipeline, scheduler: str, receipts: int, *more: str) -> subprocess.Popen:
     """A run in a process group of its own, with some receipts written."""
     process = pipeline.start(
         "--scheduler",
         scheduler,
         "--set",
         "run.workers=2",
+        *more,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
@@ -38,11 +39,15 @@ def started(pipeline: Pipeline, scheduler: str, receipts: int) -> subprocess.Pop
     return process
 
 
-@pytest.mark.parametrize("scheduler", ["serial", "local"])
-def test_ctrl_c_ends_a_run_in_order(scheduler: str, person_folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("scheduler", "more"),
+    [("serial", ()), ("serial", ("--set", "run.timeout=600")), ("local", ())],
+    ids=["serial", "serial with a child", "local"],
+)
+def test_ctrl_c_ends_a_run_in_order(scheduler: str, more: tuple[str, ...], person_folder: Path, tmp_path: Path) -> None:
     pipeline = Pipeline(tmp_path / "archive", person_folder)
     pipeline.register()
-    process = started(pipeline, scheduler, 9)
+    process = started(pipeline, scheduler, 9, *more)
     family = psutil.Process(process.pid).children(recursive=True)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
     said = process.communicate(timeout=60)[0]

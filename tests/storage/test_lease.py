@@ -133,10 +133,12 @@ def test_a_lease_that_is_just_being_written_is_held_and_a_torn_one_ends(file: Pa
 
 def test_last_words_end_a_lease(file: Path) -> None:
     lease = Lease.take(file, "first")
-    lease.give_up("it took too long")
+    os.write(lease.last_words(), b"Timeout!\nin the kernel\n")
+    lease.renew()
     found = read_lease(file, 60)
     assert found is not None
-    assert found.ended == "it took too long"
+    assert (found.run, found.ended) == ("first", "Timeout!\nin the kernel\n")
+    assert not list(living(file.parent)), "though its process lives"
     Lease.take(file, "second").drop()
 
 

@@ -33,10 +33,9 @@ from posegaussian.dags.runtime.executors.dask_worker import Introduction, execut
 from posegaussian.dags.runtime.executors.local_cluster import deafness, start_local
 from posegaussian.dags.runtime.executors.prefetch import Window
 from posegaussian.dags.runtime.failures import Failure, Kind, failure
+from posegaussian.dags.runtime.timeout import death
 from posegaussian.dags.runtime.work_order import Order
-from posegaussian.storage.archive.lease import read_lease
-from posegaussian.storage.archive.receipts import Receipt, lease_file
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import ConfigError, OtherCode, SchedulerLost
 
 LOOK_AGAIN = 5.0
@@ -187,12 +186,11 @@ class DaskBackend:
         )
 
     def _other_code(self, worker: str, versions: dict[str, str]) -> str:
-        advice = (
-            "files were edited since the run began: run again"
-            if self._cluster is not None
-            else "install the same there and start the worker again"
+        return builds.objection(
+            worker,
+            versions,
+            builds.EDITED if self._cluster is not None else "install the same there and start the worker again",
         )
-        return f"{worker} has other code or libraries than this run: {builds.differences(versions)}; {advice}"
 
     def _leave_out(self, address: str, why: str) -> None:
         if address not in self._unfit:
@@ -353,7 +351,7 @@ class DaskBackend:
             return receipt
         if status in ("cancelled", "lost"):
             return Failure("the connection to the scheduler was lost while it ran", kind=Kind.TRANSIENT)
-        return _death(flown.order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
+        return death(flown.order) if type(outcome).__name__ == "KilledWorker" else failure(outcome)
 
     def _refused(self, flown: _Flown, by: OtherCode) -> None:
         """A worker is not of this build: the task goes to another one. Raises OtherCode when all of our own are like
@@ -424,13 +422,3 @@ def _connect(to: Any, address: str | None) -> Any:
             f"run.scheduler: no scheduler answers at {address} ({e}); start one with `dask scheduler`, or use"
             " --scheduler local"
         ) from e
-
-
-def _death(order: Order) -> Failure:
-    """What a worker's death means for a task that was on it, from the task's lease."""
-    holder = read_lease(lease_file(Sequence(order.root), order.key), order.terms.lease)
-    if holder is None or holder.run != order.terms.run:
-        return Failure("the worker it waited on died", kind=Kind.SPARED)
-    if holder.ended:
-        return Failure(holder.ended, kind=Kind.TIMEOUT)
-    return Failure(f"its worker {holder.worker} died: killed for memory, or crashed", kind=Kind.MEMORY)
