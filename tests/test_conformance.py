@@ -65,7 +65,19 @@ SHAPE = {
     "sample": 25,
     "person": 3,
 }
-HEAVY = {"torch", "cv2", "numba", "av", "dask", "distributed", "OpenImageIO", "scipy", "bokeh", "ai_edge_litert"}
+HEAVY = {
+    "torch",
+    "cv2",
+    "numba",
+    "av",
+    "dask",
+    "distributed",
+    "OpenImageIO",
+    "scipy",
+    "bokeh",
+    "ai_edge_litert",
+    "matplotlib",
+}
 
 every_stage = pytest.mark.parametrize("s", STAGES, ids=lambda s: s.name)
 

@@ -59,9 +59,9 @@ def plan(
 
     session = open_session(config, assignments, archive, scheduler, json)
     if picture:
-        from posegaussian.dags.diagnostics.plan_graph import WRITERS
+        from posegaussian.dags.diagnostics.plan_graph import ENDINGS
 
-        output_file("plan --picture", picture, WRITERS)
+        output_file("plan --picture", picture, ENDINGS)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
     if picture:
         from posegaussian.dags.diagnostics.plan_graph import write_picture

@@ -1,8 +1,7 @@
-"""A plan as a picture: stages and arrays with their states and counts, as SVG or as Mermaid text.
+"""A plan as a picture: stages and arrays with their states and counts, as a chart in SVG or as Mermaid text.
 
-Stages go down a staircase in the order of flow, each with the arrays it writes. An array's line leaves to the right and
-turns down, at a dot, into every stage that reads it; crossings without a dot are no connection. So no line ever runs
-behind a card, however many stages there are.
+In the chart stages are columns in the order of flow, and below each other with the arrays they write, a line an array.
+So no line crosses another, however many stages there are.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from posegaussian.dags.planning.plan import Plan, State
@@ -18,8 +18,9 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.spec import ArraySpec
 
-CARD, STEP, HEAD, ROW, GAP, MARGIN, TOP = 236, 172, 62, 21, 18, 24, 88
-"""Lengths in px: width of a card, distance of two cards, a card's head, a row, the gap below, the border, the title."""
+COLUMN, ROW, HEAD, LABELS = 0.5, 0.2, 1.4, 8.5
+"""Inches: distance of two stages, of two lines, what is above the first; then columns that the words at the left
+take."""
 
 COLORS = {
     State.FRESH: "#2f9e63",
@@ -29,6 +30,14 @@ COLORS = {
     None: "#b4b9c1",
 }
 """By state; None: not needed, or nothing there."""
+LEGEND = {
+    State.FRESH: "fresh: nothing to do",
+    State.STALE: "stale: will run",
+    State.UNDECIDED: "undecided: runs if its input changes",
+    State.KEPT: "kept: taken over",
+    None: "not needed",
+}
+"""What the colours say."""
 
 
 @dataclass
@@ -82,6 +91,10 @@ class Card:
             or ", ".join(f"{self.counts[s]} {s.value}" for s in State if self.counts[s])
             or "nothing to do"
         )
+
+    def words(self) -> str:
+        """Its counts, and the files it opens."""
+        return self.note() + (f"; reads the files {', '.join(self.sources)}" if self.sources else "")
 
 
 def cards(plans: Sequence[Plan]) -> list[Card]:
@@ -145,9 +158,13 @@ def size_text(size: int) -> str:
 
 
 def write_picture(plans: Sequence[Plan], file: Path) -> Path:
-    """Write the picture of some plans; the name's end, one of WRITERS, decides the format."""
-    text = WRITERS[file.suffix.lower()](cards(plans), title(plans))
-    write_atomically(file, (f"```mermaid\n{text}```\n" if file.suffix.lower() == ".md" else text).encode())
+    """Write the picture of some plans; the name's end, one of ENDINGS, decides the format. Raises NotWritten."""
+    drawn, words, ending = cards(plans), title(plans), file.suffix.lower()
+    if ending == ".svg":
+        draw(drawn, words, file)
+        return file
+    text = mermaid(drawn, words)
+    write_atomically(file, (f"```mermaid\n{text}```\n" if ending == ".md" else text).encode())
     return file
 
 
@@ -188,125 +205,47 @@ def _quoted(text: str) -> str:
     return escape(text).replace('"', "#quot;").replace("{", "#123;").replace("}", "#125;")
 
 
-def svg(drawn: Sequence[Card], heading: str) -> str:
-    """The graph as a standalone SVG file."""
-    tops, y = [], TOP
-    for c in drawn:
-        tops.append(y)
-        y += HEAD + ROW * len(c.arrays) + GAP
-    width, height = MARGIN * 2 + STEP * (len(drawn) - 1) + CARD, y + MARGIN
-    body = [
-        _legend(heading),
-        *_edges(drawn, tops),
-        *(_card(c, MARGIN + STEP * i, tops[i]) for i, c in enumerate(drawn)),
-    ]
-    style = "text{font-family:Helvetica,Arial,'DejaVu Sans',sans-serif;fill:#1d2430}"
-    opening = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">'
-    )
-    return "\n".join(
-        [
-            opening,
-            f"<title>{escape(heading)}</title>",
-            f"<style>{style}</style>",
-            f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
-            *body,
-            "</svg>",
-            "",
-        ]
-    )
+def draw(drawn: Sequence[Card], words: str, file: Path) -> None:
+    """Write the graph as a chart: a line an array, from the square in its writer's column to the dots in its
+    readers'."""
+    from posegaussian.dags.charts.style import FAINT, chart, heading
+
+    rows = sum(1 + len(c.arrays) for c in drawn)
+    columns = [c.name for c in drawn]
+    with chart(file, COLUMN * (LABELS + len(columns) + 1), ROW * (rows + 2) + HEAD) as figure:
+        heading(figure, words, weight="bold")
+        axes = figure.subplots()
+        axes.set(xlim=(-LABELS - 0.3, len(columns)), ylim=(rows - 0.4, -0.8))
+        y = 0
+        for x, c in enumerate(drawn):
+            axes.plot([-LABELS], [y], "s", markersize=8, color=COLORS[c.state])
+            axes.text(-LABELS + 0.3, y, c.name, size=10.5, weight="bold", va="center")
+            axes.text(-LABELS + 2.6, y, c.words(), size=8.5, color=FAINT, va="center")
+            for a in c.arrays:
+                y += 1
+                _array(axes, a, (x, y), [columns.index(r) for r in a.readers], COLORS[c.state])
+            y += 1
+        axes.set_xticks(range(len(columns)), columns, rotation=40, ha="left", rotation_mode="anchor")
+        axes.set_yticks([])
+        axes.xaxis.tick_top()
+        axes.spines[:].set_visible(False)
+        for state, meaning in LEGEND.items():
+            axes.plot([], [], "s", color=COLORS[state], label=meaning)
+        axes.legend(loc="upper left", bbox_to_anchor=(0, 0), ncols=len(LEGEND), handletextpad=0.2, columnspacing=1.2)
 
 
-def _text(x: float, y: float, text: str, size: int = 12, extra: str = "", whole: str = "") -> str:
-    """One line of text; `whole` is shown when the pointer rests on it."""
-    return (
-        f'<text x="{x:g}" y="{y:g}" font-size="{size}"'
-        f" {extra}>{escape(text)}{f'<title>{escape(whole)}</title>' if whole else ''}</text>"
-    )
+def _array(axes: Any, array: Array, at: tuple[int, int], readers: Sequence[int], color: str) -> None:
+    """The line of one array, at the column of its writer."""
+    x, y = at
+    shown = {"color": color, "alpha": 1.0 if array.total else 0.4}
+    axes.text(-LABELS + 0.3, y, array.name, size=8.5, va="center", alpha=shown["alpha"])
+    note = array.note() if array.total else "not made"
+    axes.text(-0.5, y, note, size=8, va="center", ha="right", alpha=shown["alpha"])
+    axes.plot([x], [y], "s", markersize=8, **shown)
+    if readers:
+        axes.plot([x, max(readers)], [y, y], linewidth=1.3, **shown)
+        axes.plot(readers, [y] * len(readers), "o", markersize=5, gid=f"readers of {array.name}", **shown)
 
 
-def _legend(heading: str) -> str:
-    parts = [_text(MARGIN, 34, heading, 18, 'font-weight="bold"')]
-    x = MARGIN
-    for state, words in (
-        (State.FRESH, "fresh: nothing to do"),
-        (State.STALE, "stale: will run"),
-        (State.UNDECIDED, "undecided: runs if its input changes"),
-        (State.KEPT, "kept: taken over"),
-        (None, "not needed"),
-    ):
-        parts += [
-            f'<rect x="{x}" y="50" width="14" height="14" rx="3" fill="{COLORS[state]}"/>',
-            _text(x + 20, 62, words, 13),
-        ]
-        x += 44 + round(7.0 * len(words))
-    return "".join(parts)
-
-
-def _edges(drawn: Sequence[Card], tops: Sequence[int]) -> list[str]:
-    """From every array right to a dot above each reader, and down into it."""
-    lines = []
-    place = {c.name: i for i, c in enumerate(drawn)}
-    taken: Counter[str] = Counter()
-    for i, c in enumerate(drawn):
-        for row, a in enumerate(c.arrays):
-            color = COLORS[c.state]
-            start, y = MARGIN + STEP * i + CARD, tops[i] + HEAD + ROW * row + ROW / 2
-            ends = []
-            for reader in a.readers:
-                j = place[reader]
-                x = MARGIN + STEP * j + CARD - 14 - 15 * taken[reader]
-                taken[reader] += 1
-                ends.append(x)
-                lines.append(f'<path d="M{x} {y:g}V{tops[j] - 2}" stroke="{color}" stroke-width="1.6" fill="none"/>')
-                lines.append(
-                    f'<path d="M{x - 4} {tops[j] - 9}L{x} {tops[j] - 1}L{x + 4} {tops[j] - 9}Z" fill="{color}"/>'
-                )
-                lines.append(f'<circle cx="{x}" cy="{y:g}" r="3" fill="{color}"/>')
-            if ends:
-                lines.append(f'<path d="M{start} {y:g}H{max(ends)}" stroke="{color}" stroke-width="1.6" fill="none"/>')
-    return lines
-
-
-def _card(c: Card, x: int, y: int) -> str:
-    color, height = COLORS[c.state], HEAD + ROW * len(c.arrays)
-    parts = [
-        f'<rect x="{x}" y="{y}" width="{CARD}" height="{height}" rx="7" fill="#ffffff" stroke="{color}"'
-        ' stroke-width="2"/>'
-    ]
-    parts.append(_text(x + 12, y + 22, c.name, 15, 'font-weight="bold"'))
-    if c.sources:
-        parts.append(
-            _text(x + CARD - 10, y + 21, "files: " + ", ".join(c.sources), 10, 'text-anchor="end" fill-opacity="0.7"')
-        )
-    parts.append(_text(x + 12, y + 39, _fit(c.note(), CARD - 24, 11), 11, 'fill-opacity="0.85"', c.note()))
-    at, total = float(x + 12), c.counts.total()
-    for state in State:
-        share = (CARD - 24) * c.counts[state] / total if total else 0.0
-        if share:
-            parts.append(f'<rect x="{at:.1f}" y="{y + 46}" width="{share:.1f}" height="6" fill="{COLORS[state]}"/>')
-        at += share
-    if not total:
-        parts.append(f'<rect x="{x + 12}" y="{y + 46}" width="{CARD - 24}" height="6" fill="{COLORS[None]}"/>')
-    for row, a in enumerate(c.arrays):
-        middle = y + HEAD + ROW * row + ROW / 2
-        faint = "" if a.total else 'fill-opacity="0.4"'
-        parts.append(
-            f'<rect x="{x + 6}" y="{middle - 8.5:g}" width="{CARD - 12}" height="17" rx="4" fill="{color}"'
-            f' fill-opacity="{0.13 if a.total else 0.05}"/>'
-        )
-        parts.append(_text(x + 12, middle + 4, a.name, 11, faint))
-        parts.append(
-            _text(x + CARD - 12, middle + 4, a.note() if a.total else "not made", 10, f'text-anchor="end" {faint}')
-        )
-    return "".join(parts)
-
-
-def _fit(text: str, width: float, size: int) -> str:
-    """The text, cut where it would leave the card (a letter is 0.58 times as wide as its size)."""
-    most = int(width / (0.58 * size))
-    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
-
-
-WRITERS = {".svg": svg, ".md": mermaid, ".mmd": mermaid}
-"""By ending: a picture, or Mermaid text."""
+ENDINGS = (".svg", ".md", ".mmd")
+"""Endings: a chart, or Mermaid text."""

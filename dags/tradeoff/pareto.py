@@ -31,7 +31,12 @@ class Level:
 
     def label(self) -> str:
         """`depth.method=hull frames.size=128`."""
-        return " ".join(f"{k}={'full' if v is None else v}" for k, v in self.values.items())
+        return " ".join(f"{k}={self.value_text(k)}" for k in self.values)
+
+    def value_text(self, knob: str) -> str:
+        """`hull`; `full` of a size that is the capture's own."""
+        value = self.values[knob]
+        return "full" if value is None else str(value)
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:

@@ -9,43 +9,39 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
-from posegaussian.dags.tradeoff.figure import ticks
+from posegaussian.dags.charts.style import CURVES, GREY, chart
 from posegaussian.stages.training.config import TrainingConfig
 
-WIDTH, HEIGHT, ACROSS = 620, 360, 2
-"""Of one panel, px; panels beside each other."""
-LEFT, RIGHT, UNDER, ABOVE = 80, 24, 46, 52
-"""Borders of the plot inside its panel, px."""
+WIDTH, HEIGHT, ACROSS = 5.2, 3.0, 2
+"""Of one panel, inches; panels beside each other."""
 MOST = 8
 """Panels."""
 SMOOTH = 50
 """Points into which the loss is averaged."""
-INK, GRID, PHASE = (40, 32, 24), (226, 222, 218), (150, 140, 130)
-COLORS = ((45, 60, 215), (150, 110, 40), (60, 150, 60), (160, 60, 160))
-"""Of curves, as (blue, green, red)."""
+UNITS = {"epe": "EPE, px", "confidence": "confidence, 0 to 1", "psnr": "PSNR, dB"}
+"""What stands beside a panel, by the first word of its measures; else that word."""
 Curve = list[tuple[float, float]]
 
 
 def draw(file: Path, rows: Sequence[Mapping[str, Any]], config: TrainingConfig) -> None:
-    """Write the PNG from the rows of a log; a grey line parts the phases."""
-    import cv2
-
-    from posegaussian.storage.readers.images import write_png
-
+    """Write the PNG from the rows of a log; a grey line parts the phases. Raises NotWritten."""
     panels = list(curves(rows).items())[:MOST]
-    page = np.full((HEIGHT * math.ceil(len(panels) / ACROSS), WIDTH * ACROSS, 3), 255, np.uint8)
     last = max(row["step"] for row in rows)
     border = config.depth_steps if 0 < config.depth_steps < last else None
-    for n, (title, panel_curves) in enumerate(panels):
-        y, x = n // ACROSS * HEIGHT, n % ACROSS * WIDTH
-        _panel(cv2, page[y : y + HEIGHT, x : x + WIDTH], title, panel_curves, last, border)
-    write_png(file, np.ascontiguousarray(page[..., ::-1]))
+    down = math.ceil(len(panels) / ACROSS)
+    with chart(file, WIDTH * ACROSS, HEIGHT * down) as figure:
+        places = figure.subplots(down, ACROSS, squeeze=False).flat
+        for axes, (title, drawn) in zip(places, panels, strict=False):
+            _panel(axes, title, drawn, last, border)
+        for axes in places[len(panels) :]:
+            axes.set_axis_off()
 
 
 def curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Curve]]:
-    """{panel: {name: [(step, value)]}}: the training loss, averaged, and validated measures, those with one first
-    word in one panel."""
+    """{panel: {name: [(step, value)]}}: the training loss, averaged, and validated measures, by their first word."""
     out: dict[str, dict[str, Curve]] = {}
     loss = [(float(r["step"]), float(r["loss"])) for r in rows if r["kind"] == "step" and r.get("loss") is not None]
     if loss:
@@ -60,40 +56,14 @@ def curves(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Curve]]:
     return out
 
 
-def _panel(
-    cv2: Any, panel: np.ndarray, title: str, drawn: Mapping[str, Curve], last: float, border: float | None
-) -> None:
-    values = [v for curve in drawn.values() for _, v in curve]
-    margin = 0.06 * (max(values) - min(values)) or 0.05 * abs(values[0]) or 0.5
-    low, high = min(values) - margin, max(values) + margin
-
-    def place(step: float, value: float) -> tuple[int, int]:
-        return round(LEFT + step / last * (WIDTH - LEFT - RIGHT)), round(
-            HEIGHT - UNDER - (value - low) / (high - low) * (HEIGHT - ABOVE - UNDER)
-        )
-
-    for t in ticks(0.0, last):
-        x, _ = place(t, low)
-        cv2.line(panel, (x, ABOVE), (x, HEIGHT - UNDER), GRID, 1)
-        _write(cv2, panel, f"{t:g}", (x - 10, HEIGHT - UNDER + 20))
-    for t in ticks(low, high):
-        _, y = place(0.0, t)
-        cv2.line(panel, (LEFT, y), (WIDTH - RIGHT, y), GRID, 1)
-        _write(cv2, panel, f"{t:.6g}", (14, y + 5))
-    if border is not None:
-        x, _ = place(border, low)
-        cv2.line(panel, (x, ABOVE), (x, HEIGHT - UNDER), PHASE, 2)
-    cv2.rectangle(panel, (LEFT, ABOVE), (WIDTH - RIGHT, HEIGHT - UNDER), INK, 1)
-    _write(cv2, panel, f"{title}, by step", (LEFT, 22))
+def _panel(axes: Axes, title: str, drawn: Mapping[str, Curve], last: float, border: float | None) -> None:
     for n, (name, curve) in enumerate(drawn.items()):
-        color = COLORS[n % len(COLORS)]
-        points = [place(*p) for p in curve]
-        cv2.polylines(panel, [np.array(points, np.int32).reshape(-1, 1, 2)], False, color, 2, cv2.LINE_AA)
-        if len(points) < SMOOTH:
-            for p in points:
-                cv2.circle(panel, p, 3, color, -1, cv2.LINE_AA)
-        _write(cv2, panel, name, (LEFT + 130 * (n % 4), ABOVE - 10), color)
-
-
-def _write(cv2: Any, page: np.ndarray, text: str, at: tuple[int, int], color: tuple[int, int, int] = INK) -> None:
-    cv2.putText(page, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, color, 1, cv2.LINE_AA)
+        marker = "o" if len(curve) < SMOOTH else ""
+        axes.plot(*zip(*curve, strict=True), marker=marker, markersize=4, color=CURVES[n % len(CURVES)], label=name)
+    if border is not None:
+        axes.axvline(border, color=GREY, linewidth=1.5, zorder=1)
+    kind = re.split("[ ,]", title)[0]
+    axes.set(title=title, xlabel="step", ylabel=UNITS.get(kind, kind), xlim=(0, 1.02 * last))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    if len(drawn) > 1:
+        axes.legend()

@@ -19,7 +19,6 @@ from posegaussian.dags.planning.variants import FOLDER, others, share, variant
 from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.tradeoff import tradeoff
-from posegaussian.dags.tradeoff.figure import labels, log_ticks, ticks
 from posegaussian.dags.tradeoff.pareto import Level, pareto
 from posegaussian.dags.tradeoff.quality import quality
 from posegaussian.dags.tradeoff.tradeoff import chosen_levels, declared_knobs, run_tradeoff
@@ -214,20 +213,3 @@ def test_the_front_is_what_no_other_point_beats(points: list[tuple[int, int]]) -
         assert any(a <= x and b <= y for a, b in kept), "every point is matched by one of the front"
     for x, y in kept:
         assert not any((a <= x and b < y) or (a < x and b <= y) for a, b in kept), "no point of the front beats another"
-
-
-@given(st.floats(1e-4, 1e4), st.floats(1e-3, 1e3))
-def test_ticks_are_few_round_and_inside(low: float, width: float) -> None:
-    found = ticks(low, low + width)
-    assert 1 <= len(found) <= 7
-    assert all(low - 1e-9 * width <= t <= low + width * (1 + 1e-9) for t in found)
-    many = log_ticks(low, low * 10)
-    assert len(many) in (3, 4)
-    assert all(low <= t <= 10 * low for t in many)
-
-
-@given(st.lists(st.tuples(st.integers(0, 600), st.integers(0, 400)), min_size=1, max_size=10, unique=True))
-def test_every_point_gets_a_number_near_it(points: list[tuple[int, int]]) -> None:
-    for (x, y), (a, b) in zip(points, labels(points), strict=True):
-        assert abs(a - x) <= 20
-        assert abs(b - y) <= 45

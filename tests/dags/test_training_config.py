@@ -140,7 +140,7 @@ def test_help_and_configuration_import_nothing_heavy(tmp_path: Path) -> None:
         " [CliRunner().invoke(app, words).exit_code for words in (['--help'], ['train', '--help'], ['train', '--set',"
         " 'batch=0'])]; import posegaussian.dags.training.loop, posegaussian.dags.training.frame_producers,"
         " posegaussian.dags.training.state, posegaussian.dags.training.card; print(runs, [m for m in ('torch',"
-        " 'safetensors', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO') if m in sys.modules])"
+        " 'safetensors', 'cv2', 'numba', 'av', 'distributed', 'OpenImageIO', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2]
