@@ -52,7 +52,7 @@ fuzz: $(STAMP) ## Spoil every kind of file that is read in 300 ways; each works 
 extreme: $(STAMP) ## Draw ten thousand random scenes of extreme scale, opacity, depth and camera: every number must be finite.
 	$(BIN)/python -m tests.hard_cases.extreme
 
-stability: $(STAMP) ## Draw every hard case in a naive version and in ours: docs/stability.md and docs/stability.png.
+stability: $(STAMP) ## Draw every hard case in a naive version and in ours: docs/measurements/stability.md and docs/measurements/stability.png.
 	$(BIN)/python -m tests.hard_cases.stability
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.

@@ -148,7 +148,7 @@ def main() -> None:
     a = parser.parse_args()
     limit(1)
     writes = tuple(a.seeds) == REPORTING and tuple(a.kinds) == KINDS
-    rows = table(a.seeds, a.size, a.picture or (Path("docs/monocular.png") if writes else None), a.kinds)
+    rows = table(a.seeds, a.size, a.picture or (Path("docs/measurements/monocular.png") if writes else None), a.kinds)
     publish("monocular" if writes else None, rows, {"seeds": list(a.seeds), "size": a.size})
 
 

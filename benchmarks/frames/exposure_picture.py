@@ -1,4 +1,4 @@
-"""The capture `desk` before and after its cameras were matched: docs/exposure.png.
+"""The capture `desk` before and after its cameras were matched: docs/measurements/exposure.png.
 
     python -m benchmarks.frames.exposure_picture [--frame 20]
 
@@ -52,7 +52,7 @@ def matched(desk: Path, archive: Path, frame: int) -> Results:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frame", type=int, default=20)
-    parser.add_argument("--output", type=Path, default=Path("docs/exposure.png"))
+    parser.add_argument("--output", type=Path, default=Path("docs/measurements/exposure.png"))
     a = parser.parse_args()
     desk = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "desk"
     with tempfile.TemporaryDirectory() as name:

@@ -3,7 +3,7 @@
     python -m benchmarks.frames.mattes balance CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]    a real capture,
     outlined by hand python -m benchmarks.frames.mattes given CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]
     the same with the joints that came with it python -m benchmarks.frames.mattes simulated [--seeds 9000 9001] [--sheet
-    docs/mattes.png]           simulated people in a room
+    docs/measurements/mattes.png]           simulated people in a room
 
 Compared in pixels of frames/* (the hand's polygons are carried there exactly, lens and crop included; balance at 960
 px), cut at half coverage:

@@ -197,7 +197,7 @@ def main() -> None:
     parser.add_argument(
         "--iterations", choices=("all", "set"), default="all", help="all: also EPE by number of iterations"
     )
-    parser.add_argument("--picture", type=Path, help="PNG; docs/network.png where figures are published")
+    parser.add_argument("--picture", type=Path, help="PNG; docs/measurements/network.png where figures are published")
     parser.add_argument(
         "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
     )
@@ -228,7 +228,7 @@ def main() -> None:
                 flush=True,
             )
     epe = {n: float(np.mean([e[n] for e in by_scene])) for n in by_scene[0]}
-    # Only the reporting seeds are published: benchmarks/results and docs/network.png.
+    # Only the reporting seeds are published: benchmarks/results and docs/measurements/network.png.
     writes = a.seeds == tuple(REPORTING_SEEDS)
     by_seed, counted = (
         gains_by_scene(rows),
@@ -251,7 +251,7 @@ def main() -> None:
     )
     show(by_seed)
     show(counted)
-    picture = a.picture or (Path("docs/network.png") if writes else None)
+    picture = a.picture or (Path("docs/measurements/network.png") if writes else None)
     if picture is not None:
         draw(rows, picture)
     gate = GATES.get(card.preset)

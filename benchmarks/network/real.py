@@ -3,7 +3,7 @@ depth.
 
     python -m benchmarks.network.real [--weights fast] [--frame 10] [--archive FOLDER]
 
-`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/quality.md, one frame at 960 px; BlazePose must have
+`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/measurements/quality.md, one frame at 960 px; BlazePose must have
 been fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There
 is no truth. Measured is how much the network says, and that the analytic depth stands where it is not sure: confidence
 and change of depth are means over each source view's surface. And, for the analytic depth and for the network's, how
@@ -174,8 +174,10 @@ def main() -> None:
     parser.add_argument("--weights", default="fast", help="a name that ships, or a file")
     parser.add_argument("--frame", type=int, default=10)
     parser.add_argument("--archive", type=Path, help="kept and used again; default: made anew")
-    parser.add_argument("--picture", type=Path, default=Path("docs/network_balance.png"))
-    parser.add_argument("--pairs", type=Path, default=Path("docs/network_pairs.png"), help="the second picture")
+    parser.add_argument("--picture", type=Path, default=Path("docs/measurements/network_balance.png"))
+    parser.add_argument(
+        "--pairs", type=Path, default=Path("docs/measurements/network_pairs.png"), help="the second picture"
+    )
     parser.add_argument(
         "--floor-only", action="store_true", help="make what does not need weights, into the archive, and end"
     )

@@ -176,7 +176,7 @@ def clean(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
         {**described(a), "scenes": scenes},
     )
     if writes:
-        draw(rows, Path("docs/quality.png"))
+        draw(rows, Path("docs/measurements/quality.png"))
     return [g for n in a.cameras for g in gates(rows, n)]
 
 
@@ -220,7 +220,7 @@ def main() -> None:
         "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
     )
     a = parser.parse_args()
-    # Only the reporting seeds are published: benchmarks/results and docs/quality.png.
+    # Only the reporting seeds are published: benchmarks/results and docs/measurements/quality.png.
     writes = a.seeds == tuple(REPORTING_SEEDS)
     for sentence, holds in (clean if a.captures == "clean" else spoilt)(a, writes):
         print("holds  " if holds else "FAILS  ", sentence)

@@ -176,7 +176,7 @@ def main() -> None:
             table,
             {"seeds": list(a.seeds), "steps": a.steps, "minutes": a.minutes, "set": a.set, "scenes": rows},
         )
-        draw(table, Path("docs/refinement.png"))
+        draw(table, Path("docs/measurements/refinement.png"))
     else:
         show(table)
     for sentence, holds in gates(rows):

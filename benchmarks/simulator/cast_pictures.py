@@ -1,6 +1,6 @@
-"""The pictures of docs/simulator.md: everybody from the front and from behind, and one person in every motion.
+"""The pictures of docs/reference/simulator.md: everybody from the front and from behind, and one person in every motion.
 
-python -m benchmarks.simulator.cast_pictures      writes docs/cast.png and docs/motions.png
+python -m benchmarks.simulator.cast_pictures      writes docs/reference/cast.png and docs/reference/motions.png
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def main() -> None:
         ]
     )
     for name, picture in (("cast", cast), ("motions", motions)):
-        cv2.imwrite(str(Path("docs") / f"{name}.png"), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        cv2.imwrite(str(Path("docs/reference") / f"{name}.png"), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ class Footage:
 
 
 FOOTAGE = {
-    # 4 px at 512 px, 10 % missing, 2 % elsewhere: the faults of docs/joints.md.
+    # 4 px at 512 px, 10 % missing, 2 % elsewhere: the faults of docs/measurements/joints.md.
     "tps": Footage(8, 30.0, 256, effects={"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
     "cameras": Footage(2, 2.0, 512),
 }
@@ -256,7 +256,7 @@ def _stabilizer() -> Group:
         " and region as much as from the method: not comparable in value. The paper compares itself with other methods"
         " and never with its own stabilizer switched off. Here the stabilizer reaches pictures through the network's"
         " heatmaps alone; `joints`, `jitter` and `lag` are of what these heatmaps hold: mean error, mean second"
-        " difference of the error, and delay (docs/joints.md).",
+        " difference of the error, and delay (docs/measurements/joints.md).",
         footage=FOOTAGE["tps"],
         shown=shown,
         compared=shown,

@@ -2,7 +2,7 @@
 
 Progress, the run log (and from it the ledger) and machines that read `--json` subscribe; the runner prints nothing
 itself.
-`record` is the one JSON form of an event; docs/ledger.md documents it field by field.
+`record` is the one JSON form of an event; docs/reference/ledger.md documents it field by field.
 """
 
 from __future__ import annotations

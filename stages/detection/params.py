@@ -79,6 +79,6 @@ def refusal(params: DetectionParams, facts: Facts) -> str | None:
     if params.estimator == "onnx" and params.model is None:
         return (
             "detection.estimator is onnx, but detection.model names no file; give the YAML that describes your model"
-            " (docs/pose.md)"
+            " (docs/guide/pose.md)"
         )
     return None

@@ -109,11 +109,11 @@ def read_description(file: Path) -> Description:
     try:
         body = read_yaml(file, "description")
     except SourceError as e:
-        raise ConfigError(f"{e}; describe the ONNX model as docs/pose.md shows") from e
+        raise ConfigError(f"{e}; describe the ONNX model as docs/guide/pose.md shows") from e
     if not isinstance(body, dict):
         raise ConfigError(
             f"{file}: a mapping of settings is expected, found {type(body).__name__}; describe the ONNX model as"
-            " docs/pose.md shows"
+            " docs/guide/pose.md shows"
         )
     try:
         description = Description.model_validate({**body, "folder": file.resolve().parent})

@@ -10,7 +10,7 @@ from posegaussian.stages.geometry.pairs import angle_at
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
 USEFUL = {"relief": 10.0, "given": 20.0}
-"""Degrees at the subject, by kind of depth: see docs/monocular.md for what is left there."""
+"""Degrees at the subject, by kind of depth: see docs/measurements/monocular.md for what is left there."""
 OTHERWISE = 20.0
 """Of any other depth."""
 

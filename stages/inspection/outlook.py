@@ -1,5 +1,5 @@
 """What to expect of a run: cameras, mattes, and a tier with the figures that were measured for such a geometry
-(docs/quality.md, docs/mattes.md)."""
+(docs/measurements/quality.md, docs/measurements/mattes.md)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MATTE = (0.93, 0.5)
 """Overlap of a matte with outlines drawn by hand: from .94 on only edges are off; at half of it there is another
 shape."""
 OVERLAPS = {"segmented": (0.94, 0.97), "person": (0.84, 0.97), "plate": (0.72, 0.91), "none": (0.0, 0.1)}
-"""Least and largest overlap that was measured for each matte on other captures, `docs/mattes.md`: the person with an
-estimator's segmentation and by joints alone, and a background plate; where everything is foreground, a person fills
-a tenth of it, about."""
+"""Least and largest overlap that was measured for each matte on other captures, `docs/measurements/mattes.md`: the
+person with an estimator's segmentation and by joints alone, and a background plate; where everything is foreground, a
+person fills a tenth of it, about."""
 RING = ((22.5, 32.0, 0.971), (45.0, 28.2, 0.934), (60.0, 26.4, 0.903))
 """Degrees between neighbours; PSNR in dB and SSIM in the person's box, by `sgbm`: simulated people, exact cameras
 and masks, all around."""
@@ -49,7 +49,7 @@ COSTS = {
     "blur against others": "blurred pictures stay blurred",
     "frames": "frames that a camera lacks are made without it",
 }
-"""What a doubtful measure does to the pictures; figures from docs/quality.md."""
+"""What a doubtful measure does to the pictures; figures from docs/measurements/quality.md."""
 
 
 def of_cameras(planned: Planned) -> Finding:
@@ -154,7 +154,7 @@ def expected(planned: Planned, findings: Sequence[Finding]) -> str:
     if not planned.matches:
         return (
             f"expected: not measured for depth.method {planned.depth.method} and {len(planned.sources)} source"
-            f" camera{'s' if len(planned.sources) > 1 else ''}; a single view: docs/monocular.md"
+            f" camera{'s' if len(planned.sources) > 1 else ''}; a single view: docs/guide/monocular.md"
         )
     lowered = dict.fromkeys(COSTS[f.measure] for f in _lowering(planned, findings))
     less = f"; less here: {'; '.join(lowered)}" if lowered else ""

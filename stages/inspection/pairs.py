@@ -16,11 +16,11 @@ from posegaussian.storage.model.cameras import Rig
 USELESS = 0.5
 """Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
 PARTNERED = (1.0, 0.6)
-"""Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of docs/quality.md)
-pictures come apart; where all four have a partner (`balance`) they hold together."""
+"""Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of
+docs/measurements/quality.md) pictures come apart; where all four have a partner (`balance`) they hold together."""
 NEIGHBOURS = (50.0, 66.0)
 """Degrees from a camera to its nearest partner: people filmed by eight cameras on a ring (45 degrees, a few more by
-hand) come out whole; beyond 66 nothing is matched, see docs/quality.md."""
+hand) come out whole; beyond 66 nothing is matched, see docs/measurements/quality.md."""
 REMEDY = {
     Verdict.TOO_WIDE: (
         "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject"
@@ -170,7 +170,8 @@ def _neighbours(planned: Planned) -> Finding:
         unit,
         *bounds,
         told,
-        f"more cameras between them: up to {NEIGHBOURS[0]:g} degrees apart a body comes out whole (docs/quality.md)",
+        f"more cameras between them: up to {NEIGHBOURS[0]:g} degrees apart a body comes out whole"
+        " (docs/measurements/quality.md)",
     )
 
 

@@ -1,7 +1,7 @@
 """The ledger: one Parquet table an archive, a row a finished task and a row a failure, rebuilt at any time.
 
 Receipts (what is finished) and the runs' logs (what failed) are the truth; the ledger is for questions: what took how
-long, which memory, what failed. docs/ledger.md answers the usual ones in one query each.
+long, which memory, what failed. docs/reference/ledger.md answers the usual ones in one query each.
 """
 
 from __future__ import annotations

@@ -265,7 +265,7 @@ def test_a_crop_that_sizes_need_cannot_be_switched_off(tmp_path: Path) -> None:
 
 
 def test_the_documentation_lists_every_effect_with_its_measure_and_bound() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs/knobs.md").read_text()
+    text = (Path(__file__).resolve().parents[2] / "docs/reference/effects.md").read_text()
     for name, (e, _) in effects.declared().items():
         assert f"| `{name}` | {e.measure} | {e.quantity(f'{e.threshold:g}')} | {e.summary} |" in text
 

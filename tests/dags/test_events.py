@@ -30,7 +30,7 @@ from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
 from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import FORCED, NAME, Pipeline
 
-DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs/reference/ledger.md"
 TASK = Task("kick", "depth", 3, None, None)
 RECEIPT = Receipt(
     "depth",

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posegaussian.dags.runtime import meters
 from posegaussian.dags.diagnostics.tables import projection_table
 from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.dags.planning import forecast
@@ -19,6 +18,7 @@ from posegaussian.dags.planning.resources import local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of
 from posegaussian.dags.planning.tasks import tasks
+from posegaussian.dags.runtime import meters
 from posegaussian.dags.runtime.meters import Peak
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.ledger import rebuild

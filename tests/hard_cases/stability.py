@@ -2,7 +2,7 @@
 
     python -m tests.hard_cases.stability
 
-writes docs/stability.md and docs/stability.png, and fails where a bound does not hold.
+writes docs/measurements/stability.md and docs/measurements/stability.png, and fails where a bound does not hold.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tests.hard_cases.catalogue import Case, Outcome, catalogue, holds, run
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs/measurements"
 PAGE, PICTURE = DOCS / "stability.md", DOCS / "stability.png"
 PARTS = (
     (
@@ -37,17 +37,18 @@ PARTS = (
 """(title, first letter, a sentence)."""
 HEAD = """# Stability
 
-What breaks a renderer, a matcher or a measure is known: it has been reported for years, for one project after the other.
-These are the cases, each run twice: in a **naive** version, the plain formula that anybody would write first, and in ours.
-Both columns were measured; `make stability` measures them again on your machine and writes this page. The tests hold ours to the
-**bound** and see to it that the naive version breaks it.
+What breaks a renderer, a matcher or a measure is known: it has been reported for years, for one project after the
+other. These are the cases, each run twice: in a **naive** version, the plain formula that anybody would write first,
+and in ours. Both columns were measured; `make stability` measures them again on your machine and writes this page. The
+tests hold ours to the **bound** and see to it that the naive version breaks it.
 
 ![Worst error against its bound, naive and ours; below, what some of it looks like](stability.png)
 
-`NaN`: at least one value was no number. `raises`: the naive version ended with that error. "0.02 of its mass" is a share, 2 %. A
-bound of 0 means exactly: not a bit, a pixel or a frame. Beside this page, `make extreme` draws ten thousand random scenes of extreme scale, opacity, depth and camera, and no
-number drawn of them, nor a gradient, is other than finite. What had to be left out because it was not finite is counted, and
-becomes a warning of the run: "3 Gaussians of frame 17 were not finite and were left out".
+`NaN`: at least one value was no number. `raises`: the naive version ended with that error. "0.02 of its mass" is a
+share, 2 %. A bound of 0 means exactly: not a bit, a pixel or a frame. Beside this page, `make extreme` draws ten
+thousand random scenes of extreme scale, opacity, depth and camera, and no number drawn of them, nor a gradient, is
+other than finite. What had to be left out because it was not finite is counted, and becomes a warning of the run: "3
+Gaussians of frame 17 were not finite and were left out".
 """
 
 

@@ -159,7 +159,7 @@ def test_a_ledger_without_a_column_of_today_is_null_there(tmp_path: Path) -> Non
     assert ledger.read(archive) == now
 
 
-DOCS = Path(__file__).resolve().parents[2] / "docs/ledger.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs/reference/ledger.md"
 
 
 def answer(code: str, capsys: pytest.CaptureFixture[str]) -> list[dict]:

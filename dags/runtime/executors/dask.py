@@ -413,7 +413,7 @@ def _connect(to: Any, address: str | None) -> Any:
         if context is None:
             raise ConfigError(
                 f"run.scheduler: {address} needs certificates: name them in Dask's configuration,"
-                " distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/runs.md shows"
+                " distributed.comm.tls.ca-file, .client.cert and .client.key, as docs/guide/runs.md shows"
             )
     try:
         return Client(to, timeout="5s", set_as_default=False)

@@ -66,5 +66,5 @@ def test_a_missing_network_is_named(tmp_path: Path) -> None:
 def test_what_is_no_mapping_is_refused(text: str, tmp_path: Path) -> None:
     file = tmp_path / "net.yaml"
     file.write_text(text)
-    with pytest.raises(ConfigError, match=r"docs/pose\.md"):
+    with pytest.raises(ConfigError, match=r"docs/guide/pose\.md"):
         read_description(file)
