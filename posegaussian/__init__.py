@@ -16,7 +16,9 @@ Names are loaded when they are first used: importing the package costs nothing.
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -46,6 +48,20 @@ _WHERE = {
 """{public name: module it lives in}."""
 
 __all__ = sorted(_WHERE)
+
+
+def _keep_kernels_in_the_cache_folder() -> None:
+    """Have numba keep compiled kernels below the user's cache folder, not beside the installed sources.
+
+    Nothing is changed where NUMBA_CACHE_DIR is set, or where nobody has a home; where the folder cannot be written,
+    numba finds another place itself.
+    """
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    if Path(home).is_absolute():
+        os.environ.setdefault("NUMBA_CACHE_DIR", os.path.join(home, "posegaussian", "kernels"))
+
+
+_keep_kernels_in_the_cache_folder()
 
 
 def __getattr__(name: str) -> Any:

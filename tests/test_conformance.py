@@ -131,8 +131,8 @@ def test_a_read_of_its_own_view_belongs_to_a_stage_over_views(s: Stage) -> None:
 
 @every_stage
 def test_what_a_stage_reads_exists_for_every_capture_that_needs_the_stage(s: Stage) -> None:
-    """With the default params and any facts: whoever is read is not `unneeded`, and its output is not left out by
-    `when`."""
+    """With the default params and any facts:
+    whoever is read is not `unneeded`, and its output is not left out by `when`."""
     by_array = writers()
     for facts in EVERY_FACTS:
         params = s.params()

@@ -1,5 +1,5 @@
-"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage. Nothing runs up, nothing in
-a circle."""
+"""Imports run one way: dags -> stages -> the data types of storage, and dags -> storage.
+Nothing runs up, nothing in a circle."""
 
 from __future__ import annotations
 

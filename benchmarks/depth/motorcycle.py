@@ -71,8 +71,8 @@ def load(folder: Path = FOLDER) -> Pair:
 
 
 def by_sweep(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Disparity [h, w] px of the left picture, NaN where there is none, and confidence [h, w], of the open sweep of
-    the pair."""
+    """Disparity [h, w] px of the left picture, NaN where there is none,
+    and confidence [h, w], of the open sweep of the pair."""
     near, far = (FOCAL * BASELINE / (d + SHIFT) for d in (SEARCHED, 0))
     params, rig = DepthParams(method="sweep", depth_range=(near, far)), pair.rig
     everything = np.full(pair.disparity.shape, 255, np.uint8)
@@ -103,8 +103,8 @@ def by_sgbm(pair: Pair, block: int = 5) -> np.ndarray:
 def bad(
     pair: Pair, disparity: np.ndarray, confidence: np.ndarray | None = None, density: float = 1.0
 ) -> tuple[float, float]:
-    """(density, share of answers off by more than 2 px) of the surest answers up to a density, over pixels of known
-    disparity."""
+    """(density, share of answers off by more than 2 px) of the surest answers up to a density,
+    over pixels of known disparity."""
     known = np.isfinite(pair.disparity)
     off = np.abs(disparity - pair.disparity)[known]
     given = np.isfinite(off)

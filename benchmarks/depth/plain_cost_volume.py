@@ -23,8 +23,8 @@ def cost_volume(
     noise: float,
     share: float,
 ) -> torch.Tensor:
-    """[h, w, D] uint8; arguments and result as in `posegaussian.stages.matching.cost.cost_volume`, as tensors of any
-    float type."""
+    """[h, w, D] uint8; arguments and result as in `posegaussian.stages.matching.cost.cost_volume`,
+    as tensors of any float type."""
     planes = [
         _combined(
             torch.stack(

@@ -50,6 +50,7 @@ from posegaussian.stages.imaging.camera_mapping import frames_positions, switche
 from posegaussian.stages.simulator.quality_scenes import benchmark_scene
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.masks import foreground
 from posegaussian.storage.readers.images import read_mask
 
 OUTLINES = Path(__file__).with_name("outlines") / "balance.json"
@@ -88,9 +89,15 @@ def hints(results: Results) -> dict[int, Hints]:
     found = {}
     for view in range(len(context.rig)):
         inputs: Any = SimpleNamespace(
-            view=view, views=context.views, facts=context.facts, rig=context.rig, source_rig=context.capture.rig, captured_to_calibrated=context.captured_to_calibrated, joint_set=context.joint_set,
+            view=view,
+            views=context.views,
+            facts=context.facts,
+            rig=context.rig,
+            source_rig=context.capture.rig,
+            captured_to_calibrated=context.captured_to_calibrated,
+            joint_set=context.joint_set,
             read=lambda array, v=None: results.read(array, range(len(context.source_frames)), v),
-        )  # fmt: skip
+        )
         found[view] = Hints(inputs, context.settings.frames.hint_margin)
     return found
 
@@ -119,7 +126,7 @@ def outlines(context: Context) -> dict[tuple[int, int], np.ndarray]:
 
 def overlap(found: np.ndarray, truth: np.ndarray) -> float:
     """Intersection over union of two soft masks cut at half."""
-    a, b = found > 127, truth > 127
+    a, b = foreground(found), foreground(truth)
     return float((a & b).sum() / max(1, (a | b).sum()))
 
 
@@ -134,7 +141,7 @@ def boundary(found: np.ndarray, truth: np.ndarray) -> float:
 
 def rim(mask: np.ndarray) -> np.ndarray:
     """[h, w] bool: the pixels of a mask beside which there is none."""
-    inside = (mask > 127).astype(np.uint8)
+    inside = foreground(mask).astype(np.uint8)
     return (inside > 0) & (cv2.erode(inside, np.ones((3, 3), np.uint8)) == 0)
 
 
@@ -153,10 +160,18 @@ def rows(
         soft = None if hint is None else (255 * np.clip(hint, 0, 1)).astype(np.uint8)
         hull = np.zeros((h, w), np.uint8) if support is None else (255 * support[1]).astype(np.uint8)
         yield {
-            "capture": what, "view": context.rig.names[v], "frame": int(context.source_frames[f]), "held out": v in context.views.held_out,
-            "plate": overlap(plate[f, v, :h, :w], t), "hint": None if soft is None else overlap(soft, t), "person": overlap(person, t), "hull": overlap(hull, t),
-            "plate px": boundary(plate[f, v, :h, :w], t), "hint px": None if soft is None else boundary(soft, t), "person px": boundary(person, t),
-        }  # fmt: skip
+            "capture": what,
+            "view": context.rig.names[v],
+            "frame": int(context.source_frames[f]),
+            "held out": v in context.views.held_out,
+            "plate": overlap(plate[f, v, :h, :w], t),
+            "hint": None if soft is None else overlap(soft, t),
+            "person": overlap(person, t),
+            "hull": overlap(hull, t),
+            "plate px": boundary(plate[f, v, :h, :w], t),
+            "hint px": None if soft is None else boundary(soft, t),
+            "person px": boundary(person, t),
+        }
 
 
 def drawn(results: Results, f: int, v: int, truth: np.ndarray, height: int = 420) -> np.ndarray:
@@ -168,7 +183,7 @@ def drawn(results: Results, f: int, v: int, truth: np.ndarray, height: int = 420
     big = np.ascontiguousarray(cv2.resize(color, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)[..., ::-1])
     for outline, ink in ((truth, (0, 255, 0)), (mask, (0, 0, 255))):
         big[rim(cv2.resize(outline, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR))] = ink
-    y, x = np.nonzero(cv2.resize(np.maximum(truth, mask), None, fx=2, fy=2) > 127)
+    y, x = np.nonzero(foreground(cv2.resize(np.maximum(truth, mask), None, fx=2, fy=2)))
     part = big[max(0, y.min() - 30) : y.max() + 30, max(0, x.min() - 30) : x.max() + 30]
     return cv2.resize(part, (round(part.shape[1] * height / part.shape[0]), height), interpolation=cv2.INTER_AREA)
 
@@ -197,8 +212,8 @@ def both(
 
 
 def given(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str, Any]], dict[str, float]]:
-    """Rows of the outlined pictures with the joints that came with the capture; once more as on a machine without
-    BlazePose."""
+    """Rows of the outlined pictures with the joints that came with the capture;
+    once more as on a machine without BlazePose."""
     models, os.environ["POSEGAUSSIAN_MODELS"] = os.environ.get("POSEGAUSSIAN_MODELS"), os.devnull
     try:
         results, _ = run(archive, "given", "pose2sim", folder, BALANCE)

@@ -28,6 +28,7 @@ from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
+from posegaussian.storage.model.masks import foreground
 
 SEEN = 4.0
 """Px of disparity within which two depths are of the same surface."""
@@ -162,7 +163,7 @@ def drawn_row(shown: Shown, target: int, drawn: tuple[np.ndarray, np.ndarray], g
     bool is compared, after a gain a channel."""
     color, alpha = drawn
     height, width = alpha.shape
-    mask, own = shown.mask[target][:height, :width] > 127, shown.color[target][:height, :width].astype(np.float64)
+    mask, own = foreground(shown.mask[target][:height, :width]), shown.color[target][:height, :width].astype(np.float64)
     covered = alpha > 0.5
     straight = 255 * color / np.maximum(alpha, 1e-6)[..., None]
     gain = _gain(own, [straight], mask & covered & gained[:height, :width])

@@ -144,8 +144,8 @@ def gates(
     worst = int(gains.argmin())
     yield (
         (
-            f"box PSNR at worst {gains[worst]:+.2f} dB (seed {scenes['floor'][worst]['seed']}), on no scene below"
-            f" {WORST:+.1f}"
+            f"box PSNR at worst {gains[worst]:+.2f} dB (seed {scenes['floor'][worst]['seed']}),"
+            f" on no scene below {WORST:+.1f}"
         ),
         bool(gains.min() >= WORST),
     )

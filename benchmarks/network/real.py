@@ -3,12 +3,12 @@ depth.
 
     python -m benchmarks.network.real [--weights fast] [--frame 10] [--archive FOLDER]
 
-`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/measurements/quality.md, one frame at 960 px; BlazePose must have
-been fetched. The novel views stand a quarter and half of the way along the arc from cam01 to cam02, 48 degrees. There
-is no truth. Measured is how much the network says, and that the analytic depth stands where it is not sure: confidence
-and change of depth are means over each source view's surface. And, for the analytic depth and for the network's, how
-far the views of every usable pair contradict each other (`benchmarks.network.agreement`); the second picture shows
-where the network makes that better or worse.
+`balance` of POSEGAUSSIAN_CAPTURES from plain video, as in docs/measurements/quality.md, one frame at 960 px;
+BlazePose must have been fetched. The novel views stand a quarter and half of the way along the arc from cam01 to
+cam02, 48 degrees. There is no truth. Measured is how much the network says, and that the analytic depth stands where
+it is not sure: confidence and change of depth are means over each source view's surface. And, for the analytic depth
+and for the network's, how far the views of every usable pair contradict each other (`benchmarks.network.agreement`);
+the second picture shows where the network makes that better or worse.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ from posegaussian.stages.network.params import NetworkParams, depth_array
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 NAME = "balance"
 STEPS = {"quarter": 1, "half": 2}
@@ -143,8 +144,8 @@ def draw_pairs(shown: Shown, differences: dict[tuple[int, int], dict[str, np.nda
     colour there better (green) or worse (red)."""
     tiles = []
     for (a, b), apart in differences.items():
-        picture = np.where(shown.mask[a][..., None] > 127, shown.color[a], 0)
-        rows, columns = (np.nonzero(shown.mask[a].max(axis=n) > 127)[0] for n in (1, 0))
+        picture = np.where(foreground(shown.mask[a][..., None]), shown.color[a], 0)
+        rows, columns = (np.nonzero(foreground(shown.mask[a].max(axis=n)))[0] for n in (1, 0))
         cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         compared = np.isfinite(apart["floor"])
         marked = nearer(*(np.where(compared, apart[kind], 0) for kind in ("floor", "network")))

@@ -1,5 +1,5 @@
-"""Archives of any length without pictures: true receipts over empty shards, for measuring plans, status and the
-ledger."""
+"""Archives of any length without pictures:
+true receipts over empty shards, for measuring plans, status and the ledger."""
 
 from __future__ import annotations
 

@@ -49,8 +49,8 @@ _PARTS = (tuple(range(1, 17)), tuple(range(11, 17)), tuple(range(5, 11)))
 
 
 def spoilt(exact: np.ndarray, spoil: Spoil, seed: int) -> np.ndarray:
-    """Exact joints [F, V, 17, 3] (u, v px, 1 visible or 0 hidden) -> [F, V, 17, 3] (u, v, score) as a detector gives
-    them."""
+    """Exact joints [F, V, 17, 3] (u, v px, 1 visible or 0 hidden) -> [F, V, 17, 3] (u, v, score)
+    as a detector gives them."""
     out = np.empty(exact.shape)
     flips = np.array(COCO17.flips)
     for f in range(len(exact)):
@@ -111,15 +111,15 @@ def _least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def offsets(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """[F, 17, 3] metres forward, left and up from true joints [F, 17, 3] to found ones [F, 17, 4]; NaN where
-    unknown."""
+    """[F, 17, 3] metres forward, left and up from true joints [F, 17, 3] to found ones [F, 17, 4];
+    NaN where unknown."""
     off = np.where(points[..., 3:] > 0, points[..., :3] - truth, np.nan)
     return np.einsum("fjab,fjb->fja", body_axes(truth), off)
 
 
 def constant_of(found: np.ndarray) -> np.ndarray:
-    """[17, 3] the median of offsets [N, 17, 3]; what a name means is the same on both sides but for the sign of
-    left."""
+    """[17, 3] the median of offsets [N, 17, 3];
+    what a name means is the same on both sides but for the sign of left."""
     mirrored = found[:, list(COCO17.flips)] * [1.0, -1.0, 1.0]
     return np.asarray(np.nanmedian(np.concatenate([found, mirrored]), axis=0))
 

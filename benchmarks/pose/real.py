@@ -5,8 +5,7 @@ given 3D joints.
 
 The capture of POSEGAUSSIAN_CAPTURES is imported without its keypoints; BlazePose must have been fetched. Of 100 frames
 x 4 cameras, for the 12 limb joints and the nose: distance in captured px between the given 3D joint as a camera sees it
-and
-`triangulated` (pose/joints3d as that camera sees it) and `raw` (the clearest person of each picture, by itself); an
+and `triangulated` (pose/joints3d as that camera sees it) and `raw` (the clearest person of each picture, by itself); an
 unknown joint counts as missed and is never within a bound. The yardstick itself is 8 to 11 px off the pictures.
 """
 

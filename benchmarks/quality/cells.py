@@ -1,5 +1,5 @@
-"""One benchmark scene, filmed and run by the real pipeline with several kinds of depth, and what is measured of
-each."""
+"""One benchmark scene, filmed and run by the real pipeline with several kinds of depth,
+and what is measured of each."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from posegaussian.stages.geometry.consistency import photometric_disagreement, r
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+from posegaussian.storage.model.masks import foreground
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""
@@ -83,7 +84,7 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
         for i in frames:
             for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics).items():
                 found[f"{region} {m}"].append(value)
-            inside = mask[i] > 127
+            inside = foreground(mask[i])
             found["luminance"].append(
                 float(np.abs((color[i, c].astype(np.float64) - truth[i])[inside] @ WEIGHTS).mean())
             )
@@ -97,8 +98,8 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
 
 
 def _agreement(results: Results, cell: Cell) -> dict[str, float]:
-    """What the capture says about itself, without truth: medians over joints, points, outlines (see
-    stages/geometry/consistency)."""
+    """What the capture says about itself, without truth:
+    medians over joints, points, outlines (see stages/geometry/consistency)."""
     context, frames = results.context, range(cell.frames)
     rig, sources = context.rig, context.views.sources
     seen, world = (

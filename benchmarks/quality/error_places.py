@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from posegaussian.storage.model.masks import foreground
+
 PLACES = ("outside", "rim", "holes", "inside")
 RIM = 1.5
 """Px to both sides of the true outline that count as its rim: the pixels that touch it."""
@@ -23,7 +25,7 @@ def squared_error_by_place(rendered: np.ndarray, alpha: np.ndarray, truth: np.nd
     """
     reference = truth.astype(np.float64) * (mask[..., None] / 255.0)
     error = ((rendered.astype(np.float64) - reference) ** 2).sum(axis=2)
-    inside = mask > 127
+    inside = foreground(mask)
     apart = np.maximum(
         cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5),
         cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5),

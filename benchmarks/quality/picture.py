@@ -16,8 +16,8 @@ LABEL = 18
 
 
 def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
-    """Write a PNG: one line a scene with `cameras` cameras: the picture as filmed, then each method's, with its box
-    PSNR."""
+    """Write a PNG: one line a scene with `cameras` cameras:
+    the picture as filmed, then each method's, with its box PSNR."""
     chosen = [r for r in rows if r["cameras"] == cameras]
     lines = []
     for seed in dict.fromkeys(r["seed"] for r in chosen):

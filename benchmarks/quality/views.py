@@ -137,8 +137,8 @@ def gates(rows: Sequence[dict[str, Any]], cameras: int) -> Iterator[tuple[str, b
             )
             yield (
                 (
-                    f"{cameras} cameras: {measure} against hull-only at worst {worst:+.{digits}f} (seed {seed}), on no"
-                    " scene below"
+                    f"{cameras} cameras: {measure} against hull-only at worst {worst:+.{digits}f} (seed {seed}),"
+                    " on no scene below"
                 ),
                 worst >= 0,
             )

@@ -75,8 +75,8 @@ def hull_points(maps: Mapping[int, Maps], cameras: Mapping[int, Camera]) -> Plai
     )
     step = max(1, len(means) // POINTS)
     chosen = np.random.default_rng(0).permutation(len(means))[::step]
-    # Half a pixel is the width of a view's own Gaussians; the views lie on top of one another and one in `step` is
-    # left.
+    # Half a pixel is the width of a view's own Gaussians;
+    # the views lie on top of one another and one in `step` is left.
     return PlainGaussians(means[chosen], colors[chosen], 2 * widths[chosen] * np.sqrt(step / len(lifted)))
 
 

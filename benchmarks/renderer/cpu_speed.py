@@ -207,11 +207,26 @@ def measure(name: str, repeats: int, floor: float) -> dict[str, Any]:
     phases, (blended, tested) = scene.phases(repeats)
     error = max(float((a - b).norm() / b.norm()) for a, b in zip(scene.ours_both(), scene.theirs_both(), strict=True))
     return {
-        "scene": name, "Gaussians": len(scene.gaussians), "f ms": best["ours"], "f x torch": best["theirs"] / best["ours"], "f+b ms": best["ours_both"],
-        "f+b x torch": best["theirs_both"] / best["ours_both"], "f 2 threads": best["two"], "f+b 2 threads": best["two_both"], "torch f ms": best["theirs"],
-        "torch f+b ms": best["theirs_both"], "M blended": blended / 1e6, "M blended/s": blended / phases["composite"] / 1e3, "M tested/s": tested / phases["composite"] / 1e3, "x floor": phases["composite"] / (1e3 * blended * floor),
-        "fps 2 cores": frames_per_second(scene), "f MiB": memory(scene.ours), "f+b MiB": memory(scene.ours_both), "gradient error 1e-6": 1e6 * error, **{f"{k} ms": v for k, v in phases.items()},
-    }  # fmt: skip
+        "scene": name,
+        "Gaussians": len(scene.gaussians),
+        "f ms": best["ours"],
+        "f x torch": best["theirs"] / best["ours"],
+        "f+b ms": best["ours_both"],
+        "f+b x torch": best["theirs_both"] / best["ours_both"],
+        "f 2 threads": best["two"],
+        "f+b 2 threads": best["two_both"],
+        "torch f ms": best["theirs"],
+        "torch f+b ms": best["theirs_both"],
+        "M blended": blended / 1e6,
+        "M blended/s": blended / phases["composite"] / 1e3,
+        "M tested/s": tested / phases["composite"] / 1e3,
+        "x floor": phases["composite"] / (1e3 * blended * floor),
+        "fps 2 cores": frames_per_second(scene),
+        "f MiB": memory(scene.ours),
+        "f+b MiB": memory(scene.ours_both),
+        "gradient error 1e-6": 1e6 * error,
+        **{f"{k} ms": v for k, v in phases.items()},
+    }
 
 
 def against_last(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -32,9 +32,12 @@ SOURCE, ZOOM, DISTANCE, FOOTPRINT = 512, 1.9, 2.4, 1.03
 """Of the source pictures, as in benchmarks/renderer/workloads.py: side px, focal length over width, metres, standard
 deviation in px."""
 LIMBS = (
-    ((0, 0, 1.80), (0, 0, 1.83), 0.11), ((0, 0, 1.10), (0, 0, 1.50), 0.16), ((0, -0.1, 1.0), (0, 0.1, 1.0), 0.15), ((0, -0.16, 1.50), (0, 0.16, 1.50), 0.08),
-    ((0, 0.22, 1.48), (0.1, 0.48, 1.40), 0.055), ((0.1, 0.48, 1.40), (0.2, 0.55, 1.68), 0.05), ((0, -0.22, 1.48), (0.05, -0.35, 1.15), 0.055), ((0.05, -0.35, 1.15), (0.15, -0.38, 0.88), 0.05),
-    ((0, 0.11, 0.95), (0.05, 0.15, 0.50), 0.085), ((0.05, 0.15, 0.50), (0, 0.16, 0.08), 0.065), ((0, -0.11, 0.95), (0.02, -0.14, 0.50), 0.085), ((0.02, -0.14, 0.50), (-0.05, -0.16, 0.08), 0.065),
+    ((0, 0, 1.80), (0, 0, 1.83), 0.11), ((0, 0, 1.10), (0, 0, 1.50), 0.16), ((0, -0.1, 1.0), (0, 0.1, 1.0), 0.15),
+    ((0, -0.16, 1.50), (0, 0.16, 1.50), 0.08),
+    ((0, 0.22, 1.48), (0.1, 0.48, 1.40), 0.055), ((0.1, 0.48, 1.40), (0.2, 0.55, 1.68), 0.05),
+    ((0, -0.22, 1.48), (0.05, -0.35, 1.15), 0.055), ((0.05, -0.35, 1.15), (0.15, -0.38, 0.88), 0.05),
+    ((0, 0.11, 0.95), (0.05, 0.15, 0.50), 0.085), ((0.05, 0.15, 0.50), (0, 0.16, 0.08), 0.065),
+    ((0, -0.11, 0.95), (0.02, -0.14, 0.50), 0.085), ((0.02, -0.14, 0.50), (-0.05, -0.16, 0.08), 0.065),
 )  # fmt: skip
 """Ends and radius of each, metres; the body stands along z."""
 GIRTH = 0.76
@@ -91,8 +94,8 @@ def seen(cam: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def person(size: int) -> tuple[Gaussians, Camera]:
-    """About 145,000 pixel-aligned float32 Gaussians of two source views 45 degrees apart, and a camera in their
-    middle."""
+    """About 145,000 pixel-aligned float32 Gaussians of two source views 45 degrees apart,
+    and a camera in their middle."""
     target, parts = camera(0.0, size), []
     for degrees in (-22.5, 22.5):
         source = camera(degrees, SOURCE)
@@ -245,8 +248,10 @@ def compared(work: Workload) -> dict[str, float | str]:
     gradients = [(x.cpu(), y.cpu()) for x, y in zip(work.both(ours), there.both(engine), strict=True)]
     again = all(torch.equal(x.cpu(), y) for x, (y, _) in zip(work.both(ours), gradients, strict=True))
     return {
-        "scene": work.name, "against": name, "picture max": float((a - b).abs().max()), "picture mean 1e-6": 1e6 * float((a - b).abs().mean()),
-        "gradient 1e-6": 1e6 * max(float((x - y).norm() / y.norm()) for x, y in gradients), "two runs alike": str(again),
+        "scene": work.name, "against": name, "picture max": float((a - b).abs().max()),
+        "picture mean 1e-6": 1e6 * float((a - b).abs().mean()),
+        "gradient 1e-6": 1e6 * max(float((x - y).norm() / y.norm()) for x, y in gradients),
+        "two runs alike": str(again),
     }  # fmt: skip
 
 

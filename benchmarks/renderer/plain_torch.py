@@ -79,9 +79,8 @@ def project(gaussians: Any, camera: Any) -> Projected:
         index, g = finite[front], _rows(g, front)
         s = _on_screen(g, camera)
         reach = 2 * torch.log((g.opacity / ALPHA_MIN).clamp(min=1.0))
-        extent = (
-            torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
-        )  # float32 rounding at 8k px
+        # float32 rounding at 8k px
+        extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
         sane = torch.isfinite(s.det) & torch.isfinite(s.u) & torch.isfinite(s.v) & torch.isfinite(extent).all(dim=1)
         keep = sane & (s.det > VARIANCE_MIN * (s.a + s.c))
         keep &= (s.u + extent[:, 0] >= PIXEL_CENTRE) & (s.u - extent[:, 0] <= camera.width - 1 + PIXEL_CENTRE)
@@ -131,8 +130,8 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 def _jacobian_rows(
     g: Any, camera: Any, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx,
-    cy."""
+    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum:
+    limits from cx, cy."""
     k = camera.intrinsics
     fx, skew, cx, fy, cy = (float(k[i]) for i in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
     margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * camera.width / fx, FRUSTUM_MARGIN * 0.5 * camera.height / fy
@@ -210,9 +209,8 @@ def _sorted_by_depth(p: Projected, camera: Any, tile: int) -> tuple[torch.Tensor
     with torch.no_grad():
         mean, extent = p.mean[order], p.extent[order]
         limit = mean.new_tensor([camera.width, camera.height])
-        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(
-            torch.int64
-        )  # pixel index whose centre is inside
+        # pixel index whose centre is inside
+        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(torch.int64)
         last = torch.minimum(torch.floor(mean + extent - PIXEL_CENTRE).clamp(min=-1), limit - 1).to(torch.int64)
         empty = (last < first).any(dim=1, keepdim=True)
         low, high = first // tile, last // tile + 1

@@ -22,8 +22,8 @@ ZOOM = 1.9
 DISTANCE = 2.4
 """From the cameras to the body's axis, m."""
 FOOTPRINT = 1.03
-"""Standard deviation in source pixels: 5.1 million pairs of a Gaussian and a pixel pass the alpha test in a 512 px
-picture."""
+"""Standard deviation in source pixels:
+5.1 million pairs of a Gaussian and a pixel pass the alpha test in a 512 px picture."""
 GUITAR = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "splats" / "guitar.compressed.ply"
 
 
@@ -78,8 +78,8 @@ def blobs(size: int, count: int = 100_000) -> tuple[Gaussians, Camera]:
 
 
 def guitar(size: int) -> tuple[Gaussians, Camera]:
-    """A guitar of 90,854 Gaussians from photographs, filling the picture. Raises FileNotFoundError where the file is
-    not."""
+    """A guitar of 90,854 Gaussians from photographs, filling the picture.
+    Raises FileNotFoundError where the file is not."""
     mean, quaternion, scale, opacity, color = read_compressed(GUITAR)
     low, high = np.percentile(mean, [2, 98], axis=0)
     centre, extent = (low + high) / 2, float((high - low).max())
@@ -93,8 +93,8 @@ def guitar(size: int) -> tuple[Gaussians, Camera]:
 
 
 def read_compressed(path: Path) -> tuple[np.ndarray, ...]:
-    """(mean [N, 3], quaternion [N, 4] wxyz, scale [N, 3], opacity [N], color [N, 3]) of a PLY of packed chunks of
-    256."""
+    """(mean [N, 3], quaternion [N, 4] wxyz, scale [N, 3], opacity [N], color [N, 3])
+    of a PLY of packed chunks of 256."""
     raw = path.read_bytes()
     end = raw.index(b"end_header\n") + len(b"end_header\n")
     counts = [int(line.split()[2]) for line in raw[:end].decode().splitlines() if line.startswith("element")]

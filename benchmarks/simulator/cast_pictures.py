@@ -1,4 +1,4 @@
-"""The pictures of docs/reference/simulator.md: everybody from the front and from behind, and one person in every motion.
+"""The pictures of docs/reference/simulator.md: everybody from the front and from behind, one person in every motion.
 
 python -m benchmarks.simulator.cast_pictures      writes docs/reference/cast.png and docs/reference/motions.png
 """
@@ -44,8 +44,8 @@ def pictures(
     size: tuple[int, int],
     fill: float,
 ) -> list[np.ndarray]:
-    """[h, w, 3] sRGB before grey of one person at one moment, by cameras at these azimuths, degrees from straight
-    ahead."""
+    """[h, w, 3] sRGB before grey of one person at one moment, by cameras at these azimuths,
+    degrees from straight ahead."""
     turn = np.radians(azimuths)
     focal = fill * size[1] * 5.0 / 1.9 / max(size)  # over the longer side, of what is 1.9 m high at 5 m
     cameras: list[dict[str, Any]] = [

@@ -49,8 +49,8 @@ def milliseconds(size: int, cameras: int, effects: list[str]) -> float:
 
 
 def added(size: int, cameras: int, without: list[str], with_: list[str], repeats: int) -> tuple[float, float]:
-    """Median ms that the second scene takes more than the first, timed one right after the other; and of the second
-    alone."""
+    """Median ms that the second scene takes more than the first, timed one right after the other;
+    and of the second alone."""
     pairs = [(milliseconds(size, cameras, without), milliseconds(size, cameras, with_)) for _ in range(repeats)]
     return statistics.median(b - a for a, b in pairs), statistics.median(b for _, b in pairs)
 

@@ -159,8 +159,8 @@ def with_steps(config: TrainingConfig, steps: int | None) -> TrainingConfig:
 
 
 def take(folder: Path, config: TrainingConfig) -> None:
-    """Note what all cells of a folder have in common. Raises ConfigError where it holds an ablation of something
-    else."""
+    """Note what all cells of a folder have in common.
+    Raises ConfigError where it holds an ablation of something else."""
     file = folder / "ablation.yaml"
     new = config.model_dump(mode="json")
     if file.is_file():

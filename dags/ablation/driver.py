@@ -144,8 +144,8 @@ class _Work:
             if not done:
                 left = sum(not self.order.finished(j) for j in jobs)
                 self.say(
-                    f"the minutes are over, {number(left, 'cell')} of {len(jobs)} are left; the same command goes on"
-                    " from here"
+                    f"the minutes are over, {number(left, 'cell')} of {len(jobs)} are left;"
+                    " the same command goes on from here"
                 )
                 return
 

@@ -3,8 +3,8 @@ data.
 
 A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of
 the ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`). Rows of a group
-that has
-`footage` are not trained: the pipeline runs on simulated sequences with weights that there are (`ablation_runs.py`).
+that has `footage` are not trained: the pipeline runs on simulated sequences with weights that there are
+(`ablation_runs.py`).
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Footage:
     """Of the scene, laid over a clean one."""
 
     def scene(self, seed: int, cameras: int | None = None) -> Scene:
-        """The sequence of a seed of the ablation, of as many cameras as a row says. Raises ConfigError where there
-        is none."""
+        """The sequence of a seed of the ablation, of as many cameras as a row says.
+        Raises ConfigError where there is none."""
         most = FIRST_KEPT_SEED - FIRST_VALIDATION_SEED
         if seed >= most:
             raise ConfigError(

@@ -1,5 +1,5 @@
-"""One finished training, measured with every number of iterations: no step is taken, its last checkpoint is looked
-at again."""
+"""One finished training, measured with every number of iterations:
+no step is taken, its last checkpoint is looked at again."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What one run of the pipeline on a simulated sequence says to an ablation: pictures, their steadiness, depth,
-joints."""
+"""What one run of the pipeline on a simulated sequence says to an ablation:
+pictures, their steadiness, depth, joints."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def measured(results: Results, joints3d: np.ndarray) -> Measured:
 
 
 def _pictures(results: Results) -> Measured:
-    """Of the rows of the metrics stage: means over pictures; the change of SSIM over the frames of each camera, then
-    over cameras."""
+    """Of the rows of the metrics stage: means over pictures;
+    the change of SSIM over the frames of each camera, then over cameras."""
     values: dict[tuple[str, str], list[float]] = defaultdict(list)
     changes: dict[str, list[float]] = defaultdict(list)
     rows: list[dict[str, Any]] = results.table("metrics/{path}", held_out_path(results.context).name)

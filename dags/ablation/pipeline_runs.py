@@ -1,8 +1,8 @@
 """The runs behind those tables of an ablation that are not trained: the pipeline on simulated sequences, one a seed.
 
 A run is one row with one seed, in `FOLDER/runs/GROUP=ROW/seed-N`. Its sequence is filmed once for all rows that share
-it, in
-`FOLDER/sequences`, and removed when these are done; a run that was killed goes on after the last task that it finished.
+it, in `FOLDER/sequences`, and removed when these are done; a run that was killed goes on after the last task that it
+finished.
 """
 
 from __future__ import annotations

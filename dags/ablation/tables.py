@@ -73,11 +73,12 @@ def _footage_notes(group: Group, rows: Sequence[Mapping[str, Any]], seeds: Seque
     """On what the rows were measured, and with which weights."""
     assert group.footage is not None
     f = group.footage
-    said = [
+    what = (
         "Each seed is one simulated sequence that nothing was trained on, the seed counted from"
-        f" {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second, {f.size} px, 2 held-out"
-        " views."
-    ]
+        f" {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second,"
+        f" {f.size} px, 2 held-out views."
+    )
+    said = [what]
     used: dict[str, list[str]] = {}
     for seed in seeds:
         of_seed = dict.fromkeys(

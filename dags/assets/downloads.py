@@ -58,16 +58,16 @@ KNOWN = ("blazepose",)
 
 
 def listing() -> list[str]:
-    """Sentences: which of BlazePose's files are there, their sizes, what is missing or spoilt and the command that
-    mends it."""
+    """Sentences: which of BlazePose's files are there, their sizes,
+    what is missing or spoilt and the command that mends it."""
     folder = blazepose_folder()
     states = [_state(folder / m.name, m) for m in BLAZEPOSE]
     lines = [f"blazepose (pose and person segmentation, licence {MEDIAPIPE.licence}) in {folder}"]
     lines += [f"  {m.name:28} {_megabytes(m.size)}  {state}" for m, state in zip(BLAZEPOSE, states, strict=True)]
     if set(states) != {"there"}:
         lines.append(
-            f"  bring it with `{FETCH}`, or `posegaussian models add FILE` with {MEDIAPIPE.file} where there is no"
-            " network"
+            f"  bring it with `{FETCH}`, or `posegaussian models add FILE`"
+            f" with {MEDIAPIPE.file} where there is no network"
         )
     lines += [
         f"{name} (the network's weights, {_megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what"
@@ -89,8 +89,8 @@ def fetch(name: str) -> list[str]:
     """
     if name not in KNOWN:
         raise SourceError(
-            f"no model named {name!r} can be fetched; known are {', '.join(KNOWN)}, and `posegaussian models add` takes"
-            " files"
+            f"no model named {name!r} can be fetched;"
+            f" known are {', '.join(KNOWN)}, and `posegaussian models add` takes files"
         )
     folder = blazepose_folder()
     if all(_state(folder / m.name, m) == "there" for m in BLAZEPOSE):
@@ -116,8 +116,8 @@ def add(files: Sequence[Path]) -> list[str]:
     for file in files:
         if not file.is_file():
             raise SourceError(
-                f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose, or the description (.yaml) of an"
-                " ONNX model"
+                f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose,"
+                " or the description (.yaml) of an ONNX model"
             )
         if file.suffix == ".whl":
             said += _from_wheel(file)
@@ -172,8 +172,8 @@ def _download(work: Path) -> Path:
 
 
 def _from_wheel(wheel: Path) -> list[str]:
-    """Take the model files out of a wheel; each is checked by itself, so any platform's wheel of that version will
-    do."""
+    """Take the model files out of a wheel;
+    each is checked by itself, so any platform's wheel of that version will do."""
     try:
         with reader_of(wheel, "wheel"), zipfile.ZipFile(wheel) as z:
             contents = {m: _member(z, m) for m in BLAZEPOSE}

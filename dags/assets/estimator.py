@@ -49,8 +49,8 @@ def described(params: DetectionParams) -> Description:
 
 
 def models_digest(params: DetectionParams) -> str:
-    """Digest of the contents of a resolved estimator's models; of a user's, with that of whoever finds the people
-    for it."""
+    """Digest of the contents of a resolved estimator's models;
+    of a user's, with that of whoever finds the people for it."""
     blazepose = [m.sha256 for m in BLAZEPOSE]
     if params.estimator == "blazepose":
         return digest(blazepose)

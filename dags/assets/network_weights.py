@@ -56,15 +56,16 @@ def notes(params: NetworkParams) -> list[str]:
     trained = card_of(params).iterations
     if params.iterations <= trained:
         return []
-    return [
+    warning = (
         f"network.iterations is {params.iterations}, but {params.weights} was trained with 1 to {trained}: beyond that"
         f" depth may get worse; use at most {trained}"
-    ]
+    )
+    return [warning]
 
 
 def network_of(params: NetworkParams) -> Any:
-    """The network of the file, made once in a process. Raises ConfigError, and WeightsError for a file that does not
-    hold one."""
+    """The network of the file, made once in a process.
+    Raises ConfigError, and WeightsError for a file that does not hold one."""
     file = weights_file(params)
     return _made(file, file.stat().st_mtime_ns)
 

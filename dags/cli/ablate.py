@@ -24,8 +24,8 @@ def ablate(
         typer.Option(
             "--only",
             help=(
-                "Groups, with commas between: fusion, pose, lambda, beta_gamma, iterations, heads, tps, cameras."
-                " Default: all."
+                "Groups, with commas between: fusion, pose, lambda, beta_gamma,"
+                " iterations, heads, tps, cameras. Default: all."
             ),
         ),
     ] = None,

@@ -68,9 +68,8 @@ def main() -> None:
             markup=False,
             soft_wrap=True,
         )
-        if (
-            e.filename is None
-        ):  # what is left of the output would be tried once more at the end, and fail with a traceback
+        # what is left of the output would be tried once more at the end, and fail with a traceback
+        if e.filename is None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
     except KeyboardInterrupt:

@@ -40,8 +40,8 @@ def add(
         list[Path],
         typer.Argument(
             help=(
-                "The mediapipe 0.10.21 wheel, .tflite files of BlazePose, or descriptions (.yaml) of ONNX models to"
-                " check."
+                "The mediapipe 0.10.21 wheel, .tflite files of BlazePose,"
+                " or descriptions (.yaml) of ONNX models to check."
             )
         ),
     ],

@@ -1,5 +1,5 @@
-"""What the commands of `posegaussian` share: their options, the session these lead to, and how sentences are
-printed."""
+"""What the commands of `posegaussian` share:
+their options, the session these lead to, and how sentences are printed."""
 
 from __future__ import annotations
 

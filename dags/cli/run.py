@@ -180,18 +180,13 @@ def why(
     chosen: list[Task] = [t for t in p.verdicts if t.stage == stage and partition in (None, t.partition)]
     if not chosen:
         raise ConfigError(
-            f"{stage} of {sequence} has no partition {partition}; it has {len(p.context.grid.partitions)}, counted"
-            " from 0"
+            f"{stage} of {sequence} has no partition {partition};"
+            f" it has {len(p.context.grid.partitions)}, counted from 0"
         )
     for failure in still_failed(session.archive, [p.context.sequence.name]):
         if failure.task in chosen:
-            say(
-                [
-                    f"{failure.task.label(p.context.views.names)} failed {failure.when[:19].replace('T', ' ')} UTC:"
-                    f" {failure.error}"
-                ],
-                "red",
-            )
+            label, when = failure.task.label(p.context.views.names), failure.when[:19].replace("T", " ")
+            say([f"{label} failed {when} UTC: {failure.error}"], "red")
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     for t in stale or chosen[:1]:
         say(chain(p, t))

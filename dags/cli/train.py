@@ -31,8 +31,8 @@ def train(
         typer.Option(
             "--minutes",
             help=(
-                "Stop after so many minutes with a checkpoint; the same command goes on. Default: when all steps are"
-                " done."
+                "Stop after so many minutes with a checkpoint;"
+                " the same command goes on. Default: when all steps are done."
             ),
             min=0.05,
         ),

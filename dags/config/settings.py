@@ -68,8 +68,8 @@ class RunSettings(Params):
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
     gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting(
         "auto",
-        "GPU workers of the local scheduler, one a device; more than there are devices stand in for one and compute on"
-        " the CPU.",
+        "GPU workers of the local scheduler, one a device;"
+        " more than there are devices stand in for one and compute on the CPU.",
     )
     window: int = setting(
         2, "Tasks in flight for every worker slot; up to 8 while tasks take milliseconds.", ge=1, le=64
@@ -124,8 +124,8 @@ class _Common(Params):
     @field_validator("keep")
     @classmethod
     def _arrays_that_can_be_dropped(cls, value: dict[str, Keep]) -> dict[str, Keep]:
-        """A misspelt name would drop nothing in silence; constants of a sequence come out different once the sources
-        have grown."""
+        """A misspelt name would drop nothing in silence;
+        constants of a sequence come out different once the sources have grown."""
         known = [w.name for s in STAGES if not s.sequence_wide for w in s.writes if isinstance(w, ArraySpec)]
         for name in value:
             if name not in known:
@@ -158,8 +158,8 @@ class Configuration:
     """{glob: partial settings} of `sequences`."""
 
     def for_sequence(self, name: str) -> Any:
-        """Settings of one sequence: overrides whose glob matches are laid over the default, in the order of the
-        file."""
+        """Settings of one sequence: overrides whose glob matches are laid over the default,
+        in the order of the file."""
         values = _merged(self.layers)
         globs = [g for g in self.overrides if fnmatch.fnmatchcase(name, g)]
         if not globs:
@@ -169,8 +169,8 @@ class Configuration:
         return Settings.model_validate({k: v for k, v in values.items() if k != "sequences"})
 
     def as_yaml(self, paths: Sequence[str] = ()) -> str:
-        """The effective settings, kept in the archive by every run; `paths` that it was asked for take the place of
-        all others."""
+        """The effective settings, kept in the archive by every run;
+        `paths` that it was asked for take the place of all others."""
         values = {**self.default.model_dump(mode="json"), "sequences": self.overrides}
         if paths:
             own = {"rendering": {"paths": list(paths)}}
@@ -227,8 +227,8 @@ def validate(layers: tuple[Document, ...]) -> Configuration:
     for glob, partial in overrides.items():
         if not isinstance(partial, Mapping):
             faults.append(
-                f"{_where(layers, ('sequences', glob))} sequences.{glob}: a mapping of settings is expected, got"
-                f" {partial!r}"
+                f"{_where(layers, ('sequences', glob))} sequences.{glob}:"
+                f" a mapping of settings is expected, got {partial!r}"
             )
             continue
         faults += [

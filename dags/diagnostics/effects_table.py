@@ -1,5 +1,5 @@
-"""The effects of a sequence as a table: what was measured, what follows from it and why, and what that saves or
-costs."""
+"""The effects of a sequence as a table:
+what was measured, what follows from it and why, and what that saves or costs."""
 
 from __future__ import annotations
 

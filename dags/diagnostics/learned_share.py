@@ -13,8 +13,8 @@ from posegaussian.storage.model.errors import ShardMissing
 
 
 def sentences(plans: Iterable[Plan]) -> list[str]:
-    """One sentence a sequence in which the network ran: the mean share of the learned value, and the view with the
-    least."""
+    """One sentence a sequence in which the network ran:
+    the mean share of the learned value, and the view with the least."""
     said = []
     for plan in plans:
         context, results = plan.context, Results(plan.context)

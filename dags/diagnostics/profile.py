@@ -1,5 +1,5 @@
-"""Which modules the seconds of a stage went to, of stages that say it, as sentences: of one run, and of all finished
-tasks."""
+"""Which modules the seconds of a stage went to, of stages that say it, as sentences:
+of one run, and of all finished tasks."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Progress: one bar and one estimate on a terminal, plain lines where there is none, one JSON object a line for
-machines."""
+"""Progress: one bar and one estimate on a terminal, plain lines where there is none,
+one JSON object a line for machines."""
 
 from __future__ import annotations
 
@@ -114,8 +114,8 @@ class PlainProgress:
             self.last = now
         elif now - self.last > QUIET_SECONDS and tally.now:
             self.write(
-                f"{self.remaining.share_done:.0%} done, about {seconds_text(self.remaining.seconds_left)} left;"
-                f" {tally.now}"
+                f"{self.remaining.share_done:.0%} done,"
+                f" about {seconds_text(self.remaining.seconds_left)} left; {tally.now}"
             )
             self.last = now
 

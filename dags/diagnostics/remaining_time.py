@@ -139,8 +139,8 @@ class Remaining:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the end, at the pace of the run so far; they run down while tasks are in hand, but not to
-        nothing."""
+        """Seconds until the end, at the pace of the run so far;
+        they run down while tasks are in hand, but not to nothing."""
         if self._start is None or self._heard is None:
             return self.work_left / self.workers
         passed = self._heard - self._start

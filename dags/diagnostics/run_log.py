@@ -85,14 +85,13 @@ class RunLog:
     def sentences(self) -> list[str]:
         """What the user should know after the run: whether the log lacks events."""
         lost = self._left.count(b"\n")
-        return (
-            [
-                f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do"
-                f" not know of them: {self._why}"
-            ]
-            if lost
-            else []
+        if not lost:
+            return []
+        sentence = (
+            f"the log of this run lacks its last {number(lost, 'event')}, so `status --failed` and the ledger do"
+            f" not know of them: {self._why}"
         )
+        return [sentence]
 
 
 @dataclass(frozen=True)
@@ -180,8 +179,8 @@ def report_failed(archive: Archive, names: Iterable[str], console: Console) -> i
 
 
 def tell_plans(plans: Iterable[Plan], refused: Iterable[str]) -> None:
-    """Write plans as JSON lines: a verdict a task, a line a stage that is not needed, a line a sequence that cannot
-    be planned."""
+    """Write plans as JSON lines: a verdict a task, a line a stage that is not needed,
+    a line a sequence that cannot be planned."""
     for sentence in refused:
         name, _, error = sentence.partition(": ")
         print(stamped(SequenceRefused(name, error)))

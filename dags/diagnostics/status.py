@@ -54,8 +54,8 @@ COUNTS = {"all", "done", "failed", "blocked", "warned", "stale", "undecided", "d
 """What is counted of a stage."""
 
 Numbers = dict[str, dict[str, int]]
-"""{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}}; {} for a stage that is
-not needed."""
+"""{stage: {all, done, failed, blocked, warned, stale, undecided, dropped: how many tasks}};
+{} for a stage that is not needed."""
 
 
 def standing(planner: Planner, name: str, failed: Iterable[tuple[Any, ...]] = ()) -> Numbers:
@@ -83,8 +83,8 @@ def standing(planner: Planner, name: str, failed: Iterable[tuple[Any, ...]] = ()
 
 
 def rendered_instead(plan: Plan) -> tuple[str, ...]:
-    """Camera paths, as they were asked for, that the last run rendered where none of the plan's own was rendered;
-    else ()."""
+    """Camera paths, as they were asked for,
+    that the last run rendered where none of the plan's own was rendered; else ()."""
     rendered = [r for t, r in plan.book.receipts.items() if t.stage == "rendering"]
     if any(r.path in plan.context.paths for r in rendered):
         return ()

@@ -20,12 +20,12 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
 from posegaussian.stages.survey.params import PLATE
-from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.cameras import CameraPath, camera_centre
 from posegaussian.storage.model.errors import ConfigError
 
 SAME_PLACE = 1e-3
-"""Metres between two cameras' centres up to which they see the same background: 0.3 px at 3 m and a focal length of
-1000 px."""
+"""Metres between two cameras' centres up to which they see the same background:
+0.3 px at 3 m and a focal length of 1000 px."""
 MOST_KEPT = 16
 """Backgrounds in memory: cameras that stand still come again every frame, one that turns never does."""
 ANSWERS = "none, plate, a colour such as '#30a040' (in quotes, a shell takes # for a comment), or a picture file"
@@ -91,8 +91,8 @@ def parse(text: str) -> Backdrop:
 
 
 def needed(context: Context, backdrop: Backdrop) -> frozenset[Product]:
-    """What the export reads beside rendered pictures. Raises ConfigError for a plate that this capture or path
-    cannot have."""
+    """What the export reads beside rendered pictures.
+    Raises ConfigError for a plate that this capture or path cannot have."""
     if backdrop.kind != "plate":
         return frozenset()
     if "several_frames" not in context.capture_facts:
@@ -109,7 +109,7 @@ def needed(context: Context, backdrop: Backdrop) -> frozenset[Product]:
 
 def _filmed_from(context: Context, path: CameraPath, frame: int, camera: int) -> int:
     """The view whose camera stands where a target camera does. Raises ConfigError where none does."""
-    apart = np.linalg.norm(context.rig.centres - centre_of(path.world_to_camera[frame, camera]), axis=1)
+    apart = np.linalg.norm(context.rig.centres - camera_centre(path.world_to_camera[frame, camera]), axis=1)
     near = [
         v for v in np.argsort(apart, kind="stable").tolist() if apart[v] <= SAME_PLACE and v in context.active_views
     ]
@@ -125,11 +125,6 @@ def _filmed_from(context: Context, path: CameraPath, frame: int, camera: int) ->
         " the background from there; "
         f'export --path held_out or "still CAM", or give a colour or a picture file'
     )
-
-
-def centre_of(world_to_camera: np.ndarray) -> np.ndarray:
-    """[3] metres of a camera [4, 4]."""
-    return np.asarray(-world_to_camera[:3, :3].T @ world_to_camera[:3, 3])
 
 
 def _plate(results: Results, path: CameraPath, frame: int, camera: int) -> np.ndarray:
@@ -214,7 +209,7 @@ def filling(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 def over(color: np.ndarray, alpha: np.ndarray, behind: np.ndarray) -> np.ndarray:
-    """[h, w, 3] uint8: a premultiplied picture [h, w, 3] with its alpha [h, w] over a background [h, w, 3], all
-    uint8 sRGB."""
+    """[h, w, 3] uint8: a premultiplied picture [h, w, 3] with its alpha [h, w] over a background [h, w, 3],
+    all uint8 sRGB."""
     rest = behind * ((255 - alpha.astype(np.float32)) / np.float32(255))[..., None]
     return np.minimum(np.rint(color + rest), 255).astype(np.uint8)

@@ -32,8 +32,8 @@ def output_file(option: str, file: Path, endings: Collection[str]) -> Path:
 
 
 def output_folder(option: str, folder: Path) -> Path:
-    """The folder of an option such as `--frames`; it may be new. Raises ConfigError for a file, and where it cannot
-    be made."""
+    """The folder of an option such as `--frames`; it may be new.
+    Raises ConfigError for a file, and where it cannot be made."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{option} {folder}: there is a file of that name; name a folder")
     _writable(option, folder, folder if folder.is_dir() else folder.parent)
@@ -41,8 +41,8 @@ def output_folder(option: str, folder: Path) -> Path:
 
 
 def _writable(option: str, path: Path, folder: Path) -> None:
-    """Raise ConfigError unless something can be made in a folder; a folder that is missing may be misspelt and is
-    not made."""
+    """Raise ConfigError unless something can be made in a folder;
+    a folder that is missing may be misspelt and is not made."""
     if not folder.is_dir():
         reason = "is no folder" if folder.exists() else "does not exist"
         raise ConfigError(f"{option} {path}: {folder} {reason}; make it first, or name another place")

@@ -48,8 +48,8 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
 
     if not path.served.any():
         raise UserError(
-            f"camera path {path.name} serves no frame of sequence {results.context.sequence.name}; nothing to write to"
-            f" {file}"
+            f"camera path {path.name} serves no frame of sequence {results.context.sequence.name};"
+            f" nothing to write to {file}"
         )
     rate = results.context.capture.frame_rate / _stride(results)
     if len(path.served) == 1 or len(path.names) == 1:
@@ -106,8 +106,8 @@ def _novel_frames(context: Context, path: CameraPath) -> list[int]:
 
 
 def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
-    """What an export of pictures or of a contact sheet reads: it must be there when the run is over, whatever `keep`
-    says."""
+    """What an export of pictures or of a contact sheet reads:
+    it must be there when the run is over, whatever `keep` says."""
     found: set[Product] = set()
     if pictures:
         arrays = [f"rendering/{name}/{kind}" for name in context.paths for kind in ("color", "alpha")]

@@ -1,5 +1,5 @@
-"""What one `posegaussian export` is asked to write: checked before anything runs, told to the plan, written when it
-is done."""
+"""What one `posegaussian export` is asked to write:
+checked before anything runs, told to the plan, written when it is done."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class ExportOrder:
         behind = backdrop.parse(background)
         if behind.kind != "none" and not (video or frames):
             raise ConfigError(
-                f"export --background {background}: contact sheets and splats have none; write --video FILE or --frames"
-                " FOLDER"
+                f"export --background {background}: contact sheets and splats have none;"
+                " write --video FILE or --frames FOLDER"
             )
         if behind.kind != "none" and alpha:
             raise ConfigError(
@@ -92,8 +92,8 @@ class ExportOrder:
         )
 
     def check(self, context: Context) -> None:
-        """Raise UserError, before anything runs, where the files of this sequence would mix with those of something
-        else."""
+        """Raise UserError, before anything runs,
+        where the files of this sequence would mix with those of something else."""
         if self.frames:
             from posegaussian.storage.exporters.frames import refuse_strangers
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the source views of these names; all source views without names. Raises ConfigError for other
-    names."""
+    """Indices of the source views of these names; all source views without names.
+    Raises ConfigError for other names."""
     sources = {context.views.names[v]: v for v in context.views.sources}
     for name in names:
         if name not in sources:
@@ -59,10 +59,8 @@ def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[
         splats = frame_splats(results, frame, views)
         write_splats(file, splats)
         counts.append(len(splats))
-    return [
-        f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of"
-        f" {', '.join(context.views.names[v] for v in views)}"
-    ]
+    names = ", ".join(context.views.names[v] for v in views)
+    return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"]
 
 
 def _files(context: Context, folder: Path) -> list[Path]:

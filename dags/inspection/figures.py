@@ -1,5 +1,5 @@
-"""Pictures of an inspection: each pair of cameras side by side, with epipolar lines, joints and the outline of the
-hull."""
+"""Pictures of an inspection: each pair of cameras side by side, with epipolar lines,
+joints and the outline of the hull."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.matching import Matched
 from posegaussian.stages.inspection.report import Report
-from posegaussian.stages.silhouettes.hull import Silhouettes, foreground, searched_radius
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.survey.joints import SCORE
 from posegaussian.stages.survey.silhouettes import masks_of
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 from posegaussian.storage.model.joint_sets import joint_set
+from posegaussian.storage.model.masks import foreground
 from posegaussian.storage.readers.images import write_png
 
 HEIGHT = 720
@@ -162,8 +163,8 @@ def _hull(footage: Footage, masks: dict[int, np.ndarray], view: int, size: tuple
 def _lines(
     footage: Footage, views: tuple[int, int], found: Matched | None, left: np.ndarray, right: np.ndarray, number: int
 ) -> None:
-    """Some points of each picture, and in the other one their epipolar lines and, where they are matched, their
-    partners."""
+    """Some points of each picture, and in the other one their epipolar lines and,
+    where they are matched, their partners."""
     matrix = fundamental(footage.rig, *views)
     first, second = _drawn(found, number, footage, views)
     for i, x in enumerate(first):
@@ -178,8 +179,8 @@ def _lines(
 def _drawn(
     found: Matched | None, number: int, footage: Footage, views: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Matches held for right that are spread over the picture; without any the joints that both cameras see; else
-    nothing."""
+    """Matches held for right that are spread over the picture;
+    without any the joints that both cameras see; else nothing."""
     if found is not None and (good := np.flatnonzero(found.fit.agree & (found.numbers == number))).size:
         spread = good[np.argsort(found.first[good, 1], kind="stable")]
         chosen = spread[np.unique(np.rint(np.linspace(0, len(spread) - 1, min(LINES, len(spread)))).astype(int))]

@@ -20,14 +20,18 @@ COLORS = {
     Verdict.NOTE: "#3b6fb6",
 }
 STYLE = """
-body{font:15px/1.45 Helvetica,Arial,'DejaVu Sans',sans-serif;color:#1d2430;margin:2rem auto;max-width:1240px;padding:0 1rem}
+body{font:15px/1.45 Helvetica,Arial,'DejaVu Sans',sans-serif;
+color:#1d2430;margin:2rem auto;max-width:1240px;padding:0 1rem}
 h1{font-size:1.5rem;margin:0 0 .6rem}h2{font-size:1.15rem;margin:2rem 0 .5rem}
 .verdict{color:#fff;border-radius:7px;padding:.7rem 1rem;font-size:1.1rem}
 ol li{margin:.45rem 0}.do{display:block;font-weight:bold}
-table{border-collapse:collapse;width:100%;font-size:.88rem}th,td{text-align:left;vertical-align:top;padding:.28rem .6rem .28rem 0;border-bottom:1px solid #e3e6ea}
+table{border-collapse:collapse;width:100%;font-size:.88rem}
+th,td{text-align:left;vertical-align:top;padding:.28rem .6rem .28rem 0;border-bottom:1px solid #e3e6ea}
 td.n{white-space:nowrap}.mark{color:#fff;border-radius:4px;padding:.05rem .45rem;white-space:nowrap;font-size:.82rem}
-figure{margin:1.2rem 0}figure img{max-width:100%;border-radius:4px;display:block}figcaption{font-size:.88rem;margin:.35rem 0}
-.key span{margin-right:1.2rem}.key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;margin-right:.35em;border:1px solid #888}
+figure{margin:1.2rem 0}figure img{max-width:100%;border-radius:4px;display:block}
+figcaption{font-size:.88rem;margin:.35rem 0}
+.key span{margin-right:1.2rem}.key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;
+margin-right:.35em;border:1px solid #888}
 """
 KEY = (
     ("#ffd200", "joint as seen"),
@@ -44,8 +48,8 @@ def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[P
 
 
 def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], folder: Path) -> str:
-    """The page's text: the verdict in one sentence, what to do, what a run will make of it, the pictures, and all
-    numbers."""
+    """The page's text: the verdict in one sentence, what to do, what a run will make of it,
+    the pictures, and all numbers."""
     width, height = footage.captured.max(axis=0)
     about = (
         f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px,"
@@ -119,6 +123,6 @@ def _figure(picture: PairPicture, findings: Sequence[Finding], names: Sequence[s
     told = "".join(f"<br>{_mark(f.verdict)} {escape(f.measure)}: {escape(f.sentence)}" for f in own)
     source = escape(picture.file.relative_to(folder).as_posix(), quote=True)
     return (
-        f'<figure><img src="{source}"'
-        f' alt="{escape(picture.caption, quote=True)}"><figcaption><b>{escape(picture.caption)}</b>{told}</figcaption></figure>'
+        f'<figure><img src="{source}" alt="{escape(picture.caption, quote=True)}">'
+        f"<figcaption><b>{escape(picture.caption)}</b>{told}</figcaption></figure>"
     )

@@ -1,5 +1,5 @@
-"""`posegaussian inspect`: what is wrong with a capture, in numbers, pictures and one page; nothing is written to the
-archive."""
+"""`posegaussian inspect`: what is wrong with a capture, in numbers, pictures and one page;
+nothing is written to the archive."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.readers.sources import open_source
 
 LONGEST = 1280
-"""Longer side in px of the pictures in which features are looked for: larger ones have no more features that two
-views share."""
+"""Longer side in px of the pictures in which features are looked for:
+larger ones have no more features that two views share."""
 STYLE = {
     Verdict.GOOD: "green",
     Verdict.DOUBTFUL: "yellow",

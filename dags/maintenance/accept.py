@@ -51,10 +51,8 @@ def accept(plan: Plan, stage: str, reason: str) -> list[str]:
             )
         write_receipt(plan.context.sequence, receipt)
         plan.book.add(task, receipt)
-    said = [
-        f"{name}: accepted {len(made)} of {len(stale)} stale outputs of {stage}:"
-        f" {', '.join(dict.fromkeys(c for _, changed in keyed for c in changed)) or 'no change'}"
-    ]
+    changes = ", ".join(dict.fromkeys(c for _, changed in keyed for c in changed)) or "no change"
+    said = [f"{name}: accepted {len(made)} of {len(stale)} stale outputs of {stage}: {changes}"]
     if len(made) < len(stale):
         said.append(f"{name}: {len(stale) - len(made)} outputs of {stage} were never made; a run makes them")
     return said
@@ -72,8 +70,8 @@ def _settled(plan: Plan) -> set[Task]:
 
 
 def _keyed(plan: Plan, task: Task, settled: set[Task], reason: str) -> tuple[Receipt, list[str]]:
-    """The receipt under today's fingerprint, and what changed since it was written. Raises UserError when that may
-    matter."""
+    """The receipt under today's fingerprint, and what changed since it was written.
+    Raises UserError when that may matter."""
     name, old = plan.context.sequence.name, plan.book.receipts[task]
     label = f"accept: {name} {task.label(plan.context.views.names)}"
     if task in plan.book.problems:
@@ -92,8 +90,8 @@ def _keyed(plan: Plan, task: Task, settled: set[Task], reason: str) -> tuple[Rec
     changed = reasons(old.parts, parts)
     if other:
         raise UserError(
-            f"{label}: {', '.join(other)} changed, not only {', '.join(HARMLESS)} ({'; '.join(changed)}); run it"
-            " instead"
+            f"{label}: {', '.join(other)} changed, not only {', '.join(HARMLESS)} ({'; '.join(changed)});"
+            " run it instead"
         )
     note = {
         "by": getpass.getuser(),

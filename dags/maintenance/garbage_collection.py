@@ -3,12 +3,12 @@ when told.
 
 | kind | what | made again by |
 | --- | --- | --- |
-| arrays | outputs that their `keep` (as declared, or as set) would have dropped: all that reads them is done | the next thing that needs them |
+| arrays | outputs that `keep` would have dropped: all that reads them is done | the next thing that needs them |
 | paths | pictures and measures of camera paths that are not asked for now | `export --path` |
 | range | partitions beyond the present `frames.range` | a longer range |
 | stages | outputs that the capture does not need under these settings | other settings |
 | strays | half written files, shards without a receipt | nothing needs them |
-| variants | archives of `tradeoff`; results of other settings that were put aside (`run.keep_variants`) | `tradeoff`; going back to those settings |
+| variants | archives of `tradeoff`; results of other settings (`run.keep_variants`) | `tradeoff`; those settings |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
 Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk
@@ -210,8 +210,8 @@ def _cost(plan: Plan, tasks: list[Task]) -> str:
 
 
 def _unwanted(plan: Plan) -> Iterator[Item]:
-    """Receipts and outputs of tasks that are not in the plan: other camera paths, a longer range, stages that are
-    not needed."""
+    """Receipts and outputs of tasks that are not in the plan:
+    other camera paths, a longer range, stages that are not needed."""
     sequence, lost = plan.context.sequence, lost_source(plan.context)
     groups: dict[tuple[str, str], list[Receipt]] = defaultdict(list)
     for task, receipt in plan.book.receipts.items():
@@ -244,8 +244,8 @@ def _unwanted(plan: Plan) -> Iterator[Item]:
             size,
             again,
             remove,
-            lambda receipts=receipts: _one_by_one(given(forget, sequence), receipts),
-        )  # type: ignore[misc]
+            given(_one_by_one, given(forget, sequence), receipts),
+        )
 
 
 def _kind(plan: Plan, task: Task) -> str | None:
@@ -309,9 +309,9 @@ def _strays(plan: Plan) -> Iterator[Item]:
             f"left over from resharding: {folder.name}",
             folder_bytes(folder),
             "nothing",
-            lambda folder=folder: delete_folder(folder),
-            lambda folder=folder: _one_by_one(delete_folder, [folder]),
-        )  # type: ignore[misc]
+            given(delete_folder, folder),
+            given(_one_by_one, delete_folder, [folder]),
+        )
 
 
 def _path_folders(sequence: Group) -> list[Path]:

@@ -59,8 +59,8 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
     lost = _given_up(plan)
     if lost and not give_up:
         raise ArchiveError(
-            f"reshard: {'; '.join(lost)}; `posegaussian run` first, name the paths with --path, or pass --give-up to"
-            " let it go"
+            f"reshard: {'; '.join(lost)}; `posegaussian run` first,"
+            " name the paths with --path, or pass --give-up to let it go"
         )
     _refuse_dropped(plan)
     _refuse_full_disk(sequence)
@@ -93,14 +93,10 @@ def _given_up(plan: Plan) -> list[str]:
     )
     said += [f"camera paths {', '.join(paths)} are rendered but not asked for"] if paths else []
     rest = [t for t in other if t.path is None]
-    return said + (
-        [
-            f"{number(len(rest), 'task')} of {', '.join(dict.fromkeys(t.stage for t in rest))} are outside the range or"
-            " not needed"
-        ]
-        if rest
-        else []
-    )
+    if rest:
+        stages = ", ".join(dict.fromkeys(t.stage for t in rest))
+        said.append(f"{number(len(rest), 'task')} of {stages} are outside the range or not needed")
+    return said
 
 
 def _refuse_dropped(plan: Plan) -> None:
@@ -117,8 +113,8 @@ def _refuse_dropped(plan: Plan) -> None:
         force = " ".join(f"--force {s}" for s in dict.fromkeys(dropped.values()))
         raise ArchiveError(
             f"reshard: {', '.join(sorted(dropped))} of sequence {plan.context.sequence.name} was dropped, and digests"
-            f" of other partitions come from the bytes; `posegaussian run --set run.keep=everything {force}` makes them"
-            " again"
+            " of other partitions come from the bytes;"
+            f" `posegaussian run --set run.keep=everything {force}` makes them again"
         )
 
 

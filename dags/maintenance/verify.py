@@ -56,12 +56,8 @@ def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
             [f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"],
             "red",
         )
-    session.say(
-        [
-            f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read,"
-            f" {number(found, 'fault') if found else 'no faults'}"
-        ]
-    )
+    outcome = number(found, "fault") if found else "no faults"
+    session.say([f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read, {outcome}"])
     if count.unsealed:
         added = mend and seal_all(sequence)
         session.say(

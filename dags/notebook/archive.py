@@ -1,5 +1,4 @@
-"""An archive as a notebook sees it: sequences, their arrays as NumPy and xarray, and the same plans and runs as the command
-line's.
+"""An archive as a notebook sees it: sequences, their arrays as NumPy and xarray, and the command line's plans and runs.
 
 Everything goes through the mechanisms of a run: names are checked before they are followed, arrays of stages are read
 against their receipts, and nothing is computed unless `run` is called.
@@ -153,8 +152,8 @@ class OpenSequence:
         Args:
             array: its name, such as `depth/depth` or `rendering/orbit-1e28255c/color`.
             frames: frame indices, for arrays that a stage makes over time; None: all. One index takes the axis away.
-            view: one camera by name or index, for arrays with a view axis; None: every view that has the array, stacked,
-                [frames, views, ...].
+            view: one camera by name or index, for arrays with a view axis; None: every view
+                that has the array, stacked: [frames, views, ...].
 
         Returns:
             [frames, views, ...] as the array's `dims` say.
@@ -201,7 +200,7 @@ class OpenSequence:
         return xarray.open_zarr(place, consolidated=False, chunks=None)
 
     def gaussians(self, frame: int, views: Sequence[str | int] | None = None) -> Gaussians:
-        """The Gaussians of one frame, N of them in world axes, metres: those that the source views carry, or some of them.
+        """The Gaussians of one frame, N of them in world axes, metres: those of the source views, or some of them.
 
         Raises ShardMissing where the frame was not computed.
         """

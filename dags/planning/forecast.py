@@ -194,10 +194,11 @@ def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[
         "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room"
         " (`posegaussian gc` says what could go)"
     )
-    return [
+    warning = (
         f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free;"
         f" {advice}"
-    ]
+    )
+    return [warning]
 
 
 @dataclass(frozen=True)
@@ -216,10 +217,11 @@ class Room:
         if self.over <= 0:
             return []
         bound = "the disk holds no more" if self.by_disk else f"run.keep_variants is {setting}"
-        return [
+        note = (
             f"up to {gigabytes(self.over)} of results of other settings will be deleted, those unused for the longest"
             f" time first: {bound}"
-        ]
+        )
+        return [note]
 
 
 def room(plans: Sequence[Plan], archive: Archive, history: History) -> Room:

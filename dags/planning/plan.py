@@ -327,7 +327,8 @@ def _changed_sources(context: Context) -> list[str]:
     if not changed:
         return []
     more = f" and {len(changed) - 1} more source files" if len(changed) > 1 else ""
-    return [
+    warning = (
         f"{changed[0]}{more} changed or went away since the import (size or time differ); what was made from the old"
         " content stays until `posegaussian import` takes the new one"
-    ]
+    )
+    return [warning]

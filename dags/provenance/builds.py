@@ -17,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 
 from posegaussian.dags.provenance.code_digest import (
+    PACKAGE,
     ROOT,
     STARTED,
     check_started,
@@ -70,9 +71,9 @@ class Build:
 
 @lru_cache(maxsize=1)
 def here() -> Build:
-    """What this process imported, or will: taken once. Raises OtherCode when one of its files was edited since it
-    began."""
-    executor = [file for name, _ in closure(EXECUTOR, packages=("dags",)) if (file := module_file(name)) is not None]
+    """What this process imported, or will: taken once.
+    Raises OtherCode when one of its files was edited since it began."""
+    executor = [file for name, _ in closure(EXECUTOR, folders=("dags",)) if (file := module_file(name)) is not None]
     files = sorted({*executor, *(f for f in STARTED if f.relative_to(ROOT).parts[0] != "dags")})
     code = {f.relative_to(ROOT).as_posix(): hashlib.blake2b(read_started(f), digest_size=8).hexdigest() for f in files}
     versions = code | libraries()
@@ -127,11 +128,7 @@ def check_imports() -> None:
         return
     count = len(sys.modules)
     for name, module in list(sys.modules.items()):
-        if (
-            name not in _checked
-            and name.partition(".")[0] in ("dags", "stages", "storage")
-            and (file := getattr(module, "__file__", None))
-        ):
+        if name not in _checked and name.partition(".")[0] == PACKAGE and (file := getattr(module, "__file__", None)):
             check_started(Path(file).resolve())
             _checked.add(name)
     for library, name in LIBRARIES.items():

@@ -28,8 +28,8 @@ FOLDERS = ("stages", "storage")
 """Folders whose modules count."""
 
 APART = {"posegaussian.stages.contract.declaration", "posegaussian.stages.contract.timing"}
-"""Modules that declare and do not compute: changing the contract's wording, or how times are taken, changes no
-result."""
+"""Modules that declare and do not compute:
+changing the contract's wording, or how times are taken, changes no result."""
 
 
 Stamp = tuple[int, int]

@@ -73,8 +73,8 @@ class Session:
     voice: Voice = Voice.NORMAL
     """How much is said."""
     options: tuple[str, ...] = ()
-    """The options that led here, as words of a command: another command with them sees the same archive and
-    settings."""
+    """The options that led here, as words of a command:
+    another command with them sees the same archive and settings."""
 
     @classmethod
     def open(cls, config: Path | None, assignments: Sequence[str], archive: str | None, console: Console) -> Session:
@@ -90,8 +90,8 @@ class Session:
         return Archive.open(self.archive_url)
 
     def names(self, globs: Sequence[str]) -> list[str]:
-        """Names of the sequences that any glob matches; all without globs. Raises ArchiveError when a glob matches
-        none."""
+        """Names of the sequences that any glob matches; all without globs.
+        Raises ArchiveError when a glob matches none."""
         known = self.archive.names()
         if not known:
             raise ArchiveError(
@@ -205,8 +205,8 @@ class Session:
         for p in plans:
             self.say(
                 (
-                    f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too; what it holds is"
-                    " waited for"
+                    f"{p.context.sequence.name}: {other.sentence(time.time())} is at work here, too;"
+                    " what it holds is waited for"
                     for other in run_registry.others(p.context.sequence)
                 ),
                 "yellow",

@@ -48,8 +48,8 @@ def refuse_non_commercial(topology: str) -> None:
     """Raise ValueError for a topology whose data may not be used commercially."""
     if any(name in topology.lower() for name in NON_COMMERCIAL):
         raise ValueError(
-            f"topology {topology!r} fetches data for non-commercial use only; baked bodies ship with this project, use"
-            " 'anny'"
+            f"topology {topology!r} fetches data for non-commercial use only;"
+            " baked bodies ship with this project, use 'anny'"
         )
 
 
@@ -58,8 +58,10 @@ def _bone_of(label: str) -> str:
     stem, _, side = label.partition(".")
     side = {"L": "left_", "R": "right_"}.get(side, "")
     for start, bone in (
-        ("upperleg", "thigh"), ("lowerleg", "shin"), ("foot", "foot"), ("toe", "toes"), ("clavicle", "clavicle"), ("shoulder01", "clavicle"),
-        ("upperarm", "upper_arm"), ("lowerarm", "forearm"), ("wrist", "hand"), ("finger", "hand"), ("metacarpal", "hand"),
+        ("upperleg", "thigh"), ("lowerleg", "shin"), ("foot", "foot"), ("toe", "toes"), ("clavicle", "clavicle"),
+        ("shoulder01", "clavicle"),
+        ("upperarm", "upper_arm"), ("lowerarm", "forearm"), ("wrist", "hand"), ("finger", "hand"),
+        ("metacarpal", "hand"),
     ):  # fmt: skip
         if stem.startswith(start):
             return side + bone
@@ -77,7 +79,8 @@ def _bone_of(label: str) -> str:
 
 _PIVOTS = {
     "pelvis": "root", "waist": "spine04", "chest": "spine02", "neck": "neck01", "head": "head",
-    "clavicle": "clavicle", "upper_arm": "upperarm01", "forearm": "lowerarm01", "hand": "wrist", "thigh": "upperleg01", "shin": "lowerleg01", "foot": "foot", "toes": "toe1-1",
+    "clavicle": "clavicle", "upper_arm": "upperarm01", "forearm": "lowerarm01", "hand": "wrist", "thigh": "upperleg01",
+    "shin": "lowerleg01", "foot": "foot", "toes": "toe1-1",
 }  # fmt: skip
 
 
@@ -100,8 +103,8 @@ def _relaxed_hands(
     bend: float = 0.30,
     close: float = 0.75,
 ) -> np.ndarray:
-    """Vertices with every finger bent by `bend` rad a joint and turned by `close` of the way towards the middle
-    finger."""
+    """Vertices with every finger bent by `bend` rad a joint and turned by `close`
+    of the way towards the middle finger."""
     out = vertices.copy()
     for side in "LR":
         middle = heads[f"finger3-2.{side}"] - heads[f"finger3-1.{side}"]
@@ -150,8 +153,8 @@ def _quantised(vertices: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def bake(folder: Path, topology: str = "anny") -> None:
-    """Write `body.npz` (what all subjects share) and one NAME.npz a subject. Raises ValueError for a refused
-    topology."""
+    """Write `body.npz` (what all subjects share) and one NAME.npz a subject.
+    Raises ValueError for a refused topology."""
     refuse_non_commercial(topology)
     import anny
     import torch

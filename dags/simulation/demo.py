@@ -48,8 +48,8 @@ def run_demo(output: Path, size: int, frames: int, scheduler: str | None, consol
     capture_folder = output / f"capture_{size}px_{frames}f"
     if not (capture_folder / "cameras.json").is_file():
         console.print(
-            f"filming {frames} frames of a walking person with {8 + len(settings.views.held_out)} cameras at {size} x"
-            f" {size} px",
+            f"filming {frames} frames of a walking person"
+            f" with {8 + len(settings.views.held_out)} cameras at {size} x {size} px",
             markup=False,
         )
         film(capture_folder, size, frames, console)

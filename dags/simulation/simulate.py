@@ -1,5 +1,5 @@
-"""`posegaussian simulate`: a scene file becomes a capture on disk, registered like any other, with its truth beside
-it."""
+"""`posegaussian simulate`: a scene file becomes a capture on disk,
+registered like any other, with its truth beside it."""
 
 from __future__ import annotations
 
@@ -304,8 +304,8 @@ _TRUTH: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
 
 
 def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray]) -> None:
-    """Write `truth/*` of all views as filmed, and `truth/held_out/*`; depth of the views comes with the capture
-    itself."""
+    """Write `truth/*` of all views as filmed, and `truth/held_out/*`;
+    depth of the views comes with the capture itself."""
     for name, dims, unit, meaning in _TRUTH:
         if name in truth and (not name.startswith("joints") or truth["joints3d"].any()):
             chunk = (1, 1, *truth[name].shape[2:]) if "filmed_x" in dims else truth[name].shape

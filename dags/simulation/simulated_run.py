@@ -21,6 +21,7 @@ from posegaussian.dags.simulation.simulate import film, stage_scene
 from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.archive.store import Archive
+from posegaussian.storage.model.masks import foreground
 
 if TYPE_CHECKING:
     from posegaussian.stages.simulator.setup import Staged
@@ -32,8 +33,8 @@ ALL = Selection()
 
 
 def film_capture(scene: Scene, folder: Path, threads: int = 1) -> tuple[Staged, dict[str, np.ndarray]]:
-    """Film a scene into `folder/capture`; the staged scene, and the truth that
-    `posegaussian.dags.simulation.simulate.film` gives."""
+    """Film a scene into `folder/capture`;
+    the staged scene, and the truth that `posegaussian.dags.simulation.simulate.film` gives."""
     staged = stage_scene(scene, folder)
     return staged, film(scene, staged, folder / CAPTURE, threads)
 
@@ -84,7 +85,7 @@ def depths(results: Results) -> dict[str, float]:
             results.read(a, frames, view) for a in (depth_array(context.facts), "truth/depth", "frames/mask")
         )
         for d, t, m in zip(depth, truth, mask, strict=True):
-            surface = (m > 127) & (t > 0)
+            surface = foreground(m) & (t > 0)
             errors.append(disparity_error(d, t, pair)[surface])
             covered.append(d[surface] > 0)
             millimetres.append(1000 * np.abs(d - t)[surface & (d > 0)])

@@ -48,8 +48,8 @@ QUALITIES = {"psnr box": "dB", "psnr full": "dB", "ssim box": "1", "ssim full": 
 
 
 def declared_knobs() -> dict[str, list[Any]]:
-    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels, and {`effects.NAME`: off,
-    on}."""
+    """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels,
+    and {`effects.NAME`: off, on}."""
     settings = {
         f"{s.name}.{key}": levels
         for s in STAGES
@@ -120,8 +120,8 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
 
 
 def _settled(origin: ArchiveSequence, settings: Any, values: dict[str, Any]) -> Context:
-    """A variant that has taken over all it can; what a survey says may settle more, so the context is made until
-    nothing comes."""
+    """A variant that has taken over all it can;
+    what a survey says may settle more, so the context is made until nothing comes."""
     while True:
         context = variant(origin, settings, values, PATH)
         if not share(context, others(origin)):
@@ -155,8 +155,8 @@ class Clock:
                 self.times[stage, level.identities[stage]].append(sum(of_tasks.values()))
 
     def measure(self, levels: Sequence[Level], repeats: int) -> None:
-        """Run every level once, then what differs between them until it has `repeats` times; fills in seconds a
-        frame."""
+        """Run every level once, then what differs between them until it has `repeats` times;
+        fills in seconds a frame."""
         for i, level in enumerate(levels):
             self.session.say([f"level {i + 1} of {len(levels)}: {level.label()}"])
             share(level.context, others(_origin(level.context)))
@@ -176,8 +176,8 @@ class Clock:
             level.seconds = self._seconds(level)
 
     def _seconds(self, level: Level) -> dict[str, float]:
-        """{stage: seconds a frame}: the median of the measured times, or the sum over the receipts of a stage taken
-        over."""
+        """{stage: seconds a frame}: the median of the measured times,
+        or the sum over the receipts of a stage taken over."""
         once: dict[str, float] = defaultdict(float)
         for task, receipt in Book.open(level.context).receipts.items():
             once[task.stage] += receipt.facts.get("seconds", 0.0)
@@ -252,8 +252,8 @@ def machine(threads_each: int) -> str:
 
 
 def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:
-    """One row a level: knobs, seconds a frame by stage and in all, quality, and whether it is on the front of `psnr
-    box`."""
+    """One row a level: knobs, seconds a frame by stage and in all, quality,
+    and whether it is on the front of `psnr box`."""
     stages = [s.name for s in STAGES if any(s.name in level.seconds for level in levels)]
     names = [q for q in QUALITIES if all(q in level.quality for level in levels)]
     out = []
@@ -305,8 +305,8 @@ def run_tradeoff(
     repeats: int,
     output: Path | None,
 ) -> list[Level]:
-    """The command: measure, print the table, write tradeoff.parquet and tradeoff.png; returns the levels, cheapest
-    first."""
+    """The command: measure, print the table, write tradeoff.parquet and tradeoff.png;
+    returns the levels, cheapest first."""
     from posegaussian.dags.tradeoff.figure import draw
 
     names = session.names([sequence] if sequence else ())

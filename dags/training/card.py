@@ -1,5 +1,5 @@
-"""The card of trained weights: what they were trained on, for how long, how they measured, what they are not good
-for."""
+"""The card of trained weights: what they were trained on, for how long,
+how they measured, what they are not good for."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ PACKAGED = Path(__file__).with_name("training.yaml")
 
 
 def load_training(config: Path | None = None, assignments: Sequence[str] = ()) -> TrainingConfig:
-    """Read `config` over the packaged default, with assignments on top. Raises ConfigError listing every fault with
-    its place."""
+    """Read `config` over the packaged default, with assignments on top.
+    Raises ConfigError listing every fault with its place."""
     layers = [load(PACKAGED)]
     if config is not None:
         layers.append(load(config))
@@ -27,8 +27,8 @@ def load_training(config: Path | None = None, assignments: Sequence[str] = ()) -
     if settings.start is not None and not Path(settings.start).is_file():
         where = next(d for d in reversed(layers) if "start" in d.values).where(("start",))
         raise ConfigError(
-            f"{where} start: there is no file {settings.start}; name the weights.safetensors of another training, or"
-            " null"
+            f"{where} start: there is no file {settings.start};"
+            " name the weights.safetensors of another training, or null"
         )
     return settings
 

@@ -1,5 +1,5 @@
-"""Frames of a training: made ahead of the trainer by processes of their own, kept as files, read when their time
-comes."""
+"""Frames of a training: made ahead of the trainer by processes of their own,
+kept as files, read when their time comes."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ POLL_S = 0.2
 QUIET_SECONDS = 20.0
 """Pause between two lines that say what is waited for."""
 LEFT_S = 3600.0
-"""Age at which a half-written file is taken for what a kill left behind; another training may be writing a younger
-one."""
+"""Age at which a half-written file is taken for what a kill left behind;
+another training may be writing a younger one."""
 
 
 class FrameError(UserError):
@@ -78,8 +78,8 @@ class Item:
 
 
 class Producers:
-    """Processes that make frames into files, in the order in which they were asked for; with none, they are made
-    here."""
+    """Processes that make frames into files, in the order in which they were asked for;
+    with none, they are made here."""
 
     def __init__(self, config: TrainingConfig, folder: Path, frames: str, count: int) -> None:
         """`folder` holds the files of this data key; `frames` is the module that makes frames."""
@@ -100,8 +100,8 @@ class Producers:
         return (self.folder / item.file).is_file()
 
     def order(self, items: Iterable[Item], first: bool = False) -> None:
-        """Ask for frames; those that are there or asked for already are not asked for twice. `first`: before all
-        others."""
+        """Ask for frames; those that are there or asked for already are not asked for twice.
+        `first`: before all others."""
         under_way = {i.file for _, i in self.busy.values() if i is not None}
         wanted = {i.file: i for i in items if i.file not in under_way and not self.has(i)}
         queued = {i.file: i for i in self.queue}
@@ -247,8 +247,8 @@ class Frames:
         return [Item.validation(self.config, i) for i in range(self.config.validation.count)]
 
     def _ask_ahead(self, step: int, needed: range) -> None:
-        """Ask for frames of later steps, and at the first step for those of validation too, so that nobody waits for
-        them then."""
+        """Ask for frames of later steps, and at the first step for those of validation too,
+        so that nobody waits for them then."""
         first = self._scanned == 0
         self._scanned = max(self._scanned, step + 1)
         self._asked = {i for i in self._asked if i >= needed.start and i not in needed}
@@ -290,8 +290,8 @@ def read_frame(file: Path) -> Frame:
 
 
 def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tuple[str, str] | None:
-    """Make one frame into its file; (sentence, traceback) where that fails, without a traceback for what the user
-    can mend."""
+    """Make one frame into its file; (sentence, traceback) where that fails,
+    without a traceback for what the user can mend."""
     try:
         module = importlib.import_module(frames)
         make = module.make_frame if item.kind == "training" else module.validation_frame
@@ -307,9 +307,8 @@ def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tupl
 
 def _produce(connection: Connection, config: TrainingConfig, folder: Path, frames: str) -> None:
     """The life of a process: one frame after another until the training is gone."""
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # a terminal sends it here too; the training alone decides what it means
+    # a terminal sends it here too; the training alone decides what it means
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit(1)
     try:
         while True:

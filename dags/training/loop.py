@@ -217,8 +217,8 @@ class Training:
         ]
         if changed:
             self.say(
-                f"going on with {', '.join(changed)}: fine, but the last bits may differ from those of a training that"
-                " never stopped"
+                f"going on with {', '.join(changed)}: fine,"
+                " but the last bits may differ from those of a training that never stopped"
             )
         self.facts["machines"] = facts["machines"]
 

@@ -1,5 +1,5 @@
-"""The folder of a training: its configuration, log, checkpoints, frames, weights and picture; one training at a
-time."""
+"""The folder of a training: its configuration, log, checkpoints, frames, weights and picture;
+one training at a time."""
 
 from __future__ import annotations
 

@@ -31,9 +31,8 @@ def unpacked(data: bytes) -> Any:
 
     with reader_of("of a checkpoint", "state"):
         length = int.from_bytes(data[:8], "little")  # of the header, by the format's definition
-        skeleton = json.loads(
-            json.loads(data[8 : 8 + length])["__metadata__"]["state"]
-        )  # whole numbers of random generators are long
+        # whole numbers of random generators are long
+        skeleton = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["state"])
         return _put_together(skeleton, load(data))
 
 
@@ -42,9 +41,8 @@ def _taken_apart(node: Any, path: str, tensors: dict[str, torch.Tensor]) -> Any:
 
     if isinstance(node, torch.Tensor):
         name = f"{len(tensors):06d}"
-        tensors[name] = (
-            node.detach().to("cpu", copy=True).contiguous()
-        )  # a copy: tensors may share memory, files must not
+        # a copy: tensors may share memory, files must not
+        tensors[name] = node.detach().to("cpu", copy=True).contiguous()
         return {"tensor": name}
     if isinstance(node, dict):
         if wrong := [k for k in node if type(k) not in (str, int)]:

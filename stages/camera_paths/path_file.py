@@ -59,8 +59,8 @@ def read_path_file(file: str, source_frames: np.ndarray) -> CameraPath:
         if frame in every or (every and (frame is None or None in every)):
             when = "every frame" if frame is None else f"frame {frame}"
             raise UserError(
-                f"{file}: camera {name!r} serves {when} and occurs there more than once; names are unique for each"
-                " frame"
+                f"{file}: camera {name!r} serves {when} and occurs there more than once;"
+                " names are unique for each frame"
             )
         seen.add((name, frame))
         if size[c].any() and (size[c] != camera["size"]).any():
@@ -121,8 +121,8 @@ def _camera(file: str, index: int, entry: Any, integer: bool) -> dict[str, Any]:
         or np.abs(intrinsics[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9
     ):
         raise UserError(
-            f"{label}: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px with positive fx and fy, got"
-            f" {entry['K']}"
+            f"{label}: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"
+            f" in px with positive fx and fy, got {entry['K']}"
         )
     off = float(np.abs(r @ r.T - np.eye(3)).max())
     if off > 1e-3 or np.linalg.det(r) < 0:

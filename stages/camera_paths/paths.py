@@ -31,8 +31,8 @@ RISE = 1 / 3
 LOOP = 96
 """Frames of one swing, about."""
 HALF_TURN = 1e-3
-"""Radians: rotations this close to a half turn count as one; their axis has no sign, so the rig's up decides the
-way."""
+"""Radians: rotations this close to a half turn count as one;
+their axis has no sign, so the rig's up decides the way."""
 
 
 def make_path(
@@ -160,8 +160,8 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     if stretch is None:
         raise UserError(
             f"camera path 'between': no two of the source cameras {', '.join(rig.names[v] for v in views.sources)} can"
-            " be matched (see `posegaussian inspect`), so nothing lies between; render sway, orbit, arc, still or a"
-            " .json file"
+            " be matched (see `posegaussian inspect`), so nothing lies between;"
+            " render sway, orbit, arc, still or a .json file"
         )
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps
@@ -281,8 +281,8 @@ def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 def _rotation_vector(rotation: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """[3] axis times angle of a rotation matrix, angle in [0, pi]; of a half turn, the axis that has `up` on its
-    side."""
+    """[3] axis times angle of a rotation matrix, angle in [0, pi];
+    of a half turn, the axis that has `up` on its side."""
     skew = (
         np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
         / 2

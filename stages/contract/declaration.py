@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
@@ -20,6 +20,8 @@ from posegaussian.storage.model.spec import ArraySpec, Shape, TableSpec
 Axis = Literal["sequence", "time", "view", "path"]
 ViewSelection = Literal["own", "sources", "held_out", "all"]
 Facts = frozenset[str]
+Looked = TypeVar("Looked")
+"""What an effect's decision may look at: `Evidence` of a stage's, a scene's own of the simulator's."""
 
 
 class Params(BaseModel):
@@ -161,7 +163,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(Generic[Looked]):
     """Something computed only where a measure calls for it: while it is on, its name is among the facts of its stages.
 
     The first stage in the flow that declares it decides. What a stage reads with an effect off, it or what it reads
@@ -178,13 +180,13 @@ class Effect:
     """Bound above which the effect is on."""
     unit: str
     """Unit of measure and bound."""
-    decide: Callable[[Evidence, float], Decision | None]
+    decide: Callable[[Looked, float], Decision | None]
     """Pure, `decide(evidence, threshold)`; None: the survey must note `asks` first."""
     asks: tuple[str, ...] = ()
     """Outputs of the survey that the measure is made of; empty where cameras and settings suffice."""
-    lacks: Callable[[Evidence], str | None] = lambda evidence: None
+    lacks: Callable[[Looked], str | None] = lambda evidence: None
     """What this capture lacks for the effect, which is off then whatever the settings say; or None."""
-    refusal: Callable[[Evidence], str | None] = lambda evidence: None
+    refusal: Callable[[Looked], str | None] = lambda evidence: None
     """Why this capture cannot do without the effect, with what to change where it is forced off; or None."""
 
     def quantity(self, number: str) -> str:
@@ -245,7 +247,7 @@ class Stage:
     """Why this capture does not need the stage, or None."""
     refusal: Callable[[Any, Facts], str | None] = needed
     """Why these params cannot be served by this capture, with the setting to change, or None."""
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Effect[Evidence], ...] = ()
     """Effects its reads, outputs or kernel depend on; the same object where several stages share one."""
     choices: tuple[Choice, ...] = ()
     """Settings that are shown with the effects."""

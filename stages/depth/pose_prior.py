@@ -15,9 +15,10 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.silhouettes.hull import MOST_POINTS, foreground, into_views
+from posegaussian.stages.silhouettes.hull import MOST_POINTS, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.joint_sets import COCO17
+from posegaussian.storage.model.masks import foreground
 
 MARGIN = 0.05
 """Metres around a limb for cloth and for the joints' error, whatever the body's size. Simulated people in 30 poses,
@@ -26,7 +27,8 @@ FARTHEST = 0.5
 """Metres by which the near bound moves at most: phantoms are rarely thicker."""
 BONES = {
     ("LShoulder", "RShoulder"): (0.36, 0.11), ("LHip", "RHip"): (0.24, 0.15), ("*Shoulder", "*Hip"): (0.50, 0.11),
-    ("*Shoulder", "*Elbow"): (0.29, 0.06), ("*Elbow", "*Wrist"): (0.25, 0.05), ("*Hip", "*Knee"): (0.42, 0.10), ("*Knee", "*Ankle"): (0.42, 0.075),
+    ("*Shoulder", "*Elbow"): (0.29, 0.06), ("*Elbow", "*Wrist"): (0.25, 0.05), ("*Hip", "*Knee"): (0.42, 0.10),
+    ("*Knee", "*Ankle"): (0.42, 0.075),
 }  # fmt: skip
 """{bone: (length, radius)}, metres of a body of 1.75 m; `*` stands for both sides."""
 SPINE, HEAD, NECK, FOOT = 0.13, 0.16, 0.10, 0.20

@@ -14,11 +14,12 @@ that faces away.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from posegaussian.stages.silhouettes.hull import foreground
+from posegaussian.storage.model.masks import foreground
 
 THICKNESS = 0.11
 """l over the square root of the silhouette's area: 8 cm of a standing person, who shows half a square metre."""
@@ -69,7 +70,8 @@ def _solve(inside: np.ndarray, unseen: np.ndarray, width: float) -> np.ndarray:
     Where a side of the rim is `unseen` [4], the gradient across it is 0 instead of u.
     """
     around = np.full(inside.shape, 4.0)
-    for side, edge in zip(unseen, (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]), strict=True):
+    edges: tuple[Any, ...] = (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2])
+    for side, edge in zip(unseen, edges, strict=True):
         around[edge] -= side
     u = np.zeros(inside.shape)
     at = np.flatnonzero(inside)

@@ -16,16 +16,14 @@ from posegaussian.stages.depth.relief import relief
 from posegaussian.stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
 from posegaussian.stages.depth.stereo import estimate, estimate_open
 from posegaussian.stages.depth.sweeping import sweep_hull, sweep_open
-from posegaussian.stages.geometry.subject import subject_distance
-from posegaussian.stages.silhouettes.hull import foreground
+from posegaussian.stages.geometry.subject import STATURE, subject_distance
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.model.joint_sets import to_set
+from posegaussian.storage.model.masks import foreground
 
 FEW_MATCHES = 0.3
 """Share of the surface below which a view is reported as poorly matched."""
-STATURE = 1.7
-"""Metres; a standing person."""
 OFF = 1.3
 """Factor by which the subject of a single view may be farther or nearer than assumed before it is reported."""
 

@@ -14,8 +14,9 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
 from posegaussian.stages.silhouettes.agreement import agreement
-from posegaussian.stages.silhouettes.hull import Silhouettes, foreground, searched_radius, visual_hull
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 FINE, FINEST = 768, 1.5
 """Pictures are matched at this size of their longer side, but enlarged by at most the second number: finer

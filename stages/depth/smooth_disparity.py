@@ -33,7 +33,7 @@ def even(depth: np.ndarray, pixel: float, tolerance: float) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _even(surface: np.ndarray, jump: float, sharpness: float) -> np.ndarray:
+def _even(surface: np.ndarray, jump: np.float32, sharpness: np.float32) -> np.ndarray:
     height, width = surface.shape
     out = np.zeros_like(surface)
     for i in range(height):

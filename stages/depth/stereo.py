@@ -8,19 +8,13 @@ import numpy as np
 from posegaussian.stages.depth.occluding_contour import turn_away
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
-from posegaussian.stages.matching.bounds import Bounds, around, between, shifted
+from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, within_hull
 from posegaussian.stages.matching.fuse import complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
 from posegaussian.stages.matching.sgbm import match
 
-SEARCHED = 0.6
-"""Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its
-hull but for phantoms."""
 RESIDUAL = 0.012
 """Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
-IN_FRONT = 0.006
-"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about
-what a mask or a calibration that is a pixel off costs."""
 
 
 def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
@@ -31,8 +25,8 @@ def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: boo
     """
     inside, found = frame.inside, hulls(geometry, frame)
     colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
-    limits = {v: (shifted(near, geometry.inverse_depth(v, IN_FRONT)), far) for v, (near, far) in found.items()}
-    bounds = {v: Bounds(near, limits[v][0], between(near, far, SEARCHED)) for v, (near, far) in found.items()}
+    bounds = {v: within_hull(*hull, geometry.inverse_depth(v, IN_FRONT)) for v, hull in found.items()}
+    limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
     first = _completed(_round(geometry, colors, inside, bounds, params, checked), found)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
     last = _completed(_round(geometry, colors, inside, again, params, checked), found)

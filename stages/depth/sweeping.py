@@ -10,15 +10,10 @@ from posegaussian.stages.depth.occluding_contour import turn_away
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
 from posegaussian.stages.depth.smooth_disparity import even
-from posegaussian.stages.matching.bounds import Bounds, around, between, shifted
+from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, between, within_hull
 from posegaussian.stages.matching.fuse import MATCHED, complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
 from posegaussian.stages.matching.sweep import sweep
-
-SEARCHED = 0.6
-"""Share of the hull's thickness, in inverse depth, that is searched."""
-IN_FRONT = 0.006
-"""Motion by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +50,8 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
     """
     inside, found = frame.inside, hulls(geometry, frame)
     pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}
-    limits = {v: (shifted(near, _motion(geometry, v, IN_FRONT)), far) for v, (near, far) in found.items()}
-    bounds = {v: Bounds(near, limits[v][0], between(near, far, SEARCHED)) for v, (near, far) in found.items()}
+    bounds = {v: within_hull(*hull, _motion(geometry, v, IN_FRONT)) for v, hull in found.items()}
+    limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
     maps: Maps = {}
     for stage in PASSES:
         if stage.reach is not None:

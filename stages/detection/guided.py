@@ -66,7 +66,8 @@ def astray(
 
     found: {source view: what was found in each frame of the partition}; settled: views that are not asked again.
     """
-    sources, again = sorted(found), {v: {} for v in found}  # type: dict[int, dict[int, np.ndarray]]
+    again: dict[int, dict[int, np.ndarray]] = {v: {} for v in found}
+    sources = sorted(found)
     rig = space.inputs.rig.subset(sources)
     for frame in range(len(space.inputs.partition)):
         seen = subject(rig, [space.to_frames(found[v][frame], v) for v in sources], SCORE, RESIDUAL)
@@ -90,8 +91,8 @@ def _agrees(rig: Rig, view: int, seen: np.ndarray, joints3d: np.ndarray) -> bool
 
 
 def _region(space: Space, view: int, joints3d: np.ndarray) -> np.ndarray | None:
-    """[4] region around the joints in space as the view captures them; None where they are behind it or outside its
-    picture."""
+    """[4] region around the joints in space as the view captures them;
+    None where they are behind it or outside its picture."""
     pixels, depth = project(space.inputs.rig.subset([view]), joints3d[:, :3])
     captured = space.to_captured(pixels[:, 0], view)
     seen = (joints3d[:, 3] > 0) & (depth[:, 0] > NEAR) & np.isfinite(captured).all(axis=-1)

@@ -50,8 +50,8 @@ class DetectionParams(Params):
         for name, (left, top, right, bottom) in boxes.items():
             if left >= right or top >= bottom:
                 raise ValueError(
-                    f"the box of {name} is [left, top, right, bottom] with left < right and top < bottom, got"
-                    f" {boxes[name]}"
+                    f"the box of {name} is [left, top, right, bottom]"
+                    f" with left < right and top < bottom, got {boxes[name]}"
                 )
         return boxes
 

@@ -68,8 +68,8 @@ def _look_again(
 
 
 def _inside(joints: np.ndarray, box: list[float]) -> list[int]:
-    """Which of the people [P, J, 3] have their joints' middle, weighted by score, in a box (left, top, right,
-    bottom)."""
+    """Which of the people [P, J, 3] have their joints' middle, weighted by score,
+    in a box (left, top, right, bottom)."""
     left, top, right, bottom = box
     weight = np.maximum(joints[..., 2:], 1e-6)
     u, v = ((joints[..., :2] * weight).sum(axis=1) / weight.sum(axis=1)).T
@@ -101,8 +101,8 @@ def check(block: Block, params: DetectionParams) -> list[str]:
     data = np.asarray(block.data)
     if not np.isfinite(data).all():
         raise ValueError(
-            f"{block.array} of view {block.view}: {int((~np.isfinite(data)).sum())} of {data.size} values are not"
-            " finite"
+            f"{block.array} of view {block.view}:"
+            f" {int((~np.isfinite(data)).sum())} of {data.size} values are not finite"
         )
     if block.array == "detection/joints2d" and data.size and not 0 <= data[..., 2].min() <= data[..., 2].max() <= 1:
         raise ValueError(

@@ -40,8 +40,8 @@ STAGE = Stage(
             ("frame", "view", "person", "region"),
             "float32",
             "px",
-            "Square in which a person was looked at: centre u, v, side in captured pixels, turn in radians; side 0 ="
-            " nobody.",
+            "Square in which a person was looked at: centre u, v, side in captured pixels, turn in radians;"
+            " side 0 = nobody.",
         ),
         ArraySpec(
             "detection/heatmaps",

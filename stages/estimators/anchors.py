@@ -11,6 +11,8 @@ from itertools import groupby
 
 import numpy as np
 
+from posegaussian.stages.geometry.projection import pixel_centres
+
 INPUT = 224
 """Side of the detector's input in px."""
 STRIDES = (8, 16, 32, 32, 32)
@@ -28,7 +30,6 @@ def anchors() -> np.ndarray:
     layers = []
     for stride, same in groupby(STRIDES):
         n = -(-INPUT // stride)
-        y, x = np.mgrid[:n, :n]
-        centres = (np.stack([x, y], axis=-1).reshape(-1, 2) + 0.5) / n
+        centres = pixel_centres((n, n)).reshape(-1, 2) / n
         layers.append(np.repeat(centres, PER_LAYER * len(list(same)), axis=0))
     return np.concatenate(layers).astype(np.float32)

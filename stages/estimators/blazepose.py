@@ -40,13 +40,13 @@ ROUNDS = 3
 STILL = 0.02
 """A region that moves, grows and turns by less than this share of its side is settled."""
 TAKEN = 0.3
-"""A detection whose region moves, grows and turns into a settled person's by less than this share of its side is
-that person."""
+"""A detection whose region moves, grows and turns into a settled person's
+by less than this share of its side is that person."""
 SAME_PERSON = 0.5
 """Intersection over union of two bodies above which they are one person, found twice."""
 SAME_CENTRE = 0.15
-"""Distance of two regions' centres, as a share of the smaller side, below which they hold one person: found upside
-down, say."""
+"""Distance of two regions' centres, as a share of the smaller side, below which they hold one person:
+found upside down, say."""
 ZOOMS = ((), (1.0,), (1.0, 0.5))
 """Shares of the picture's short side that the detector's squares have, beside the whole picture, for each zoom."""
 
@@ -80,8 +80,8 @@ class BlazePose:
         return people.pick(distinct(people)[:most])
 
     def detect(self, picture: np.ndarray) -> np.ndarray:
-        """[D, 4] regions in which the detector sees people, by falling score: in the whole picture and in squares of
-        it."""
+        """[D, 4] regions in which the detector sees people, by falling score:
+        in the whole picture and in squares of it."""
         size = (picture.shape[1], picture.shape[0])
         found = [self._detect_in(picture, whole(size))]
         if self._zoom == 2 or not len(found[0][0]):
@@ -118,8 +118,8 @@ class BlazePose:
         return Found.together(people, JOINTS)
 
     def _look(self, picture: np.ndarray, region: np.ndarray) -> tuple[Found, np.ndarray]:
-        """One region's landmarks, and the region [4] that they give; read exactly where the region, as it is told,
-        lies."""
+        """One region's landmarks, and the region [4] that they give;
+        read exactly where the region, as it is told, lies."""
         region = np.asarray(region, dtype=np.float32).astype(np.float64)
         values = crop(picture, region, (CROP, CROP), cv2.BORDER_REPLICATE).astype(np.float32) * np.float32(1 / 255)
         raw, flag, person, maps, _world = self._landmarks(values)

@@ -1,5 +1,5 @@
-"""Where BlazePose's model files lie, and what they must be: names, sizes and sha256 of the official mediapipe
-0.10.21 wheel."""
+"""Where BlazePose's model files lie, and what they must be:
+names, sizes and sha256 of the official mediapipe 0.10.21 wheel."""
 
 from __future__ import annotations
 
@@ -91,15 +91,15 @@ def model_files(folder: Path | None = None) -> dict[str, Path] | None:
 
 
 def check_files(files: Mapping[str, Path]) -> None:
-    """Raise SourceError for a file that is not the published one: a cache can be spoilt, and results are kept by the
-    models' sha256."""
+    """Raise SourceError for a file that is not the published one:
+    a cache can be spoilt, and results are kept by the models' sha256."""
     for m in BLAZEPOSE:
         file = files[Path(m.name).stem]
         found = hashlib.sha256(file.read_bytes()).hexdigest()
         if found != m.sha256:
             raise SourceError(
-                f"{file} has sha256 {found}, the published {m.name} has {m.sha256}; delete it and bring it again with"
-                f" `{FETCH}`"
+                f"{file} has sha256 {found}, the published {m.name} has {m.sha256};"
+                f" delete it and bring it again with `{FETCH}`"
             )
 
 

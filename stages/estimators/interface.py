@@ -19,11 +19,11 @@ class Found:
     """P people found in one picture."""
 
     joints: np.ndarray
-    """[P, J, 3] float32 (u, v, score 0..1), px of the picture, our pixel centres; a joint outside the picture has
-    score 0."""
+    """[P, J, 3] float32 (u, v, score 0..1), px of the picture, our pixel centres;
+    a joint outside the picture has score 0."""
     region: np.ndarray
-    """[P, 4] float32 (centre u, centre v, side, angle): square crop the landmarks were read in, px / rad; see
-    `posegaussian.stages.imaging.regions`."""
+    """[P, 4] float32 (centre u, centre v, side, angle):
+    square crop the landmarks were read in, px / rad; see `posegaussian.stages.imaging.regions`."""
     heatmaps: np.ndarray
     """[P, 17, 64, 64] float16 in COCO-17 order, 0..1; the centre of cell (i, j) is at ((j + .5)/64, (i + .5)/64) of
     the region; zero where the model has no map."""

@@ -1,5 +1,5 @@
-"""Any heatmap or SimCC network the user describes, run top-down through OpenCV's DNN in regions that somebody else
-finds."""
+"""Any heatmap or SimCC network the user describes,
+run top-down through OpenCV's DNN in regions that somebody else finds."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class OnnxEstimator:
         return people.pick(np.argsort(-people.presence, kind="stable").tolist())
 
     def look(self, picture: np.ndarray, regions: np.ndarray) -> Found:
-        """Landmarks in the given regions [P, 4], one person each in the same order; presence is the mean score of
-        the joints."""
+        """Landmarks in the given regions [P, 4], one person each in the same order;
+        presence is the mean score of the joints."""
         return self._people(picture, regions, None if self._finder is None else self._finder.look(picture, regions))
 
     def _people(self, picture: np.ndarray, regions: np.ndarray, seen: Found | None) -> Found:

@@ -10,7 +10,7 @@ from posegaussian.stages.estimators.decoding import sigmoid
 from posegaussian.stages.estimators.description import Description
 from posegaussian.stages.estimators.interface import MAP_SIDE
 from posegaussian.stages.estimators.peaks import LEAST, bin_peaks, heatmap_peaks
-from posegaussian.stages.imaging.regions import crop_to_own
+from posegaussian.stages.imaging.regions import crop_to_own, own_to_crop
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 
 
@@ -75,7 +75,7 @@ def _grids(counts: np.ndarray, description: Description, share: np.ndarray) -> t
     """Matrices [64, w] and [64, h] that interpolate cells at the centres of the region's grid, across and down;
     coarser grids average."""
     centres = points_from_integer_centres(np.repeat(np.arange(MAP_SIDE)[:, None], 2, axis=1)) / MAP_SIDE
-    at = _to_cells((centres - 0.5) / share + 0.5, counts, description)
+    at = _to_cells(own_to_crop(centres, share), counts, description)
     return _hats(at[:, 0], int(counts[0])), _hats(at[:, 1], int(counts[1]))
 
 

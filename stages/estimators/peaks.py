@@ -29,8 +29,8 @@ def heatmap_peaks(maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bin_peaks(logs: np.ndarray) -> np.ndarray:
-    """[J] places in bins of the peaks of logarithms of weights [J, n]; one at the end, or on a plateau, stays at its
-    index."""
+    """[J] places in bins of the peaks of logarithms of weights [J, n];
+    one at the end, or on a plateau, stays at its index."""
     n = logs.shape[1]
     at = logs.argmax(1)
     inner = np.clip(at, 1, n - 2)

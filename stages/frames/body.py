@@ -19,7 +19,8 @@ LENGTHS = {
 }
 """Metres of a grown person's limbs; a limb seen along its length is shorter, never longer."""
 RADII = {
-    TRUNK: 0.07, ("Shoulder", "Shoulder"): 0.05, ("Hip", "Hip"): 0.09, ("Hip", "Knee"): 0.07, ("Ankle", "Knee"): 0.045, ("Elbow", "Shoulder"): 0.045, ("Elbow", "Wrist"): 0.035,
+    TRUNK: 0.07, ("Shoulder", "Shoulder"): 0.05, ("Hip", "Hip"): 0.09, ("Hip", "Knee"): 0.07, ("Ankle", "Knee"): 0.045,
+    ("Elbow", "Shoulder"): 0.045, ("Elbow", "Wrist"): 0.035,
     ("Ankle", "Heel"): 0.035, ("Ankle", "FootIndex"): 0.035, ("FootIndex", "Heel"): 0.03, ("Ankle", "BigToe"): 0.035,
 }  # fmt: skip
 """Metres from a limb's bone to the skin."""

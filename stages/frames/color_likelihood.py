@@ -8,8 +8,8 @@ import numpy as np
 from posegaussian.stages.frames.plate_matte import UNSEEN, plate_distance
 
 SPREAD = 8.0
-"""1/255 by which a background's colour differs from its plate, beside the plate's own spread: noise, compression,
-faint shadows."""
+"""1/255 by which a background's colour differs from its plate, beside the plate's own spread:
+noise, compression, faint shadows."""
 SPREAD_GAIN = 1.5
 COLOR_FLOOR = 60.0
 """(1/255)² added to the variance of colours nearby: never surer than noise allows."""
@@ -20,11 +20,11 @@ SURPRISE = 1.5
 MOST = 4.0
 """Log odds that one pixel's colour may give."""
 UNPLATED = 0.3
-"""Weight of a colour's odds where only the colours around tell what the background is, beside 1 where the plate
-does."""
+"""Weight of a colour's odds where only the colours around tell what the background is,
+beside 1 where the plate does."""
 CHANGED = 0.3
-"""Share of the background that differs from its plate from which on the plate says nothing: the camera moved or the
-light changed."""
+"""Share of the background that differs from its plate from which on the plate says nothing:
+the camera moved or the light changed."""
 
 
 class Plate:
@@ -68,8 +68,8 @@ def _or_anything(density: np.ndarray, surprise: float) -> np.ndarray:
 
 
 def _near(picture: np.ndarray, weight: np.ndarray, side: int) -> np.ndarray:
-    """[h, w] float32 log density of each pixel's colour under the weighted Gaussian of its window; `ANYTHING` where
-    nothing weighs."""
+    """[h, w] float32 log density of each pixel's colour under the weighted Gaussian of its window;
+    `ANYTHING` where nothing weighs."""
 
     def mean(values: np.ndarray) -> np.ndarray:
         return cv2.blur(values, (side, side))
@@ -83,8 +83,8 @@ def _near(picture: np.ndarray, weight: np.ndarray, side: int) -> np.ndarray:
         for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     )
     x, y, z = (picture[..., i] - middle[i] for i in range(3))
-    # Inverse of a symmetric 3x3 by its cofactors; running sums can leave a variance a hair below 0, hence the floor
-    # again.
+    # Inverse of a symmetric 3x3 by its cofactors;
+    # running sums can leave a variance a hair below 0, hence the floor again.
     a, b, c = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
     determinant = np.maximum(xx * a - xy * (xy * zz - xz * yz) + xz * (xy * yz - xz * yy), np.float32(COLOR_FLOOR**3))
     square = (

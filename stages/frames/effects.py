@@ -13,8 +13,8 @@ NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface p
 FEWEST_POINTS = 200
 """Points of an outline, over a few pictures, below which its offset is chance."""
 SCATTERED = 2.0
-"""Interquartile range, captured px, above which a view's edges tell nothing: clutter beside the subject, or no edge
-at all."""
+"""Interquartile range, captured px, above which a view's edges tell nothing:
+clutter beside the subject, or no edge at all."""
 
 
 def _single_view(evidence: Evidence) -> str | None:

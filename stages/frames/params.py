@@ -104,8 +104,8 @@ def wants_segmentation(params: FramesParams, facts: Facts) -> bool:
 
 
 def better_matte(params: FramesParams, facts: Facts) -> str | None:
-    """One sentence about what would make a better matte than this capture gets, with the command; None where nothing
-    would."""
+    """One sentence about what would make a better matte than this capture gets, with the command;
+    None where nothing would."""
     answer = resolve_matte(params, facts)
     if params.matte != "auto" or answer == "given" or facts & {SEGMENTED, BLAZEPOSE}:
         return None

@@ -15,6 +15,7 @@ import numpy as np
 
 from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
+from posegaussian.stages.geometry.subject import STATURE
 
 HINT_FLOOR = 0.03
 """A segmentation is taken to be wrong about a pixel that often, however sure it is."""
@@ -41,7 +42,6 @@ HULL = 2.0
 """Log odds, without a segmentation, against what joints say where the other views do not confirm it."""
 FAINT = 0.15
 """Segmentation from which on the subject may be there."""
-PERSON_HEIGHT = 1.7
 SMALLEST_PART, SMALLEST_HOLE = 0.005, 0.0005
 """Shares of the foreground below which a part of it, or a hole in it, is noise."""
 SOFT_RADIUS, SOFT_GAIN = 2, 1.5
@@ -108,7 +108,7 @@ def _scale(known: Known) -> float:
     scale = pixels_per_metre(known.joints, known.joint_set)
     for field in (known.hint, known.confirmed):
         if scale <= 0 and field is not None and (field > 0.5).any():
-            scale = max(float(np.ptp(n)) for n in np.nonzero(field > 0.5)) / PERSON_HEIGHT
+            scale = max(float(np.ptp(n)) for n in np.nonzero(field > 0.5)) / STATURE
     return scale
 
 

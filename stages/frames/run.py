@@ -21,6 +21,7 @@ from posegaussian.stages.imaging.outline import moved
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
 from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.masks import foreground
 
 NEARLY_EMPTY = 0.002
 """Share of the picture below which a mask holds nobody."""
@@ -47,10 +48,11 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     numbers = [int(n) for n in inputs.source_frames[present]]
 
     color, maps_tones = _empty(inputs, (3,), np.uint8), "tone_mapping" in inputs.facts
+    # the plate is clipped at white, too
     if not maps_tones or resolve_matte(params, inputs.facts) in (
         "plate",
         "person",
-    ):  # the plate is clipped at white, too
+    ):
         for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
             _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
@@ -186,8 +188,8 @@ def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
 
 
 def check(block: Block, params: FramesParams) -> list[str]:
-    """Warnings about masks that hold nobody or everything; raises ValueError for a depth that is not finite or
-    negative."""
+    """Warnings about masks that hold nobody or everything;
+    raises ValueError for a depth that is not finite or negative."""
     if block.array in ("truth/depth", "frames/depth"):
         wrong = ~(np.isfinite(block.data) & (block.data >= 0))
         if wrong.any():
@@ -197,7 +199,7 @@ def check(block: Block, params: FramesParams) -> list[str]:
             )
     if block.array != "frames/mask" or not len(block.data):
         return []
-    share = (block.data > 127).mean(axis=(1, 2))
+    share = foreground(block.data).mean(axis=(1, 2))
     empty, full = int((share < NEARLY_EMPTY).sum()), int((share > NEARLY_FULL).sum())
     warnings = []
     if 2 * empty > len(share):

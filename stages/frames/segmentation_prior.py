@@ -51,10 +51,9 @@ def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) ->
         .astype(np.float32)
         .reshape(*shape, 2)
     )
-    values = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(
-        np.float32
-    ) / np.float32(255)
-    return np.where(inside, values, np.float32(-1.0))
+    # OpenCV's stubs do not know that the second map may be None
+    values = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return np.where(inside, values.astype(np.float32) / np.float32(255), np.float32(-1.0))
 
 
 class Hints:

@@ -8,8 +8,8 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.tangent_frame import tangents
 
 JUMP = 8.0
-"""A depth step of more than this many pixel footprints z/f between neighbours is a silhouette, not a slope (83
-degrees)."""
+"""A depth step of more than this many pixel footprints z/f between neighbours is a silhouette,
+not a slope (83 degrees)."""
 
 
 def rays(intrinsics: np.ndarray, height: int, width: int) -> np.ndarray:

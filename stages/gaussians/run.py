@@ -35,12 +35,11 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                 else None
             )
             for i in range(len(inputs.partition)):
-                found = prior(depth[i], confidence[i], mask[i], inputs.rig.intrinsics[view], params)
-                if said is not None:
-                    found = over_prior(found, said[0][i], said[1][i], inputs.rig.intrinsics[view])
-                for name, data in zip(
-                    CHANNELS, found, strict=False
-                ):  # the prior alone has no share of the learned value
+                k = inputs.rig.intrinsics[view]
+                start = prior(depth[i], confidence[i], mask[i], k, params)
+                found = start if said is None else over_prior(start, said[0][i], said[1][i], k)
+                # the prior alone has no share of the learned value
+                for name, data in zip(CHANNELS, found, strict=False):
                     maps[name][i] = data
         for name, data in maps.items():
             yield Block(name, data, view)
@@ -53,12 +52,11 @@ def prior(
     float32.
 
     depth [h, w] m, confidence [h, w] 0..1 and mask [h, w] uint8; what is not finite, not in front of the camera or
-    below
-    `params.confidence_min` is no surface and 0 in every map. Opacity is a power of the confidence times the covered
-    share of the pixel, because a silhouette's pixel shows the background in part (box PSNR +0.2 dB at 512 px, +0.7 at
-    48 px, true depth). The power is small: where no view is sure, an unsure surface is still better than a hole (hull
-    depth, 512 px: box PSNR 25.5 dB with 0.1, 20.8 with 0.5, 15.7 with 1; dropping unsure pixels of matched depth costs
-    2 dB).
+    below `params.confidence_min` is no surface and 0 in every map. Opacity is a power of the confidence times the
+    covered share of the pixel, because a silhouette's pixel shows the background in part (box PSNR +0.2 dB at 512 px,
+    +0.7 at 48 px, true depth). The power is small: where no view is sure, an unsure surface is still better than a hole
+    (hull depth, 512 px: box PSNR 25.5 dB with 0.1, 20.8 with 0.5, 15.7 with 1; dropping unsure pixels of matched depth
+    costs 2 dB).
     """
     confidence = confidence.astype(np.float32)
     surface = (

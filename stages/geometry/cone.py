@@ -34,10 +34,11 @@ def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping
         ),
         "given": "its depth is that of the maps given",
     }.get(method, f"its depth is {method}")
-    notes = [
+    alone = (
         f"{name} is the only source view, so nothing is matched; {what}; the side that faces away stays empty, and"
         f" novel views are worth looking at up to {useful:g} degrees from it"
-    ]
+    )
+    notes = [alone]
     subject = rig.centres[view] + distance * rig.rotations[view, 2]
     for path in paths.values():
         centres = -np.einsum("...ji,...j->...i", path.world_to_camera[..., :3, :3], path.world_to_camera[..., :3, 3])[

@@ -7,6 +7,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
+from posegaussian.storage.model.masks import foreground
 
 SAME_SURFACE = 0.01
 """Relative difference of two depths up to which two views see the same point."""
@@ -73,7 +74,7 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     changes by less than EDGE there is no edge and no value, and none where the subject or the gap beside it is narrower
     than that.
     """
-    inside = mask > 127
+    inside = foreground(mask)
     # Signed distance to the outline, at pixel centres: positive outside.
     distance = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5) - cv2.distanceTransform(
         inside.astype(np.uint8), cv2.DIST_L2, 5

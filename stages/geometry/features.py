@@ -42,8 +42,8 @@ def features(picture: np.ndarray, coverage: np.ndarray) -> Features:
 
 
 def matched(first: Features, second: Features) -> np.ndarray:
-    """[n, 2] indices of features that are each other's best match, clearly better than the second best in both
-    pictures."""
+    """[n, 2] indices of features that are each other's best match,
+    clearly better than the second best in both pictures."""
     if min(len(first.points), len(second.points)) < 3:
         return np.zeros((0, 2), dtype=np.int64)
     likeness = first.descriptors @ second.descriptors.T

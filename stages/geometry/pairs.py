@@ -18,8 +18,8 @@ from posegaussian.storage.model.cameras import Rig
 MAX_ANGLE = 66.0
 """Degrees at the subject; wider pairs see too little of the same surface."""
 MIN_BASELINE = 0.02
-"""Baseline per distance of the subject (1.1 degrees): below it one pixel of disparity is a tenth of the distance and
-more."""
+"""Baseline per distance of the subject (1.1 degrees):
+below it one pixel of disparity is a tenth of the distance and more."""
 MIN_ASIDE = 30.0
 """Degrees between the baseline and either line of sight to the subject: below it one camera stands behind the other."""
 MAX_TILT = 40.0
@@ -176,8 +176,8 @@ def _rolled(rig: Rig, pair: tuple[int, int], baseline: np.ndarray, up: np.ndarra
 
 
 def body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
-    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame; 0 where none
-    is seen."""
+    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame;
+    0 where none is seen."""
     try:
         pair = rectify(rig, first, second, subject)
     except ValueError:
@@ -236,8 +236,8 @@ def choose_pairs(
 
 
 def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> list[str]:
-    """Sentences for the plan about pairs that are not matched: one a verdict with an example, one for views no pair
-    serves."""
+    """Sentences for the plan about pairs that are not matched:
+    one a verdict with an example, one for views no pair serves."""
     reports = pair_report(rig, sources, max_angle)
     notes = []
     for verdict in Verdict:

@@ -71,8 +71,8 @@ def project(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rays(rig: Rig, views: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels [T, J, 2] seen by views [T] -> normalised coordinates [T, J, 2] and unit directions in the world [T, J,
-    3]."""
+    """Pixels [T, J, 2] seen by views [T] -> normalised coordinates [T, J, 2]
+    and unit directions in the world [T, J, 3]."""
     flat = _normalise(pixels, rig.intrinsics[views][:, None])
     direction = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.storage.model.cameras import points_from_integer_centres
+from posegaussian.storage.model.cameras import camera_centre, points_from_integer_centres
 
 
 def pixel_centres(size: tuple[int, int]) -> np.ndarray:
@@ -33,10 +33,9 @@ def rays(pixels: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray
     A direction advances one metre along the optical axis, so that `centre + depth * direction` is the point of that
     depth.
     """
-    r, t = world_to_camera[:3, :3], world_to_camera[:3, 3]
     pixels = np.asarray(pixels, dtype=np.float64)
     homogeneous = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
-    return -r.T @ t, homogeneous @ np.linalg.inv(intrinsics).T @ r
+    return camera_centre(world_to_camera), homogeneous @ np.linalg.inv(intrinsics).T @ world_to_camera[:3, :3]
 
 
 def unproject(depth: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> np.ndarray:

@@ -48,8 +48,8 @@ class RectifiedPair:
 
     @property
     def baseline(self) -> float:
-        """Metres along the rectified x axis from the first camera to the second; negative when the second lies to
-        the left."""
+        """Metres along the rectified x axis from the first camera to the second;
+        negative when the second lies to the left."""
         return float(self.rotation[0] @ (self.centres[1] - self.centres[0]))
 
     @property
@@ -92,8 +92,8 @@ class RectifiedPair:
         return _apply(np.linalg.inv(self.to_source[which]), pixels)
 
     def maps(self, which: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
-        """Maps x, y [h, w] float32 for `cv2.remap`, which give a window of the rectified picture from the source
-        picture."""
+        """Maps x, y [h, w] float32 for `cv2.remap`,
+        which give a window of the rectified picture from the source picture."""
         x0, y0, w, h = window
         source, _ = self.source_pixels(which, pixel_centres((w, h)) + np.array([x0, y0]))
         x, y = np.moveaxis(points_to_integer_centres(source).astype(np.float32), -1, 0)
@@ -125,15 +125,15 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
             f"cameras {rig.names[first]} and {rig.names[second]} stand {baseline:g} m apart; a pair needs a baseline"
         )
     x = along / baseline
-    # The x axis follows the pictures, not the order of the views: swapping the order changes the sign of the baseline
-    # only.
+    # The x axis follows the pictures, not the order of the views:
+    # swapping the order changes the sign of the baseline only.
     x = x if x @ rotations[:, 0].sum(axis=0) >= 0 else -x
     forward = rotations[:, 2].sum(axis=0)
     z = forward - (forward @ x) * x
     if np.linalg.norm(z) < 1e-6 * max(1.0, float(np.linalg.norm(forward))):
         raise ValueError(
-            f"cameras {rig.names[first]} and {rig.names[second]} have no common side: their baseline runs along the"
-            " optical axes"
+            f"cameras {rig.names[first]} and {rig.names[second]} have no common side:"
+            " their baseline runs along the optical axes"
         )
     z /= np.linalg.norm(z)
     rotation = np.stack([x, np.cross(z, x), z])

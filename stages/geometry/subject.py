@@ -6,8 +6,10 @@ import numpy as np
 
 from posegaussian.storage.model.cameras import Rig
 
-PERSON_HEIGHT = 1.8
-"""Metres; a tall grown person."""
+STATURE = 1.7
+"""Metres; a standing grown person, what the extent of a silhouette is taken for."""
+TALL_STATURE = 1.8
+"""Metres; a tall grown person, whom a capture's framing and the cameras' common view must hold."""
 PERSON_RADIUS = 0.3
 """Metres; half the width of a person with the arms down."""
 FILLED = 0.75
@@ -17,7 +19,7 @@ FILLED = 0.75
 def expected_distance(rig: Rig) -> np.ndarray:
     """[V] metres at which a person fills three quarters of each camera's longer side."""
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)
-    return focal * PERSON_HEIGHT / (FILLED * rig.size.max(axis=1))
+    return focal * TALL_STATURE / (FILLED * rig.size.max(axis=1))
 
 
 def look_at_point(rig: Rig) -> np.ndarray:
@@ -60,6 +62,6 @@ def body_points(subject: np.ndarray, up: np.ndarray) -> np.ndarray:
     latitude, longitude = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 8), np.arange(12) * np.pi / 6, indexing="ij")
     round_body = np.cos(longitude)[..., None] * side + np.sin(longitude)[..., None] * np.cross(up, side)
     points = (
-        PERSON_RADIUS * np.cos(latitude)[..., None] * round_body + PERSON_HEIGHT / 2 * np.sin(latitude)[..., None] * up
+        PERSON_RADIUS * np.cos(latitude)[..., None] * round_body + TALL_STATURE / 2 * np.sin(latitude)[..., None] * up
     )
     return subject + points.reshape(-1, 3)

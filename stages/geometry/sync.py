@@ -134,8 +134,8 @@ def _costs(rig: Rig, tracks: np.ndarray, a: int, b: int, most: int) -> np.ndarra
     found = [_distances(rig, tracks, a, b, s) for s in range(-most, most + 1)]
     if not all(k.any() for _, k in found):
         return None
-    # Distances of the shift that fits best and of its neighbours are no outliers: the parabola is laid through these
-    # three.
+    # Distances of the shift that fits best and of its neighbours are no outliers:
+    # the parabola is laid through these three.
     typical = np.array([float(np.median(np.abs(d[k]))) for d, k in found])
     best = int(np.clip(typical.argmin(), 1, 2 * most - 1))
     # 1.4826 MAD is a normal's standard deviation; 1e-6 px: points that stand still without any noise.

@@ -1,5 +1,5 @@
-"""The tangent frame that follows from a normal: the smallest rotation, so that neighbours never twist against each
-other."""
+"""The tangent frame that follows from a normal:
+the smallest rotation, so that neighbours never twist against each other."""
 
 from __future__ import annotations
 

@@ -104,8 +104,8 @@ def _wide(tracks: Tracks, pairs: np.ndarray) -> np.ndarray:
 
 
 def _gauss_newton(rig: Rig, tracks: Tracks, weights: np.ndarray, points: np.ndarray, steps: int = 3) -> np.ndarray:
-    """Refine points [J, 3] to the least weighted squared residual (weights [J, T]); a step that does not improve is
-    not taken."""
+    """Refine points [J, 3] to the least weighted squared residual (weights [J, T]);
+    a step that does not improve is not taken."""
 
     def cost(p: np.ndarray) -> np.ndarray:
         r = np.where(weights > 0, residuals(rig, tracks, p), 0.0)

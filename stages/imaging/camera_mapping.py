@@ -33,8 +33,8 @@ def captured_to_calibrated(source_rig: Rig, crops: Mapping[str, Crop]) -> np.nda
 
 
 def switched(source_rig: Rig, crops: np.ndarray, facts: Facts) -> tuple[Rig, np.ndarray]:
-    """The lenses and crops [V, 3] that count: without distortion while `undistortion` is off, identity while
-    `crop_scale` is."""
+    """The lenses and crops [V, 3] that count:
+    without distortion while `undistortion` is off, identity while `crop_scale` is."""
     if "undistortion" not in facts:
         source_rig = replace(source_rig, distortion=np.zeros_like(source_rig.distortion))
     return source_rig, crops if "crop_scale" in facts else np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))

@@ -50,8 +50,8 @@ def to_srgb(light: np.ndarray) -> np.ndarray:
 
 
 def gain_table(gain: np.ndarray) -> np.ndarray:
-    """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied by `gain` [3];
-    for `cv2.LUT`."""
+    """[1, 256, 3] uint8: what each sRGB value of each channel becomes when its light is multiplied
+    by `gain` [3]; for `cv2.LUT`."""
     linear = np.clip(to_linear(np.arange(256))[:, None] * gain, 0.0, 1.0)
     return np.rint(_encode(linear) * 255.0).astype(np.uint8)[None]
 

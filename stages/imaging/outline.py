@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from posegaussian.storage.model.masks import foreground
+
 
 def moved(mask: np.ndarray, inwards: float) -> np.ndarray:
     """Mask [h, w] uint8 with its outline, where it crosses 127.5, moved inwards by so many px (outwards for a negative
@@ -12,11 +14,11 @@ def moved(mask: np.ndarray, inwards: float) -> np.ndarray:
 
     What lies farther than that from the outline keeps its value.
     """
-    inside = mask > 127
+    inside = foreground(mask)
     if inwards == 0 or not inside.any() or inside.all():
         return mask
-    # Distances to the outline from pixel centres, which lie half a pixel and more from it; the soft value says how
-    # much.
+    # Distances to the outline from pixel centres, which lie half a pixel and more from it;
+    # the soft value says how much.
     outside = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5)
     within = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5)
     distance = np.where(inside, 0.5 - within, outside - 0.5)

@@ -1,5 +1,5 @@
-"""Effects that say where a captured pixel lies: undistortion, crop and scale, shared by all who look at pictures or
-joints."""
+"""Effects that say where a captured pixel lies:
+undistortion, crop and scale, shared by all who look at pictures or joints."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ import numpy as np
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 
 MARGIN = 1.25
-"""Side of a region over twice the radius of the circle around the body: the margin the landmark model was trained
-with."""
+"""Side of a region over twice the radius of the circle around the body:
+the margin the landmark model was trained with."""
 
 
 def own_to_picture(region: np.ndarray) -> np.ndarray:
@@ -47,8 +47,8 @@ def region_of(centre: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 
 def around(box: np.ndarray) -> np.ndarray:
-    """[4] upright region around a box (u0, v0, u1, v1), px: its longer side with the margin that a body's region
-    has."""
+    """[4] upright region around a box (u0, v0, u1, v1), px:
+    its longer side with the margin that a body's region has."""
     u0, v0, u1, v1 = np.asarray(box, dtype=np.float64).tolist()
     return np.array([(u0 + u1) / 2, (v0 + v1) / 2, MARGIN * max(u1 - u0, v1 - v0), 0.0])
 
@@ -78,6 +78,11 @@ def crop_to_own(shares: np.ndarray, share: np.ndarray) -> np.ndarray:
     return 0.5 + share * (shares - 0.5)
 
 
+def own_to_crop(own: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """The inverse of `crop_to_own`."""
+    return (own - 0.5) / share + 0.5
+
+
 def crop(
     picture: np.ndarray,
     region: np.ndarray,
@@ -89,8 +94,7 @@ def crop(
     cells.
 
     The centre of the crop's cell (i, j) lies at ((j + .5)/width, (i + .5)/height) of the region, or of the part of it
-    that
-    `share` names (see `crop_to_own`). A picture more than twice as fine as the crop is averaged over whole pixels
+    that `share` names (see `crop_to_own`). A picture more than twice as fine as the crop is averaged over whole pixels
     first, so that nothing aliases. Outside is black, or as OpenCV's `border` says.
     """
     share = np.ones(2) if share is None else share

@@ -75,8 +75,8 @@ class Warp:
         return self._reduce(picture)
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
-        """Captured [h, w] -> frames pixels without mixing values: each takes the captured pixel its centre falls
-        into."""
+        """Captured [h, w] -> frames pixels without mixing values:
+        each takes the captured pixel its centre falls into."""
         index, inside = self._nearest
         return np.where(inside, values[index[..., 1], index[..., 0]], values.dtype.type(0))
 

@@ -40,8 +40,8 @@ class Refit:
 
 
 def refit(rig: Rig, seen: np.ndarray, space: np.ndarray) -> Refit | None:
-    """From joints seen [F, V, J, 3] px of `rig` (score 0 = unknown) and in space [F, J, 4]; None where a camera saw
-    too few."""
+    """From joints seen [F, V, J, 3] px of `rig` (score 0 = unknown) and in space [F, J, 4];
+    None where a camera saw too few."""
     known = space[..., 3] > 0
     observed = np.moveaxis(seen, 1, 2)[known]
     points, valid = space[known][:, :3], observed[..., 2] > 0
@@ -81,8 +81,8 @@ def pair_error(rig: Rig, found: Refit, first: int, second: int) -> tuple[float, 
         for v in (first, second)
     ]
     off = np.abs(signed_epipolar_distance(fundamental(rig, first, second), -pixels[0], -pixels[1]))
-    # Six freedoms of a pose from 2 n coordinates of scatter `after` (the median of a distance is 1.18 standard
-    # deviations).
+    # Six freedoms of a pose from 2 n coordinates of scatter `after`
+    # (the median of a distance is 1.18 standard deviations).
     return float(np.median(off)), found.after / 1.18 * float(np.sqrt(3 / both.sum()))
 
 

@@ -206,8 +206,8 @@ def of_frames(names: tuple[str, ...], numbers: list[np.ndarray]) -> list[Finding
                 "missing",
                 *MISSING,
                 told,
-                "check that the recordings belong together and start together; cut them with frames.range to what all"
-                " have",
+                "check that the recordings belong together and start together;"
+                " cut them with frames.range to what all have",
             )
         )
     return out

@@ -10,8 +10,8 @@ from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.storage.model.cameras import Rig
 
 WITHIN = 0.01
-"""Share of the picture's longer side within which a joint fits: 2 to 2.5 cm on a person who fills it, as far as
-detectors err."""
+"""Share of the picture's longer side within which a joint fits:
+2 to 2.5 cm on a person who fills it, as far as detectors err."""
 FEWEST = 30
 """Joints without which a camera is not judged."""
 
@@ -37,8 +37,8 @@ def joint_offsets(rig: Rig, seen: np.ndarray, space: np.ndarray) -> tuple[np.nda
 
 
 def joint_fit(offsets: np.ndarray, known: np.ndarray, longest: float) -> JointFit | None:
-    """Of one camera: offsets [F, J, 2] px, known [F, J], `longest` px of its longer side; None with fewer than
-    `FEWEST` joints."""
+    """Of one camera: offsets [F, J, 2] px, known [F, J], `longest` px of its longer side;
+    None with fewer than `FEWEST` joints."""
     if known.sum() < FEWEST:
         return None
     off = np.linalg.norm(offsets, axis=-1)[known]

@@ -1,5 +1,5 @@
-"""Findings on exposure and white balance of every camera, by the measure that `effects.exposure_matching` is decided
-by."""
+"""Findings on exposure and white balance of every camera,
+by the measure that `effects.exposure_matching` is decided by."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ import numpy as np
 from posegaussian.stages.geometry.epipolar import signed_epipolar_distance
 
 NEAR = 0.02
-"""Share of the picture's longer side within which a match may be a right one: calibrations that are worse accuse
-themselves otherwise."""
+"""Share of the picture's longer side within which a match may be a right one:
+calibrations that are worse accuse themselves otherwise."""
 FREE = 2.0
 """Px within which matches fit the free fundamental matrix."""
 FEWEST_FREE, SHARE_FREE = 20, 0.3

@@ -14,8 +14,8 @@ from posegaussian.stages.inspection.matches import EpipolarFit, epipolar_fit
 from posegaussian.stages.inspection.pairs import Rectified
 
 WIDEST = 55.0
-"""Degrees at the subject beyond which features of the same place no longer look alike (SIFT loses them from 40 to 50
-degrees on)."""
+"""Degrees at the subject beyond which features
+of the same place no longer look alike (SIFT loses them from 40 to 50 degrees on)."""
 MOST_PAIRS = 40
 """Pairs whose features are compared, narrowest first."""
 EPIPOLAR = (1.0, 3.0)
@@ -117,8 +117,8 @@ def _of_pair(footage: Footage, pair: Rectified, found: Matched | None) -> Findin
             "px",
             good,
             bad,
-            f"{n} matched points tell nothing: they agree neither with the calibration nor with each other beyond"
-            " chance",
+            f"{n} matched points tell nothing: they agree neither"
+            " with the calibration nor with each other beyond chance",
             "a textured background, a carpet or posters give features",
         )
     error = fit.error * found.px

@@ -14,8 +14,8 @@ from posegaussian.stages.inspection.finding import Finding, Verdict, measured
 from posegaussian.stages.inspection.planned import Planned
 
 MATTE = (0.93, 0.5)
-"""Overlap of a matte with outlines drawn by hand: from .94 on only edges are off; at half of it there is another
-shape."""
+"""Overlap of a matte with outlines drawn by hand: from .94 on only edges are off;
+at half of it there is another shape."""
 OVERLAPS = {"segmented": (0.94, 0.97), "person": (0.84, 0.97), "plate": (0.72, 0.91), "none": (0.0, 0.1)}
 """Least and largest overlap that was measured for each matte on other captures, `docs/measurements/mattes.md`: the
 person with an estimator's segmentation and by joints alone, and a background plate; where everything is foreground, a
@@ -115,14 +115,12 @@ def pair_lines(planned: Planned) -> list[str]:
                 f" {why.partition(', ')[2]}"
             )
     idle = len(planned.source_reports) - len(pairs) - len(planned.refused)
-    return out + (
-        [
-            f"run leaves {idle} usable {'pair' if idle == 1 else 'pairs'} out: nearer partners are there (depth.pairs:"
-            f" {planned.depth.pairs})"
-        ]
-        if idle
-        else []
-    )
+    if idle:
+        pairs_word = "pair" if idle == 1 else "pairs"
+        out.append(
+            f"run leaves {idle} usable {pairs_word} out: nearer partners are there (depth.pairs: {planned.depth.pairs})"
+        )
+    return out
 
 
 def tier(planned: Planned, findings: Sequence[Finding]) -> str:

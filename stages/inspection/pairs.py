@@ -31,8 +31,8 @@ REMEDY = {
     ),
     Verdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
     Verdict.VERTICAL: (
-        "set the cameras beside each other rather than above; or try depth.method: sweep, which compares them all the"
-        " same"
+        "set the cameras beside each other rather than above;"
+        " or try depth.method: sweep, which compares them all the same"
     ),
     Verdict.COINCIDENT: "move one of the two aside",
     Verdict.BEHIND: "move one of the two aside",
@@ -63,8 +63,8 @@ class Rectified:
 
 
 def rectified(rig: Rig, report: PairReport, fate: str, views: tuple[int, int]) -> Rectified:
-    """One pair with the run's verdict on it, too wide ones told apart by what is left of the body; `views`: in the
-    footage."""
+    """One pair with the run's verdict on it, too wide ones told apart by what is left of the body;
+    `views`: in the footage."""
     first, second = report.views
     baseline = float(np.linalg.norm(rig.centres[first] - rig.centres[second]))
     body = body_share(rig, first, second, look_at_point(rig), up_direction(rig))

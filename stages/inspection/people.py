@@ -29,8 +29,8 @@ onlooker at least 0.69."""
 MOST = 6
 """People looked for in a picture."""
 PICTURES = 8
-"""Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each; one a
-camera."""
+"""Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each;
+one a camera."""
 
 
 class Finder:

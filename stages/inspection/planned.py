@@ -70,8 +70,8 @@ class Planned:
 
     @cached_property
     def refused(self) -> list[PairReport]:
-        """Pairs of sources that cannot be matched, with the reason; sweeping asks for no rows and no rectified
-        pictures."""
+        """Pairs of sources that cannot be matched, with the reason;
+        sweeping asks for no rows and no rectified pictures."""
         no_row_needed = self.depth.method == "sweep"
         barred = [r for r in self.source_reports if not r.usable and tuple(sorted(r.views)) not in self.matched]
         return [

@@ -23,11 +23,29 @@ WORDS = {
     Verdict.UNKNOWN: "Nothing of this capture could be measured.",
 }
 IMPACT = (
-    "picture size", "frames", "aim", "time offset", "mask agreement", "calibration by joints", "joint residual", "epipolar distance", "matte", "people", "partners", "neighbours",
-    "cameras", "exposure", "blur against others", "focus", "lens model", "lens distortion", "principal point", "focal lengths",
-)  # fmt: skip
-"""Measures in the order in which to mend them: what makes all others wrong first, then what spoils most of the
-picture."""
+    "picture size",
+    "frames",
+    "aim",
+    "time offset",
+    "mask agreement",
+    "calibration by joints",
+    "joint residual",
+    "epipolar distance",
+    "matte",
+    "people",
+    "partners",
+    "neighbours",
+    "cameras",
+    "exposure",
+    "blur against others",
+    "focus",
+    "lens model",
+    "lens distortion",
+    "principal point",
+    "focal lengths",
+)
+"""Measures in the order in which to mend them:
+what makes all others wrong first, then what spoils most of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +86,8 @@ class Report:
 
     @property
     def to_do(self) -> list[tuple[Verdict, str, str]]:
-        """(verdict, what was found, what to do), the most useful first; findings with the same advice stand
-        together."""
+        """(verdict, what was found, what to do), the most useful first;
+        findings with the same advice stand together."""
         out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}
         for f in sorted(
             worst_first(self.findings),
@@ -97,15 +115,27 @@ class Report:
 
 
 def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
-    """Measure everything; `sizes` are the findings on picture sizes, `planned` is what a run will make of the
-    capture."""
+    """Measure everything; `sizes` are the findings on picture sizes,
+    `planned` is what a run will make of the capture."""
     pairs = every_pair(planned)
     found = matched_pairs(footage, pairs)
     time, offsets = of_time(footage)
     cameras = [f for v in range(len(footage.rig)) for f in of_lens(footage.source_rig, v)]
     findings = [
-        *sizes, *of_frames(footage.names, footage.numbers), *cameras, *of_aim(footage.source_rig),
-        *of_matches(footage, pairs, found), *of_joints(footage), *of_poses(footage), *of_masks(footage),
-        *time, *of_light(footage), *of_focus(footage), *of_people(footage, planned), of_matte(planned), of_cameras(planned), *of_pairs(planned, pairs),
-    ]  # fmt: skip
+        *sizes,
+        *of_frames(footage.names, footage.numbers),
+        *cameras,
+        *of_aim(footage.source_rig),
+        *of_matches(footage, pairs, found),
+        *of_joints(footage),
+        *of_poses(footage),
+        *of_masks(footage),
+        *time,
+        *of_light(footage),
+        *of_focus(footage),
+        *of_people(footage, planned),
+        of_matte(planned),
+        of_cameras(planned),
+        *of_pairs(planned, pairs),
+    ]
     return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned)

@@ -25,14 +25,14 @@ POSES = (0.005, 0.008)
 cm. Two views differ by about a centimetre in what a detector calls a hip, in every frame alike, so that less is no
 proof against a calibration."""
 OFFSET = (0.25, 0.75)
-"""Frames: below a quarter the pictures are as good as in step; beyond three quarters whole frames can and must be
-corrected."""
+"""Frames: below a quarter the pictures are as good as in step;
+beyond three quarters whole frames can and must be corrected."""
 BLUR = (0.7, 2.0)
 """Captured px of blur beyond that of the other cameras: 0.7 px halves the contrast of details of 4 px, 2 px leave
 none of it."""
 SHARP = (2.0, 4.0)
-"""Captured px of blur of an edge, whatever the others have: pictures that were enlarged, or out of focus in all
-cameras."""
+"""Captured px of blur of an edge, whatever the others have:
+pictures that were enlarged, or out of focus in all cameras."""
 MASKS = (0.98, 0.9)
 """Share of a mask's rim that the other masks leave something of; the pipeline clips by silhouettes from 0.98 on."""
 NO_JOINTS = "the capture has no 2D joints"
@@ -156,8 +156,8 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
             continue
         left = float(numbers[v] - round(float(numbers[v])))
         late = (
-            f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms, of which whole frames leave {abs(left):.2f} of"
-            " a frame"
+            f"{told}, {1000 * numbers[v] / footage.frame_rate:+.1f} ms,"
+            f" of which whole frames leave {abs(left):.2f} of a frame"
             if v != found.reference
             else told
         )
@@ -165,8 +165,8 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
             f"set frames: {{time_offset: {{{setting}}}}}; whole frames are corrected"
             if round(float(numbers[v]))
             else (
-                "less than half a frame, which cannot be corrected; trigger the cameras together, or film at a higher"
-                " rate"
+                "less than half a frame, which cannot be corrected;"
+                " trigger the cameras together, or film at a higher rate"
             )
         )
         out.append(
@@ -223,8 +223,8 @@ def of_masks(footage: Footage) -> list[Finding]:
                 *MASKS,
                 f"{share:.1%} of the outline is not contradicted by another camera's mask",
                 "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands"
-                " elsewhere than its calibration says; leave out the one that agrees least (views.sources) and inspect"
-                " again",
+                " elsewhere than its calibration says;"
+                " leave out the one that agrees least (views.sources) and inspect again",
             )
         )
     return out

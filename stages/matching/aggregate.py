@@ -17,8 +17,8 @@ DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 
 
 @njit(cache=True, nogil=True)
 def _step(cost: np.ndarray, before: np.ndarray, small: int, large: int, out: np.ndarray, total: np.ndarray) -> None:
-    """One pixel of one path: out [D + 2] from the pixel before [D + 2], both padded by a label at each end; adds to
-    total [D]."""
+    """One pixel of one path: out [D + 2] from the pixel before [D + 2], both padded by a label at each end;
+    adds to total [D]."""
     count = len(cost)
     least = before[1]
     for d in range(2, count + 1):

@@ -6,6 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+SEARCHED = 0.6
+"""Share of the hull's thickness, in inverse depth, that is searched: a visible surface lies in the front half of its
+hull but for phantoms."""
+IN_FRONT = 0.006
+"""Disparity by which a surface may lie in front of its hull, px over the picture's longer side: 3 px at 512, about
+what a mask or a calibration that is a pixel off costs."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
@@ -36,6 +43,12 @@ def around(guide: np.ndarray, reach: float, near: np.ndarray, far: np.ndarray) -
     """Bounds a step of inverse depth to both sides of a guide, between near and far."""
     closer = np.maximum(shifted(guide, reach), near)
     return Bounds(guide, closer, np.maximum(closer, np.minimum(shifted(guide, -reach), far)))
+
+
+def within_hull(near: np.ndarray, far: np.ndarray, in_front: float) -> Bounds:
+    """Bounds of the first search of a view whose hull lies between near and far; `in_front` is the step of inverse
+    depth by which `IN_FRONT` moves a point."""
+    return Bounds(near, shifted(near, in_front), between(near, far, SEARCHED))
 
 
 def inverse(depth: np.ndarray) -> np.ndarray:

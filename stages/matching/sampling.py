@@ -41,8 +41,8 @@ def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray, jump: float) -> n
 
 
 def extend(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values [h, w, ...] with every unknown pixel replaced by its nearest known one; unchanged where nothing is
-    known."""
+    """Values [h, w, ...] with every unknown pixel replaced by its nearest known one;
+    unchanged where nothing is known."""
     import cv2
 
     if known.all() or not known.any():

@@ -28,8 +28,8 @@ MAX_SEARCH = 512
 SLACK = 1.0
 """Px by which a match may exceed the bounds before it is dropped instead of clamped."""
 SLOPE = 10.0
-"""Pixel footprints (depth / focal length) of depth between neighbouring pixels, above which they belong to different
-surfaces."""
+"""Pixel footprints (depth / focal length) of depth between neighbouring pixels,
+above which they belong to different surfaces."""
 SUBPIXEL = 16
 """OpenCV's fixed-point steps of a pixel."""
 
@@ -65,8 +65,8 @@ def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.n
 
 
 def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
-    """The part of the rectified frame that holds the mask, with a margin of a matching window; None for an empty
-    one."""
+    """The part of the rectified frame that holds the mask, with a margin of a matching window;
+    None for an empty one."""
     rows, columns = np.nonzero(mask)
     pixels, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1])[rows, columns])
     pixels = pixels[ratio > 0]
@@ -79,8 +79,8 @@ def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
 
 
 def _disparity(pair: RectifiedPair, depth: np.ndarray, source: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-    """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given; NaN =
-    unknown."""
+    """Disparity of a source depth map on rectified pixels, whose source pixels and depth ratio are given;
+    NaN = unknown."""
     xs, ys = np.moveaxis(points_to_integer_centres(source), -1, 0)
     sampled = sample(depth, np.ascontiguousarray(xs), np.ascontiguousarray(ys), _jump(pair))
     known = (sampled > 0) & (ratio > 0)
@@ -93,8 +93,8 @@ def _jump(pair: RectifiedPair) -> float:
 
 
 def _search(low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> tuple[int, int]:
-    """Smallest residual and number of residuals (a multiple of 16, as OpenCV wants) for all but the widest percent
-    of pixels."""
+    """Smallest residual and number of residuals (a multiple of 16, as OpenCV wants)
+    for all but the widest percent of pixels."""
     smallest = int(np.floor(np.percentile(low[wanted], 1))) - 2
     largest = int(np.ceil(np.percentile(high[wanted], 99))) + 2
     return smallest, min(-(-(largest - smallest + 1) // 16) * 16, MAX_SEARCH)

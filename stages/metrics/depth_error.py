@@ -11,8 +11,8 @@ from posegaussian.stages.geometry.pairs import angle_at
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.silhouettes.hull import foreground
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 MISSING = 16.0
 """Px counted for a pixel without depth."""

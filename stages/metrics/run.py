@@ -12,10 +12,11 @@ from posegaussian.stages.metrics.optional_metrics import UNAVAILABLE, Regions, U
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.psnr import psnr
 from posegaussian.stages.metrics.ssim import ssim_map
+from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
 SSIM = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"
-BOX = "; box = bounding box of the view's own mask > 127"
+BOX = f"; box = bounding box of the view's own mask > {FOREGROUND}"
 DATA_RANGE = 255.0
 Values = dict[tuple[str, str], float | Unavailable]
 """{(region, measure): value}."""
@@ -65,7 +66,7 @@ def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: M
     picture = rendered.astype(np.float64)
     reference = truth.astype(np.float64) * (mask[..., None].astype(np.float64) / 255)
     regions: Regions = {"full": (slice(None), slice(None))}
-    rows, columns = (np.nonzero((mask > 127).any(axis=a))[0] for a in (1, 0))
+    rows, columns = (np.nonzero(foreground(mask).any(axis=a))[0] for a in (1, 0))
     if rows.size:
         regions = {
             **regions,

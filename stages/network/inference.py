@@ -80,8 +80,8 @@ def look(
     precision: str,
     timer: Timer | None = None,
 ) -> dict[int, Learned]:
-    """What is learnt about every view that has a pair; `timer` is told of `rectification`, the network's modules and
-    `pulling back`."""
+    """What is learnt about every view that has a pair;
+    `timer` is told of `rectification`, the network's modules and `pulling back`."""
     clock = timer or (lambda name: nullcontext())
     found: dict[int, list[Learned]] = {}
     for pair, thirds in zip(looks.pairs, looks.thirds, strict=True):
@@ -117,8 +117,8 @@ def predict(
 
 
 def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
-    """Depth [h, w] float32, metres, with the change of its inverse; 0 stays 0, and what is not finite changes
-    nothing."""
+    """Depth [h, w] float32, metres, with the change of its inverse;
+    0 stays 0, and what is not finite changes nothing."""
     known = depth > 0
     inverse = 1 / np.where(known, depth, 1).astype(np.float64)
     change = np.nan_to_num(learned.inverse_depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)

@@ -133,9 +133,9 @@ class PoseFusion(nn.Module):
         super().__init__()
         self.predictor = nn.Conv2d(joint, pose, 1)
         self.reader = nn.Conv2d(pose, joints, 1)
-        nn.init.zeros_(
-            self.reader.weight
-        )  # else the first thing that is learnt would be to say nothing of joints that are not there
+        # else the first thing that is learnt would be to say nothing of joints that are not there
+        nn.init.zeros_(self.reader.weight)
+        assert self.reader.bias is not None
         nn.init.zeros_(self.reader.bias)
         self.weight = weight
 
@@ -148,7 +148,8 @@ class PoseFusion(nn.Module):
             aligned, pose = (f.float() if f.dtype in (torch.float16, torch.bfloat16) else f for f in (f_joint, f_pose))
             aligned = standardised(self.predictor(aligned))
             alignment = masked_mean((aligned - standardised(pose.detach())).abs(), mask)
-            target = functional.adaptive_avg_pool2d(heatmaps.to(pose.dtype), pose.shape[-2:])
+            height, width = pose.shape[-2:]
+            target = functional.adaptive_avg_pool2d(heatmaps.to(pose.dtype), (height, width))
             power = masked_mean(target**2, mask)
             error = masked_mean((self.reader(pose) - target) ** 2, mask)
             # an empty picture (no heatmap anywhere) must not divide by nothing

@@ -102,8 +102,8 @@ def _first(
     distance: np.ndarray,
     sizes: np.ndarray,
 ) -> float:
-    """The share nearest to 1, up to the `last`, whose point lies no farther outside than is `allowed`; 0 where there
-    is none."""
+    """The share nearest to 1, up to the `last`, whose point lies no farther outside than is `allowed`;
+    0 where there is none."""
     for k in range(1, int((last - 1) / step + 1e-6) + 1):
         share = 1 + k * step
         if _outside(1 / (inverse + share * change), start, along, distance, sizes) <= allowed:

@@ -20,8 +20,8 @@ from posegaussian.stages.network.model.warping import projection
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 LEAST = 4
-"""Cells that a window is wide and high at least: on fewer, results depend on the number of threads
-(`stages/network/model/encoders.py`)."""
+"""Cells that a window is wide and high at least:
+on fewer, results depend on the number of threads (`stages/network/model/encoders.py`)."""
 
 
 def candidates(rig: Rig, pair: RectifiedPair, reports: Sequence[PairReport]) -> tuple[int, ...]:
@@ -62,8 +62,8 @@ def third_of(
 
 
 def finer(rig: Rig, pair: RectifiedPair, view: int) -> float:
-    """Pixels of the third view's windows per pixel of its picture: what gives both the focal length of the rectified
-    pair."""
+    """Pixels of the third view's windows per pixel of its picture:
+    what gives both the focal length of the rectified pair."""
     return pair.focal / float(rig.intrinsics[view][[0, 1], [0, 1]].mean())
 
 
@@ -76,8 +76,8 @@ def intrinsics_of(rig: Rig, pair: RectifiedPair, view: int, corner: tuple[int, i
 
 
 def window_around(inside: np.ndarray, scale: float, multiple: int) -> Window | None:
-    """Around what is wanted of a view, [h, w] bool, in pixels `scale` times as fine, with a margin; None where
-    nothing is."""
+    """Around what is wanted of a view, [h, w] bool, in pixels `scale` times as fine, with a margin;
+    None where nothing is."""
     rows, columns = np.nonzero(inside)
     if not len(rows):
         return None
@@ -96,8 +96,8 @@ def third_view(
     window: Window,
     joints: int,
 ) -> Third:
-    """A view of the rig as the third of a pair, on a window of pixels as fine as the pair's, multiples of 4 px wide
-    and high."""
+    """A view of the rig as the third of a pair, on a window of pixels as fine as the pair's,
+    multiples of 4 px wide and high."""
     scale, corner = finer(rig, pair, view), np.array(window[:2])
     x, y = (
         np.ascontiguousarray(m)

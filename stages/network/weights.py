@@ -44,8 +44,8 @@ def packed(state: Mapping[str, torch.Tensor], card: Card, where: str) -> bytes:
             largest = float(value.abs().max()) if value.numel() else 0.0
             if not largest <= LARGEST:
                 raise WeightsError(
-                    f"{where}: {key} {tuple(value.shape)} holds {largest:g}; float16 weights must be finite and within"
-                    f" {LARGEST:g}"
+                    f"{where}: {key} {tuple(value.shape)} holds {largest:g};"
+                    f" float16 weights must be finite and within {LARGEST:g}"
                 )
             value = value.half()
         tensors[key] = value.detach().cpu().contiguous().clone()

@@ -13,8 +13,8 @@ MIN_SIGMA = CELL / 2
 
 
 def grid_of(sizes: np.ndarray) -> tuple[int, int]:
-    """(rows, columns) of the heatmaps of views with sizes [V, 2] (width, height): those of the largest, as frames/*
-    is padded."""
+    """(rows, columns) of the heatmaps of views with sizes [V, 2] (width, height):
+    those of the largest, as frames/* is padded."""
     width, height = (int(n) for n in sizes.max(axis=0))
     return -(-height // CELL), -(-width // CELL)
 
@@ -41,8 +41,8 @@ def draw(joints: np.ndarray, sigma: np.ndarray, size: tuple[int, int], grid: tup
 
 
 def _bell(at: np.ndarray, sigma: np.ndarray, cells: int, pixels: int) -> np.ndarray:
-    """[F, J] position and sigma, px -> [F, J, cells] Gaussian at the cell centres, 0 in cells that start beyond
-    `pixels`."""
+    """[F, J] position and sigma, px -> [F, J, cells] Gaussian at the cell centres,
+    0 in cells that start beyond `pixels`."""
     start = CELL * np.arange(cells)
     bell = np.exp(-0.5 * ((start + CELL / 2 - at[..., None]) / sigma[..., None]) ** 2)
     return np.where(start < pixels, bell, 0.0)

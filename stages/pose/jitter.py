@@ -6,7 +6,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.pose.heatmaps import CELL
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 SLOW = 0.005
 """Metres a frame, root of the mean square, below which nothing can be said about lag."""
@@ -19,8 +19,7 @@ def off_heatmaps(maps: np.ndarray) -> np.ndarray:
     peak = values.max(axis=(-2, -1))
     above = np.maximum(values - 0.5 * peak[..., None, None], 0.0)
     mass = np.where(peak > 0, above.sum(axis=(-2, -1)), 1.0)
-    u = CELL * (np.arange(maps.shape[-1]) + 0.5)
-    v = CELL * (np.arange(maps.shape[-2]) + 0.5)
+    v, u = (CELL * points_from_integer_centres(np.arange(n)) for n in maps.shape[-2:])
     return np.stack([above.sum(axis=-2) @ u / mass, above.sum(axis=-1) @ v / mass, peak], axis=-1)
 
 

@@ -62,8 +62,8 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One frame's detections of the subject, and what has to be exchanged so that its views name left and right
-    alike."""
+    """One frame's detections of the subject,
+    and what has to be exchanged so that its views name left and right alike."""
 
     joints: np.ndarray
     """[V, J, 3] (u, v, score) px as detected."""
@@ -113,8 +113,8 @@ def between_views(rig: Rig, joints: np.ndarray, sides: Sides, min_score: float, 
 def _evidence(
     rig: Rig, joints: np.ndarray, points: np.ndarray, sides: Sides, min_score: float, max_residual: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Agreement [V, 3] of every view's parts with points [J, 4], as detected and mirrored, and its largest possible
-    value."""
+    """Agreement [V, 3] of every view's parts with points [J, 4], as detected and mirrored,
+    and its largest possible value."""
     views = np.arange(len(rig))
     parts = sides.parts.T.astype(np.float64)
     out = []
@@ -178,8 +178,8 @@ def _votes(sightings: Sequence[Sighting], at: int, reach: int, sides: Sides, par
 
 
 def _link(a: np.ndarray, b: np.ndarray, sides: Sides, part: int) -> int | None:
-    """How a part of points [J, 4] goes on in another frame's: 1 as it is, -1 exchanged, 0 unclear; None where it is
-    unknown."""
+    """How a part of points [J, 4] goes on in another frame's: 1 as it is, -1 exchanged, 0 unclear;
+    None where it is unknown."""
     known = (a[:, 3] > 0) & (b[:, 3] > 0)
     joints = np.flatnonzero(sides.parts[part] & known & known[sides.flips])
     if not len(joints):

@@ -1,5 +1,5 @@
-"""An estimator's own heatmaps, from the region it looked at back to the view: the paper's pose features of real
-pictures."""
+"""An estimator's own heatmaps, from the region it looked at back to the view:
+the paper's pose features of real pictures."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
 from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.pose.heatmaps import CELL, FLOOR
@@ -27,7 +28,7 @@ def put_model_maps(inputs: Inputs, maps: np.ndarray, scores: np.ndarray, followe
     """
     found, regions = inputs.read("detection/heatmaps", view), inputs.read("detection/region", view)
     rows, columns = maps.shape[2:]
-    cells = (np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) + 0.5) * CELL
+    cells = pixel_centres((columns, rows)) * CELL
     source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
     captured = captured_positions(
         cells, inputs.rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crops[view]
@@ -48,9 +49,9 @@ def put_model_maps(inputs: Inputs, maps: np.ndarray, scores: np.ndarray, followe
             own = np.asarray(found[f, person, named[f, j]], dtype=np.float32)
             if own.max() < FAINTEST:
                 continue
-            warped = cv2.remap(own, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT) * np.float32(
-                scores[f, j] / own.max()
-            )
+            # OpenCV's stubs do not know that the second map may be None
+            warped = cv2.remap(own, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]
+            warped = warped * np.float32(scores[f, j] / own.max())
             warped[~pictured | (warped < FLOOR)] = 0
             if warped.any():
                 maps[f, j] = warped

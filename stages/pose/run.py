@@ -1,5 +1,5 @@
-"""The pose kernel: the subject's joints in the source views, triangulated, fill every view by reprojection, draw
-heatmaps."""
+"""The pose kernel: the subject's joints in the source views, triangulated,
+fill every view by reprojection, draw heatmaps."""
 
 from __future__ import annotations
 

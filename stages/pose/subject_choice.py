@@ -56,8 +56,8 @@ def _agreed(
 
 
 def _centrality(rig: Rig, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """[P] factor in 0..1 of skeletons [P, J, 3] with joint weights [P, J]: 1 at the rig's focus, 1/2 at the cameras'
-    distance."""
+    """[P] factor in 0..1 of skeletons [P, J, 3] with joint weights [P, J]:
+    1 at the rig's focus, 1/2 at the cameras' distance."""
     looked_at = focus(rig)
     radius = np.linalg.norm(rig.centres - looked_at, axis=-1).mean()
     total = weights.sum(-1)

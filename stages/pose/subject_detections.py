@@ -23,8 +23,8 @@ def joint_set_of(inputs: Inputs) -> str:
 
 
 def span_of(inputs: Inputs) -> range:
-    """Frame indices whose 2D joints may be asked for: the partition and its halo; the partition where there are no
-    2D joints."""
+    """Frame indices whose 2D joints may be asked for: the partition and its halo;
+    the partition where there are no 2D joints."""
     if "joints2d" not in inputs.facts:
         return inputs.partition
     return inputs.span(DETECTIONS if "detected" in inputs.facts else "joints")

@@ -66,7 +66,7 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
 
 def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:
     """A sentence on the views and frames in which left and right were exchanged back; none where they were not."""
-    swapped = followed.exchanged.any(axis=-1)
+    swapped = np.asarray(followed.exchanged.any(axis=-1))
     if not swapped.any():
         return ()
     views = ", ".join(f"{inputs.views.names[v]} {int(n)}" for v, n in enumerate(swapped.sum(axis=0)) if n)

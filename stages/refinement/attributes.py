@@ -1,5 +1,5 @@
-"""The Gaussians of one source view as numbers to optimise: offsets from the maps, in units in which a step means the
-same everywhere."""
+"""The Gaussians of one source view as numbers to optimise:
+offsets from the maps, in units in which a step means the same everywhere."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ class ViewGaussians:
         self.put({name: self._at(m) for name, m in learnt.maps.items()})
 
     def maps(self) -> Maps:
-        """The optimised maps, types as given; a pixel whose Gaussian is not finite, or that has none, stays as it
-        was."""
+        """The optimised maps, types as given;
+        a pixel whose Gaussian is not finite, or that has none, stays as it was."""
         with torch.no_grad():
             depth, normal, scale, opacity, color = (t.numpy() for t in self._values())
         length = np.sqrt((normal * normal).sum(axis=0))
@@ -142,21 +142,18 @@ class ViewGaussians:
             & (length > 0)
         )
         rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
-        out = Maps(
-            *(
-                np.array(m)
-                for m in (self.given.color, self.given.depth, self.given.scale, self.given.normal, self.given.opacity)
-            )
-        )
-        out.color[rows, columns] = np.rint(color[:, good].T * 255).clip(0, 255)
-        out.depth[rows, columns] = depth[good]
+        given = self.given
+        colors, depths = np.array(given.color), np.array(given.depth)
+        scales, normals, opacities = np.array(given.scale), np.array(given.normal), np.array(given.opacity)
+        colors[rows, columns] = np.rint(color[:, good].T * 255).clip(0, 255)
+        depths[rows, columns] = depth[good]
         for target, values in (
-            (out.scale, scale),
-            (out.normal, normal / np.where(length > 0, length, 1)),
-            (out.opacity, opacity),
+            (scales, scale),
+            (normals, normal / np.where(length > 0, length, 1)),
+            (opacities, opacity),
         ):
             target[:, rows, columns] = values[:, good]
-        return out
+        return Maps(colors, depths, scales, normals, opacities)
 
 
 def _logit(p: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
-"""What the source masks say about a rendered picture: its soft silhouette, nothing beyond it, and no small holes
-within it."""
+"""What the source masks say about a rendered picture:
+its soft silhouette, nothing beyond it, and no small holes within it."""
 
 from __future__ import annotations
 
@@ -43,9 +43,8 @@ def cover(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray) -> np.nd
     out = np.ones(wanted.shape, np.float32)
     rows, columns = np.nonzero(wanted)
     if silhouettes.views and len(rows):
-        origin, directions = rays(
-            points_from_integer_centres(np.stack([columns, rows], axis=-1)), camera.intrinsics, camera.world_to_camera
-        )
+        pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
+        origin, directions = rays(pixels, np.asarray(camera.intrinsics), np.asarray(camera.world_to_camera))
         s = silhouettes
         out[rows, columns] = _cover(
             origin,

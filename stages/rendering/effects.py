@@ -59,8 +59,8 @@ def _no_masks(evidence: Evidence) -> str | None:
 
 
 def coarseness(evidence: Evidence) -> float:
-    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view; 0 without
-    any target."""
+    """Size of a pixel at the subject in the coarsest target camera, over that in the finest source view;
+    0 without any target."""
     rig = evidence.rig.subset(list(evidence.sources))
     subject = look_at_point(rig)
     found = [0.0]

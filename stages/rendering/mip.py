@@ -22,5 +22,7 @@ def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) 
     def pixel(intrinsics: np.ndarray, centre: np.ndarray) -> float:
         return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
 
-    ratio = pixel(camera.intrinsics, camera.centre) / min(pixel(rig.intrinsics[v], rig.centres[v]) for v in views)
+    ratio = pixel(np.asarray(camera.intrinsics), camera.centre) / min(
+        pixel(rig.intrinsics[v], rig.centres[v]) for v in views
+    )
     return Cutoffs(low_pass=(1 - ratio**-2) / 12, compensation=True) if ratio > 1 else Cutoffs()

@@ -36,8 +36,8 @@ def refined_frames(inputs: Inputs) -> np.ndarray:
 
 
 def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """[V] angle in radians at the subject [3] between each camera centre [V, 3] and the target's centre [3], world
-    metres."""
+    """[V] angle in radians at the subject [3] between each camera centre [V, 3]
+    and the target's centre [3], world metres."""
     rays, ray = centres - subject, target - subject
     across = np.linalg.norm(np.cross(rays, ray), axis=1)
     return np.arctan2(across, rays @ ray)

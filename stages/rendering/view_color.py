@@ -17,7 +17,7 @@ import torch
 from posegaussian.stages.geometry.consistency import SAME_SURFACE
 from posegaussian.stages.rendering.lift import Lifted, Maps
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
-from posegaussian.storage.model.cameras import points_to_integer_centres
+from posegaussian.storage.model.cameras import camera_centre, points_to_integer_centres
 
 OWN = 1e-3
 """Least weight of a Gaussian's own view: what nobody else sees keeps its colour."""
@@ -50,7 +50,7 @@ class Photo:
     @property
     def centre(self) -> np.ndarray:
         """[3] world metres."""
-        return np.asarray(-self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3])
+        return camera_centre(self.world_to_camera)
 
     def at(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Colours [N, 3] of world points [N, 3] and how far they are seen [N], 0..1.

@@ -31,8 +31,8 @@ RAYS = 400
 STEP = 2.0
 """Px from one point of a ray to the next."""
 TOLERANCE = 2.5
-"""Px by which a point may lie outside a silhouette: more than the step, and than what good calibrations and masks
-are off."""
+"""Px by which a point may lie outside a silhouette:
+more than the step, and than what good calibrations and masks are off."""
 LEAST = 0.05
 """Share of unexplained pixels from which on a silhouette is suspected."""
 RELIEF = 0.5
@@ -83,8 +83,8 @@ def agreement(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouette
 
 
 def _unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes) -> np.ndarray:
-    """[S + 1] share of a view's foreground that is not explained without each of the S views, and (last) with all of
-    them."""
+    """[S + 1] share of a view's foreground that is not explained without each of the S views,
+    and (last) with all of them."""
     rows, columns = np.nonzero(foreground(mask[: rig.size[view, 1], : rig.size[view, 0]]))
     some = slice(None, None, max(1, len(rows) // RAYS))
     origin, directions = rays(

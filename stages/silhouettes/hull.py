@@ -26,9 +26,8 @@ from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
+from posegaussian.storage.model.masks import foreground
 
-FOREGROUND = 127
-"""A mask value above this is foreground."""
 REACH = 0.9
 """Radius of the searched sphere over the distance of the nearest camera: the sphere holds no camera."""
 WITNESSES = 2
@@ -46,11 +45,6 @@ MOST_POINTS = 2**15
 scale than the scene would walk for ever."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
-
-
-def foreground(mask: np.ndarray) -> np.ndarray:
-    """[...] uint8 mask, 0..255 -> bool."""
-    return mask > FOREGROUND
 
 
 def searched_radius(rig: Rig, views: list[int], centre: np.ndarray) -> float:

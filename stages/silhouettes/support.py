@@ -40,8 +40,11 @@ def ray_support(
     """
     possible, confirmed = np.ones(len(directions), np.float32), np.zeros(len(directions), np.float32)
     if len(fields.projections) and len(depths):
-        whole = (np.ascontiguousarray(a, dtype=np.float64) for a in (origin, directions, depths, joints))
-        _walk(fields.possible, fields.seen, fields.projections, *whole, possible, confirmed)
+        origin, directions, depths, joints = (
+            np.ascontiguousarray(a, dtype=np.float64) for a in (origin, directions, depths, joints)
+        )
+        maps = (fields.possible, fields.seen, fields.projections)
+        _walk(*maps, origin, directions, depths, joints, possible, confirmed)
     return possible, confirmed
 
 

@@ -31,7 +31,12 @@ FRAME_RATE = 10.0
 
 VARIANTS: dict[str, Mapping[str, Any]] = {
     "clean": {},
-    "noise_gain": {"effects": {"sensor_noise": {"electrons": 4400, "read": 6}, "camera_gain": {"exposure": 0.0286, "white_balance": 0.0}}},
+    "noise_gain": {
+        "effects": {
+            "sensor_noise": {"electrons": 4400, "read": 6},
+            "camera_gain": {"exposure": 0.0286, "white_balance": 0.0},
+        }
+    },
     "specular": {"effects": {"specular": {"strength": 2.0}}},
     "calibration_0.3": {"effects": {"calibration_error": {"pixels": 0.3}}},
     "calibration_1": {"effects": {"calibration_error": {"pixels": 1.0}}},
@@ -40,9 +45,12 @@ VARIANTS: dict[str, Mapping[str, Any]] = {
     "messy": {
         "rig": {"jitter": 0.06, "roll": 3.0},
         "effects": {
-            "lens_distortion": {"k1": -0.09, "k2": 0.02}, "calibration_error": {"pixels": 0.3, "metres": 0.001}, "time_offset": {"frames": 0.033},
-            "cloth_motion": {}, "motion_blur": {"shutter": 0.1}, "cast_shadow": {}, "specular": {}, "background_room": {"side": 9.0}, "vignetting": {"corner": 0.2},
-            "camera_gain": {"exposure": 0.08, "white_balance": 0.02}, "sensor_noise": {"electrons": 6000}, "jpeg": {"quality": 88},
+            "lens_distortion": {"k1": -0.09, "k2": 0.02}, "calibration_error": {"pixels": 0.3, "metres": 0.001},
+            "time_offset": {"frames": 0.033},
+            "cloth_motion": {}, "motion_blur": {"shutter": 0.1}, "cast_shadow": {}, "specular": {},
+            "background_room": {"side": 9.0}, "vignetting": {"corner": 0.2},
+            "camera_gain": {"exposure": 0.08, "white_balance": 0.02}, "sensor_noise": {"electrons": 6000},
+            "jpeg": {"quality": 88},
             "mask_error": {"wobble": 0.7}, "joint_noise": {"pixels": 4.0, "dropouts": 0.05, "outliers": 0.01},
         },
     },
@@ -100,8 +108,8 @@ VALIDATION_PHASES = {
     "kick": (0.0, 0.1),
     "crossed_arms": (0.0, 2.8),
 }
-"""{motion of an ablation: seconds into it between which the first frame lies}: where arm and leg are about to be
-fastest."""
+"""{motion of an ablation: seconds into it between which the first frame lies}:
+where arm and leg are about to be fastest."""
 
 
 def ablation_scene(
@@ -124,8 +132,8 @@ def ablation_scene(
         raise ValueError(f"{cameras} cameras: an even number has opposite gaps")
     motion = tuple(VALIDATION_PHASES)[seed % len(VALIDATION_PHASES)]
     random = generator(seed, "ablation")
-    # The lens follows from the subject at rest (`framing: rest`): framed in motion, it would depend on the cameras
-    # there are.
+    # The lens follows from the subject at rest (`framing: rest`):
+    # framed in motion, it would depend on the cameras there are.
     rig = {
         "kind": "ring",
         "cameras": cameras,

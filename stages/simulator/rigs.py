@@ -11,12 +11,12 @@ import numpy as np
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.scene import Arc, Camera, Dome, Listed, Ring, Scene, Stereo
-from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.model.cameras import Rig, camera_centre, rigid
 
 
 def pointed(centre: np.ndarray, target: np.ndarray, up: Sequence[float], roll: float) -> np.ndarray:
-    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], `up` upwards in the picture, then rolled by
-    degrees."""
+    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], `up` upwards in the picture,
+    then rolled by degrees."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-9:  # straight up or down: left of the picture is left of the subject
@@ -81,7 +81,7 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
     if scene.rig.jitter:
         for v in range(sources):
             away = generator(scene.seed, "jitter", v).normal(size=3) * scene.rig.jitter
-            centre = -poses[v, :3, :3].T @ poses[v, :3, 3] + away
+            centre = camera_centre(poses[v]) + away
             roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else scene.rig.roll
             poses[v] = pointed(centre, target, (0, 0, 1), roll)
     return (

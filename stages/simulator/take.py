@@ -1,5 +1,5 @@
-"""One picture of a scene at a time, with its truth: the plain renderer, and the effects that are on, each in its
-place."""
+"""One picture of a scene at a time, with its truth:
+the plain renderer, and the effects that are on, each in its place."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ class Shot:
     color: np.ndarray
     """[h, w, 3] uint8 sRGB; before black premultiplied."""
     mask: np.ndarray
-    """[h, w] uint8 what a matting program gives: covered share of the pixel by the subject, unless an effect spoils
-    it."""
+    """[h, w] uint8 what a matting program gives:
+    covered share of the pixel by the subject, unless an effect spoils it."""
     joints2d: np.ndarray | None
     """[17, 3] (u, v, score) px, what a pose estimator gives: the truth with score 1, unless an effect spoils it."""
     true_mask: np.ndarray
     """[h, w] uint8 covered share of the pixel by the subject."""
     depth: np.ndarray
-    """[h, w] float32 metres along the optical axis at the pixel centre, of the subject where it is what is seen;
-    else 0."""
+    """[h, w] float32 metres along the optical axis at the pixel centre,
+    of the subject where it is what is seen; else 0."""
     normal: np.ndarray
     """[h, w, 3] float32 unit normal of the triangle seen there, camera axes, facing the camera; else 0."""
     true_joints2d: np.ndarray | None
@@ -203,7 +203,6 @@ class Take:
         index = rasterize(p, mesh.tris, w, h, s)[1]
         normals = vertex_normals(vertices, mesh.tris)
         texels, info, gloss, shiny = self._paint
-        # fmt: skip
         light = shade(
             index,
             p,
@@ -227,8 +226,8 @@ class Take:
         return averaged(light, index, len(self.actors[0].mesh.tris), s, SRGB)
 
     def shoot(self, frame: int, view: int) -> Shot:
-        """The picture of one camera at one frame, with its truth. Depends on nothing but the scene, the frame and
-        the view."""
+        """The picture of one camera at one frame, with its truth.
+        Depends on nothing but the scene, the frame and the view."""
         time = float(self.times[frame, view])
         shutter = self._of("shutter", view)
         moments = self._run(shutter[-1], shutter[-1].params, self.interval) if shutter else np.zeros(1)

@@ -44,10 +44,9 @@ TEMPORAL_SMOOTHING = Effect(
     "temporal_smoothing",
     "Blend pose heatmaps with those of the frames before.",
     "joint jitter over motion",
-    # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away and
-    # adds the
-    # squared lag (1 - w)^2 v^2; the gain outweighs the loss from s / v = sqrt((1 - w) / w) / 2 on, 0.25 at the default
-    # w = 0.8.
+    # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away
+    # and adds the squared lag (1 - w)^2 v^2; the gain outweighs the loss from s / v = sqrt((1 - w) / w) / 2 on,
+    # 0.25 at the default w = 0.8.
     0.25,
     "px/px",
     _smoothing,

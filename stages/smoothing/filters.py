@@ -22,8 +22,8 @@ from posegaussian.stages.pose.heatmaps import FLOOR
 
 
 def taps(omega: float, past: int) -> np.ndarray:
-    """[past + 1] weights of frames t, t-1, ..., t-past: omega (1 - omega)^k, the oldest takes what is left; they sum
-    to 1."""
+    """[past + 1] weights of frames t, t-1, ..., t-past: omega (1 - omega)^k, the oldest takes what is left;
+    they sum to 1."""
     decay = (1.0 - omega) ** np.arange(past + 1)
     return np.append(omega * decay[:-1], decay[-1])
 

@@ -20,6 +20,7 @@ def run(inputs: Inputs, params: SmoothingParams) -> Iterator[Block]:
     t-truncation..t for `recurrent`, clipped to the sequence; the first frame of a sequence passes.
     """
     span = inputs.span("pose/heatmaps")
+    assert inputs.joint_set is not None, "joints belong to a joint set"
     past = params.truncation if params.method == "recurrent" else 1
     for v in range(len(inputs.rig)):
         heatmaps = inputs.read("pose/heatmaps", v)

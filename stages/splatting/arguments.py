@@ -23,8 +23,8 @@ def check(gaussians: Gaussians, cameras: object, extras: object, drawing: Drawin
     _check_cameras(cameras)
     if isinstance(extras, str) or any(e not in EXTRAS for e in extras):  # type: ignore[attr-defined]
         raise ValueError(
-            f"extras = {extras!r}: pass a tuple of any of {', '.join(map(repr, EXTRAS))}; colour and alpha are always"
-            " drawn"
+            f"extras = {extras!r}: pass a tuple of any of {', '.join(map(repr, EXTRAS))};"
+            " colour and alpha are always drawn"
         )
     _check_gaussians(gaussians)
     _check_drawing(drawing, gaussians)
@@ -45,8 +45,8 @@ def _check_cameras(cameras: object) -> None:
     sizes = sorted({(c.width, c.height) for c in cameras})
     if len(sizes) > 1:
         raise ValueError(
-            f"cameras of {len(sizes)} sizes, {sizes[0]} and {sizes[1]} px: their pictures make no array; call once a"
-            " size"
+            f"cameras of {len(sizes)} sizes, {sizes[0]} and {sizes[1]} px: their pictures make no array;"
+            " call once a size"
         )
 
 
@@ -84,8 +84,8 @@ def _check_gaussians(gaussians: Gaussians) -> None:
             )
         if (values.dtype, values.device) != (dtype, device):
             raise ValueError(
-                f"gaussians.{name} is {values.dtype} on {values.device}, gaussians.mean is {dtype} on {device}: convert"
-                " one of them"
+                f"gaussians.{name} is {values.dtype} on {values.device},"
+                f" gaussians.mean is {dtype} on {device}: convert one of them"
             )
     if dtype not in (torch.float32, torch.float64):
         raise ValueError(f"gaussians.mean is {dtype}: convert the Gaussians to float32 or float64")

@@ -35,7 +35,7 @@ def rasterize(
     check(gaussians, cameras, extras, drawing)
     backend = resolve(drawing.backend, gaussians)
     pictures = [_draw(gaussians, camera, extras, drawing, backend) for camera in cameras]
-    picture, alpha = (_stacked([p[i] for p in pictures]) for i in (0, 1))
+    picture, alpha = _stacked([p[0] for p in pictures]), _stacked([p[1] for p in pictures])
     depth = picture[..., 3] if "depth" in extras else None
     normal = picture[..., 4:7] if "normal" in extras else None
     color = picture[..., :3] if extras else picture

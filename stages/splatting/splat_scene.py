@@ -17,8 +17,8 @@ MOST_OPAQUE = 1 - 2.0**-20
 
 @dataclass(frozen=True, eq=False)
 class SplatScene:
-    """A splat file's Gaussians: all but the colour is the same for every camera. World axes and units are the
-    file's."""
+    """A splat file's Gaussians: all but the colour is the same for every camera.
+    World axes and units are the file's."""
 
     mean: torch.Tensor  # [N, 3]
     """Centres."""
@@ -138,8 +138,8 @@ def splats_of(gaussians: Gaussians) -> Splats:
     ):
         if not np.isfinite(values).all():
             raise ValueError(
-                f"{int((~np.isfinite(values)).sum())} values of {name} are not finite; a splat file holds finite"
-                " Gaussians"
+                f"{int((~np.isfinite(values)).sum())} values of {name} are not finite;"
+                " a splat file holds finite Gaussians"
             )
     if (scale <= 0).any() or (opacity <= 0).any() or (opacity > 1).any():
         raise ValueError(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from posegaussian.stages.geometry.consistency import REACH, silhouette_offset
+from posegaussian.storage.model.masks import foreground
 
 BESIDE = round(REACH) + 8
 """px around the subject in which its outline is compared: as far as edges are looked for, and the blur of the
@@ -19,7 +20,7 @@ def outline_offsets(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
     At full resolution, in the part around the subject alone: the distances are the whole picture's.
     """
-    rows, columns = (np.flatnonzero((mask > 127).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(foreground(mask).any(axis=axis)) for axis in (1, 0))
     if picture.shape[:2] != mask.shape or not len(rows):
         return np.zeros(0)
     part = tuple(slice(max(0, int(at[0]) - BESIDE), int(at[-1]) + BESIDE + 1) for at in (rows, columns))

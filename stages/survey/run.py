@@ -199,20 +199,18 @@ def check(block: Block, params: SurveyParams) -> list[str]:
     """Warnings about a small sample and about pictures that are not static."""
     if block.array == "survey/sample":
         found = int((block.data >= 0).sum())
-        return (
-            [
-                f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want"
-                f" {FEWEST} or more"
-            ]
-            if found < FEWEST
-            else []
+        few = (
+            f"view {block.view}: only {found} frames in the sample; background plate, jitter and exposure want"
+            f" {FEWEST} or more"
         )
+        return [few] if found < FEWEST else []
     known = block.data[(block.data > 0) & (block.data < UNKNOWN)] if block.array == SPREAD else np.zeros(0)
     if len(known):
         typical = float(np.median(known))
         if typical > UNSTEADY:
-            return [
+            moving = (
                 f"view {block.view}: colours differ by {typical:.0f}/255 between frames all over the picture (bound"
                 f" {UNSTEADY:.0f}); the camera or the light is not static, do not use frames.matte: plate"
-            ]
+            )
+            return [moving]
     return []

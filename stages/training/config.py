@@ -24,8 +24,8 @@ Method = Literal["sweep", "sgbm"]
 Phase = Literal["depth", "joint"]
 SEEDS_OF_TRAINING = "scenes for training have seeds of 0 to 7999"
 HARMLESS = frozenset({"depth_steps", "joint_steps", "validate_every", "checkpoint_every"})
-"""Settings that may differ when a training goes on: they decide how long it is and when it is looked at, not what a
-step does."""
+"""Settings that may differ when a training goes on:
+they decide how long it is and when it is looked at, not what a step does."""
 
 
 class Scenes(Params):
@@ -199,6 +199,12 @@ class TrainingConfig(Params):
         """The network's shape: the preset with the variants that were chosen."""
         return replace(
             PRESETS[self.preset],
-            fusion=self.fusion, pose_in=frozenset(self.pose_in), rotation_head=self.rotation_head, opacity_head=self.opacity_head,
-            normalisation=self.normalisation, downsampling=self.downsampling, residual=self.residual, further_views=self.further_views,
-        )  # fmt: skip
+            fusion=self.fusion,
+            pose_in=frozenset(self.pose_in),
+            rotation_head=self.rotation_head,
+            opacity_head=self.opacity_head,
+            normalisation=self.normalisation,
+            downsampling=self.downsampling,
+            residual=self.residual,
+            further_views=self.further_views,
+        )

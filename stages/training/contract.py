@@ -30,8 +30,8 @@ class Frames(Protocol):
         """
 
     def validation_frame(self, config: TrainingConfig, index: int) -> Frame:
-        """Validation frame `index`, 0 to `config.validation.count` - 1; shows the scene of
-        `config.validation_seed(index)`."""
+        """Validation frame `index`, 0 to `config.validation.count` - 1;
+        shows the scene of `config.validation_seed(index)`."""
 
     def data_key(self, config: TrainingConfig) -> str:
         """Hexadecimal digest of all that a frame depends on beside its seed and its moment, the code included."""

@@ -1,5 +1,5 @@
-"""What a step is given: crops of pairs of views around the same point of the body, the truth, and a picture from
-between them."""
+"""What a step is given: crops of pairs of views around the same point of the body,
+the truth, and a picture from between them."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.stages.training.augmentation import shifted, spoilt, spoilt_third
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 HARD = 0.4
 """Share of the crops that lie around a pixel whose start is more than a px off."""
@@ -31,8 +32,8 @@ WITHOUT_JOINTS = 0.1
 JOINT_NOISE = 3.0
 """Px, largest standard deviation of what joints are moved by."""
 SIGMAS = (5.0, 10.0)
-"""Px, narrowest and broadest heatmap of a joint. The pose stage's 4 cm are about 10 px at the size of a person in
-these pictures."""
+"""Px, narrowest and broadest heatmap of a joint.
+The pose stage's 4 cm are about 10 px at the size of a person in these pictures."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
 WITHOUT_THIRD = 0.2
@@ -86,8 +87,8 @@ class Marks(NamedTuple):
 
 
 def frames_of_step(config: TrainingConfig, step: int) -> range:
-    """Training frames at hand for a step, counted from 0: a window that moves on by a frame every `steps_per_frame`
-    steps."""
+    """Training frames at hand for a step, counted from 0:
+    a window that moves on by a frame every `steps_per_frame` steps."""
     first = step // config.steps_per_frame
     return range(first, first + config.window)
 
@@ -172,15 +173,22 @@ def _source(frame: Frame, view: int) -> SourceView:
 
 
 def _example(
-    frame: Frame, views: tuple[int, int, int], pair: RectifiedPair, found: tuple[Window, Window], point: np.ndarray | None, side: int,
-    random: np.random.Generator | None, gain: np.ndarray, further: Further | None,
-) -> Example:  # fmt: skip
+    frame: Frame,
+    views: tuple[int, int, int],
+    pair: RectifiedPair,
+    found: tuple[Window, Window],
+    point: np.ndarray | None,
+    side: int,
+    random: np.random.Generator | None,
+    gain: np.ndarray,
+    further: Further | None,
+) -> Example:
     a, b, between = views
     shown = tuple(_source(frame, v) for v in (a, b))
     given = rectified_pair(pair, (shown[0], shown[1]), found)
     tint = torch.from_numpy(gain.astype(np.float32))
     truth = [
-        start_on(pair, w, found[w], found[1 - w], np.where(frame["mask"][v] > 127, frame["truth"][v], 0))
+        start_on(pair, w, found[w], found[1 - w], np.where(foreground(frame["mask"][v]), frame["truth"][v], 0))
         for w, v in enumerate((a, b))
     ]
     pictures = [
@@ -196,10 +204,16 @@ def _example(
         color, strange = spoilt(color, given.cover, random)
     third = None if further is None else _third(frame, pair, found, further, marks, tint, strange)
     return Example(
-        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1), third=third), torch.from_numpy(np.stack(truth)[:, None]), pair, found,
-        (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1), camera,
-        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1), torch.from_numpy(cover)[None, None], strange != 0,
-    )  # fmt: skip
+        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1), third=third),
+        torch.from_numpy(np.stack(truth)[:, None]),
+        pair,
+        found,
+        (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1),
+        camera,
+        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1),
+        torch.from_numpy(cover)[None, None],
+        strange != 0,
+    )
 
 
 def unfitting(example: Example, rows: float) -> Example:

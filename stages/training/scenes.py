@@ -54,12 +54,22 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
             "frames": frames,
             "frame_rate": FRAME_RATE,
             "subject": {"heading": float(random.uniform(-180.0, 180.0))},
-            "motion": {"name": motion, "phase": float(random.uniform(0.0, LONGEST)), "speed": float(random.uniform(0.8, 1.2))},
+            "motion": {
+                "name": motion,
+                "phase": float(random.uniform(0.0, LONGEST)),
+                "speed": float(random.uniform(0.8, 1.2)),
+            },
             "rig": {
-                "kind": "ring", "cameras": count, "radius": float(random.uniform(3.0, 6.0)), "height": float(random.uniform(0.8, 1.6)),
-                "start": float(random.uniform(0.0, 360.0)), "size": [size, size], "fill": float(random.uniform(0.72, 0.92)), "framing": "frames",
+                "kind": "ring",
+                "cameras": count,
+                "radius": float(random.uniform(3.0, 6.0)),
+                "height": float(random.uniform(0.8, 1.6)),
+                "start": float(random.uniform(0.0, 360.0)),
+                "size": [size, size],
+                "fill": float(random.uniform(0.72, 0.92)),
+                "framing": "frames",
             },
             "held_out": count,
             "effects": effects,
         }
-    )  # fmt: skip
+    )

@@ -1,5 +1,5 @@
-"""A training, one step at a time: what a step does follows from the settings, the state before it and its frames
-alone."""
+"""A training, one step at a time: what a step does follows from the settings,
+the state before it and its frames alone."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ class Trainer:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             preset = config.network()
-            self.network = PoseGaussianNetwork(preset).to(self.device, memory_format=torch.channels_last)
+            network = PoseGaussianNetwork(preset)
+            # torch's stubs do not know that a module's `to` takes a memory format
+            self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
             width = preset.widths[-1]
             self.fusion = (
                 PoseFusion(width, width, weight=config.pose_fusion).to(self.device)

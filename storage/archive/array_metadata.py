@@ -57,8 +57,8 @@ TYPES = (
 """Types of elements."""
 
 SHARD_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "."}}
-"""How new arrays name their shards: one file each in the array's folder. Every folder takes an inode, as a file
-does."""
+"""How new arrays name their shards: one file each in the array's folder.
+Every folder takes an inode, as a file does."""
 
 NESTED_NAMES: dict[str, Any] = {"name": "default", "configuration": {"separator": "/"}}
 """How arrays of earlier versions do: a folder for every number."""
@@ -184,14 +184,14 @@ def _write(folder: Path, digest: str | None, with_checksum: bool) -> None:
 
 
 def refuse_huge(name: str, lengths: Sequence[int], dtype: np.dtype) -> None:
-    """Raise ForeignArray for a block that no memory of this machine holds: a description promises any size in a few
-    bytes."""
+    """Raise ForeignArray for a block that no memory of this machine holds:
+    a description promises any size in a few bytes."""
     need, there = math.prod(lengths) * dtype.itemsize, psutil.virtual_memory().total
     if need > there:
         raise ForeignArray(
             f"array {name}: a block of {'x'.join(map(str, lengths))} {dtype} is {need / 1e9:.0f} GB, this machine has"
-            f" {there / 1e9:.0f} GB of memory; its description is damaged or a stranger's, `posegaussian verify` says"
-            " which"
+            f" {there / 1e9:.0f} GB of memory; its description is damaged or a stranger's,"
+            " `posegaussian verify` says which"
         )
 
 
@@ -199,8 +199,8 @@ def _fault(meta: dict[str, Any]) -> str | None:
     """Why a description is none of ours, or None; KeyError, TypeError and the like for what it lacks."""
     if meta.get("zarr_format") != 3 or meta.get("node_type") != "array":
         return (
-            f"Zarr format {str(meta.get('zarr_format'))[:20]}, {str(meta.get('node_type'))[:20]}; arrays of format 3"
-            " are read"
+            f"Zarr format {str(meta.get('zarr_format'))[:20]}, {str(meta.get('node_type'))[:20]};"
+            " arrays of format 3 are read"
         )
     if unknown := sorted(meta.keys() - KEYS):
         return f"unknown entries {', '.join(unknown)[:80]}"

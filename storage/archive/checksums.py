@@ -21,9 +21,8 @@ _LAST = re.compile(rb', "checksum": "([0-9a-f]{32})"\}\Z')
 
 def checksum(content: Mapping[str, Any]) -> str:
     """BLAKE2b-128 over JSON types, whatever their order, but without the checksum among them."""
-    return _hash(
-        ENCODER.encode({k: v for k, v in content.items() if k != KEY}).encode(errors="surrogatepass")
-    )  # names of files may be no text
+    # names of files may be no text
+    return _hash(ENCODER.encode({k: v for k, v in content.items() if k != KEY}).encode(errors="surrogatepass"))
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -32,8 +32,8 @@ def keys_read(name: str, array: Any, index: tuple[int | slice, ...]) -> Iterator
 
 
 def unpromised(name: str, array: Any, index: tuple[int | slice, ...], files: Collection[ShardFile]) -> str | None:
-    """Key of a file that `array[index]` reads though it is none of `files`; None where it reads only what is
-    promised."""
+    """Key of a file that `array[index]` reads though it is none of `files`;
+    None where it reads only what is promised."""
     promised = {f.key for f in files}
     return next((key for key in keys_read(name, array, index) if key not in promised), None)
 

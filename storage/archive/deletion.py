@@ -80,8 +80,8 @@ def _partition_folder(sequence: Sequence, key: str) -> Path:
 
 
 def forget(sequence: Sequence, receipt: Receipt) -> None:
-    """Delete a task's receipt, then its outputs. Raises Unsafe, with nothing deleted, where a link lies on the way
-    to one."""
+    """Delete a task's receipt, then its outputs.
+    Raises Unsafe, with nothing deleted, where a link lies on the way to one."""
     files = [sequence.place(f.key) for o in receipt.outputs for f in o.files]
     remove_receipt(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path)
     delete_files(files)
@@ -139,8 +139,8 @@ def settled(path: Path) -> bool:
 
 
 def partial_files(root: Path) -> list[Path]:
-    """Files and folders that a killed writer or a killed sweep left half done, outermost first. Raises Unsafe for a
-    link anywhere."""
+    """Files and folders that a killed writer or a killed sweep left half done, outermost first.
+    Raises Unsafe for a link anywhere."""
     found: list[Path] = []
     refuse_links(root)
     for p in sorted(root.rglob("*.partial")):
@@ -150,8 +150,8 @@ def partial_files(root: Path) -> list[Path]:
 
 
 def strays(sequence: Sequence, receipts: Iterable[Receipt], arrays: Collection[str]) -> Iterator[Path]:
-    """Shards and tables of the given arrays that no receipt names: unfinished work, or what a killed sweep left.
-    Raises Unsafe."""
+    """Shards and tables of the given arrays that no receipt names:
+    unfinished work, or what a killed sweep left. Raises Unsafe."""
     named = {f.key for r in receipts for o in r.outputs if not o.dropped for f in o.files}
     for array in sorted(arrays):
         folder = sequence.place(array)

@@ -117,8 +117,8 @@ def faults(sequence: Sequence, count: Count) -> Iterator[Fault]:
 
 
 def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
-    """Faults of what no receipt speaks of: descriptions of arrays, and arrays that are written whole (cameras,
-    times, truth)."""
+    """Faults of what no receipt speaks of:
+    descriptions of arrays, and arrays that are written whole (cameras, times, truth)."""
     for folder in sequence.walk_arrays():
         name = folder.relative_to(sequence.root).as_posix()
         try:
@@ -134,8 +134,8 @@ def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
 
 
 def seal_all(sequence: Sequence) -> int:
-    """Add the checksums that the record and the descriptions of arrays lack, as they are now; returns how many were
-    added."""
+    """Add the checksums that the record and the descriptions of arrays lack, as they are now;
+    returns how many were added."""
     added = 0
     if checksums.KEY not in sequence.record:
         write_record(sequence.root, sequence.record)

@@ -23,7 +23,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -275,9 +275,7 @@ class Lease:
                 if old is not None and not cls._free(old, run, now):
                     raise LeaseHeld(f"{file.name} is held by {old.sentence(now)}", old) from None
                 if old is not None:
-                    _displace(
-                        file, old.token, lambda h, token=old.token: h.token == token and cls._free(h, run, clock())
-                    )  # type: ignore[misc]
+                    _displace(file, old.token, partial(cls._still_free, token=old.token, run=run, clock=clock))
                 continue
             lease = cls(file, holder, handle, seconds, clock)
             lease._write(holder)
@@ -287,6 +285,10 @@ class Lease:
     @staticmethod
     def _free(holder: Holder, run: str, now: float) -> bool:
         return holder.run == run or ended(holder, now)
+
+    @classmethod
+    def _still_free(cls, holder: Holder, token: str, run: str, clock: Callable[[], float]) -> bool:
+        return holder.token == token and cls._free(holder, run, clock())
 
     def _write(self, holder: Holder) -> None:
         os.pwrite(self._handle, _text(holder), 0)
@@ -390,8 +392,8 @@ _KEEPER = _Keeper()
 
 
 def wait_for(file: Path, run: str, seconds: float, patience: float, pause: float = 0.05) -> Lease:
-    """Take a lease that others hold for moments only. Raises LeaseHeld when it is not free within `patience`
-    seconds."""
+    """Take a lease that others hold for moments only.
+    Raises LeaseHeld when it is not free within `patience` seconds."""
     end = time.monotonic() + patience
     while True:
         try:

@@ -66,8 +66,8 @@ class Output:
     files: tuple[ShardFile, ...]
     """The files that hold it, or held it where it was dropped."""
     dropped: bool = False
-    """Whether the bytes were given up to save space: the digest still holds, so that what was made from them stays
-    fresh."""
+    """Whether the bytes were given up to save space:
+    the digest still holds, so that what was made from them stays fresh."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ class Receipt:
 
 
 def _check_names(receipt: Receipt) -> None:
-    """Raise Unsafe for a stage, path, array or file key that no task writes: absolute, climbing, or of something
-    else."""
+    """Raise Unsafe for a stage, path, array or file key that no task writes:
+    absolute, climbing, or of something else."""
     for name, what in ((receipt.stage, "stage"), (receipt.path, "path")):
         if not is_word(name) and (what == "stage" or name is not None):
             raise Unsafe(f"{what} {_shown(name)} is no name")

@@ -58,8 +58,8 @@ def read_record(root: Path) -> dict[str, Any]:
         ) from e
     if number > FORMAT:
         raise ArchiveError(
-            f"sequence {root.name} is of archive format {number}, this version reads up to {FORMAT}; update"
-            " posegaussian"
+            f"sequence {root.name} is of archive format {number}, this version reads up to {FORMAT};"
+            " update posegaussian"
         )
     if checksums.changed(record):
         raise BrokenRecord(
@@ -69,15 +69,15 @@ def read_record(root: Path) -> dict[str, Any]:
     frames = record.get("partition_frames")
     if type(frames) is not int or not 1 <= frames <= MOST_PARTITION:
         raise BrokenRecord(
-            f"{file} says that partitions have {str(frames)[:40]} frames, they have 1 to {MOST_PARTITION}; import the"
-            " capture again"
+            f"{file} says that partitions have {str(frames)[:40]} frames, they have 1 to {MOST_PARTITION};"
+            " import the capture again"
         )
     return record
 
 
 def write_record(root: Path, record: dict[str, Any]) -> None:
-    """Write the record with its checksum; other attributes of the group stay. Readers see the old one or the new
-    one."""
+    """Write the record with its checksum; other attributes of the group stay.
+    Readers see the old one or the new one."""
     try:
         attributes = parse_json(read_file(root / FILE, MOST_BYTES))["attributes"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -159,8 +159,8 @@ def _stream_fault(stream: Stream) -> str | None:
 
 
 def _file_fault(file: SourceFile) -> str | None:
-    """A source lies where it was imported from, anywhere; an empty one, as devices and pipes look, was never
-    imported."""
+    """A source lies where it was imported from, anywhere;
+    an empty one, as devices and pipes look, was never imported."""
     if not isinstance(file.path, str) or not os.path.isabs(file.path) or "\0" in file.path or len(file.path) > 4096:
         return f"source file {str(file.path)[:80]!r} is no absolute path"
     if (
@@ -174,8 +174,8 @@ def _file_fault(file: SourceFile) -> str | None:
 
 
 def cameras(rig: Rig) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:
-    """{array: (values, dimensions, unit, meaning)} of the calibrated cameras beside the record, for other readers of
-    Zarr."""
+    """{array: (values, dimensions, unit, meaning)} of the calibrated cameras beside the record,
+    for other readers of Zarr."""
     return {
         "source/intrinsics": (
             rig.intrinsics,

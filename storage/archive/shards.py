@@ -119,8 +119,8 @@ def write_array(
 def _region(
     dims: tuple[str, ...], shards: tuple[int, ...], where: tuple[int, ...], index: tuple[Any, ...]
 ) -> tuple[tuple[Any, ...], tuple[slice, ...]]:
-    """(index into the array, index into the block) of one shard: the block has one partition's frames and no view
-    axis."""
+    """(index into the array, index into the block) of one shard:
+    the block has one partition's frames and no view axis."""
     into, of = [], []
     for d, length, number, whole in zip(dims, shards, where, index, strict=True):
         part = whole if d in ("frame", "view") else slice(number * length, (number + 1) * length)
@@ -168,8 +168,8 @@ def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
             raise ShardMissing(f"shard {f.key} of sequence {sequence.name} is missing; run again to make it anew")
         if size != f.size:
             raise ShardCorrupt(
-                f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size}; run again to"
-                " make it anew"
+                f"shard {f.key} of sequence {sequence.name} has {size} bytes, its receipt says {f.size};"
+                " run again to make it anew"
             )
 
 

@@ -104,8 +104,8 @@ def local_path(url: str) -> Path:
 
 
 def _finish_reshards(root: Path) -> None:
-    """Put a new sequence in its place where a reshard died between its two renames: the old one is away, the new one
-    is whole."""
+    """Put a new sequence in its place where a reshard died between its two renames:
+    the old one is away, the new one is whole."""
     for new in folders_in(below(root, f"{RESHARD}/new")):
         old, place = below(root, f"{RESHARD}/old/{new.name}"), below(root, new.name)
         if (new / FILE).is_file() and old.is_dir() and not place.exists() and sequence_name_fault(new.name) is None:
@@ -144,13 +144,13 @@ class Archive:
         return sorted(p.parent.name for p in self.root.glob(f"*/{FILE}") if not p.parent.name.startswith(("_", ".")))
 
     def place(self, key: str) -> Path:
-        """Where something of the archive lies or will lie. Raises Unsafe where the key or a symbolic link leads out
-        of it."""
+        """Where something of the archive lies or will lie.
+        Raises Unsafe where the key or a symbolic link leads out of it."""
         return below(self.root, key)
 
     def sequence(self, name: str) -> Sequence:
-        """One sequence. Raises ArchiveError with the known names, or for a newer format; Unsafe for a link in its
-        place."""
+        """One sequence. Raises ArchiveError with the known names, or for a newer format;
+        Unsafe for a link in its place."""
         if (why := sequence_name_fault(name)) is not None:
             raise Unsafe(
                 f"archive {self.root} has a folder {name!r} that cannot be a sequence: {why}; take it away or rename it"
@@ -180,8 +180,8 @@ class Archive:
             raise
 
     def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
-        # The record is there from the first moment: a kill in between must not leave a folder that looks like a broken
-        # sequence.
+        # The record is there from the first moment:
+        # a kill in between must not leave a folder that looks like a broken sequence.
         write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
         sequence = Sequence(root)
         sequence.put_cameras()
@@ -196,8 +196,8 @@ class Archive:
         self.place(name)
 
     def write_catalog(self) -> None:
-        """Write `catalog.parquet`, one row a sequence, from the sequences' own records; one that cannot be read has
-        no row."""
+        """Write `catalog.parquet`, one row a sequence, from the sequences' own records;
+        one that cannot be read has no row."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -237,8 +237,8 @@ class Sequence:
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The project's record. Raises BrokenRecord when it is missing, broken or changed, ArchiveError for a newer
-        format."""
+        """The project's record. Raises BrokenRecord when it is missing, broken or changed,
+        ArchiveError for a newer format."""
         return read_record(self.root)
 
     @cached_property
@@ -257,8 +257,8 @@ class Sequence:
         return self.place("_receipts")
 
     def place(self, key: str) -> Path:
-        """Where something of the sequence lies or will lie. Raises Unsafe where the key or a symbolic link leads out
-        of it."""
+        """Where something of the sequence lies or will lie.
+        Raises Unsafe where the key or a symbolic link leads out of it."""
         return below(self.root, key)
 
     def open_array(self, name: str, mode: Literal["r", "r+"] = "r") -> Any:
@@ -281,8 +281,8 @@ class Sequence:
         meaning: str,
         chunk: tuple[int, ...] | None = None,
     ) -> None:
-        """Write an array that is not partitioned, unless it already holds these values; in one chunk unless told
-        otherwise."""
+        """Write an array that is not partitioned, unless it already holds these values;
+        in one chunk unless told otherwise."""
         import zarr
 
         folder, digest = self.place(name), array_digest(data)
@@ -317,8 +317,8 @@ class Sequence:
             return False  # it is written anew
 
     def get(self, name: str) -> np.ndarray:
-        """A small array, whole. Raises ArchiveError when it is not there, or its values are not those that were
-        written."""
+        """A small array, whole. Raises ArchiveError when it is not there,
+        or its values are not those that were written."""
         try:
             array = self.open_array(name)
         except FileNotFoundError as e:

@@ -47,8 +47,8 @@ class Sheet:
     def add_source(
         self, caption: str, color: np.ndarray, mask: np.ndarray, joints: np.ndarray | None, depth: np.ndarray
     ) -> None:
-        """One source view of one frame: [h, w, 3] uint8, [h, w] uint8, [J, 3] (u, v, score) px or None, [h, w]
-        metres."""
+        """One source view of one frame: [h, w, 3] uint8, [h, w] uint8,
+        [J, 3] (u, v, score) px or None, [h, w] metres."""
         strip = [(caption, color), ("mask", np.repeat(mask[..., None], 3, axis=-1))]
         if joints is not None and self.joint_set is not None:
             strip.append(("joints", draw_joints(color, joints, self.joint_set)))
@@ -84,8 +84,8 @@ def _depth_caption(depth: np.ndarray) -> str:
 
 
 def color_depth(depth: np.ndarray) -> np.ndarray:
-    """[h, w] metres -> [h, w, 3] uint8: near is red, far is blue, unknown black; stretched to the 2nd..98th
-    percentile."""
+    """[h, w] metres -> [h, w, 3] uint8: near is red, far is blue, unknown black;
+    stretched to the 2nd..98th percentile."""
     import cv2
 
     known = depth > 0
@@ -98,8 +98,8 @@ def color_depth(depth: np.ndarray) -> np.ndarray:
 
 
 def draw_joints(color: np.ndarray, joints: np.ndarray, joint_set: str) -> np.ndarray:
-    """The picture, dimmed, with limbs of joints whose score is positive: right side red, left side green, middle
-    yellow."""
+    """The picture, dimmed, with limbs of joints whose score is positive:
+    right side red, left side green, middle yellow."""
     import cv2
 
     out = np.ascontiguousarray(color // 2)

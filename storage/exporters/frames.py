@@ -55,8 +55,8 @@ def write_frames(
 
 
 def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence[int] | np.ndarray) -> None:
-    """Raise UserError when the folder holds pictures that an export of these cameras and frames would leave beside
-    its own."""
+    """Raise UserError when the folder holds pictures that an export of these cameras
+    and frames would leave beside its own."""
     known = {int(n) for n in source_frames}
     found = sorted(root.glob("*/*.png"))
     others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]

@@ -49,8 +49,8 @@ def name_fault(name: Any) -> str | None:
 
 
 def check_camera_names(names: Iterable[Any]) -> None:
-    """Raise CalibrationError for a camera whose name cannot be that of a folder: exports and captures make one for
-    each."""
+    """Raise CalibrationError for a camera whose name cannot be that of a folder:
+    exports and captures make one for each."""
     for name in names:
         why = name_fault(name)
         if why is not None:
@@ -94,8 +94,8 @@ def refuse_link(place: str, mode: int) -> None:
     if stat.S_ISLNK(mode):
         raise Unsafe(
             f"{place} is a symbolic link to {os.readlink(place)[:200]!r}: an archive is followed nowhere but into its"
-            " own folder, so nothing was read, written or deleted there; put what it points to in its place, or take"
-            " it away"
+            " own folder, so nothing was read, written or deleted there;"
+            " put what it points to in its place, or take it away"
         )
     if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
         raise Unsafe(f"{place} is neither a file nor a folder; an archive holds nothing else, so take it away")
@@ -147,8 +147,8 @@ def folders_in(folder: Path) -> list[Path]:
 
 
 def read_file(file: Path | str, most: int) -> bytes:
-    """The bytes of a file of at most `most` bytes. Raises Unsafe for a link, for no file and for a larger one, and
-    OSError."""
+    """The bytes of a file of at most `most` bytes.
+    Raises Unsafe for a link, for no file and for a larger one, and OSError."""
     try:
         handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as e:
@@ -162,8 +162,8 @@ def read_file(file: Path | str, most: int) -> bytes:
             raise Unsafe(f"{file} is a folder, where the archive has a file; take it away")
         if found.st_size > most:
             raise Unsafe(
-                f"{file} has {found.st_size} bytes, such a file has at most {most}; it was not made by posegaussian, so"
-                " take it away"
+                f"{file} has {found.st_size} bytes, such a file has at most {most};"
+                " it was not made by posegaussian, so take it away"
             )
         data = os.read(handle, found.st_size + 1)
         if len(data) <= found.st_size <= SMALL_BYTES:
@@ -185,8 +185,8 @@ def parse_json(text: bytes) -> Any:
 
 
 class Look:
-    """One look at the files of a folder: every folder on the way to them is looked at once. Keys are those of
-    receipts, checked."""
+    """One look at the files of a folder: every folder on the way to them is looked at once.
+    Keys are those of receipts, checked."""
 
     def __init__(self, root: Path) -> None:
         """Nothing is looked at yet."""

@@ -35,8 +35,8 @@ _ZEROS = bytes(2**20)
 
 
 def write_atomically(path: Path, data: bytes | memoryview) -> None:
-    """Write a file so that a reader sees the old one or the new one, and that a power cut does not lose it. Raises
-    NotWritten."""
+    """Write a file so that a reader sees the old one or the new one,
+    and that a power cut does not lose it. Raises NotWritten."""
     with whole_file(path, len(data)) as partial, open(partial, "wb") as f:
         f.write(data)
 

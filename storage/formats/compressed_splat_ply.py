@@ -89,8 +89,8 @@ def _rotation(packed: np.ndarray) -> np.ndarray:
 
 
 def _higher(path: str | Path, ply: Ply, n: int) -> np.ndarray:
-    """[N, K - 1, 3] coefficients of degree 1 and above: the ends of a byte are 0 and 1, what lies between is
-    centred."""
+    """[N, K - 1, 3] coefficients of degree 1 and above:
+    the ends of a byte are 0 and 1, what lies between is centred."""
     sh = ply.elements.get("sh")
     if sh is None:
         return np.zeros((n, 0, 3))

@@ -44,8 +44,8 @@ def frame_number(path: str | Path) -> int | None:
 
 
 def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
-    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing. Scores are clipped to
-    0..1."""
+    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing.
+    Scores are clipped to 0..1."""
     try:
         values = np.array(flat, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
@@ -106,8 +106,8 @@ def read_openpose(path: str | Path) -> Detections:
 
 
 def read_easymocap(path: str | Path) -> Detections:
-    """One picture's EasyMocap `annots` JSON: keypoints and, where given, bbox (l, t, r, b, score). Raises
-    SourceError."""
+    """One picture's EasyMocap `annots` JSON:
+    keypoints and, where given, bbox (l, t, r, b, score). Raises SourceError."""
     annots = [a for a in _list(read_json(path), "annots", path) if a.get("keypoints")]
     given = [[*_items(a.get("bbox") or (), "bbox", path), 1.0] for a in annots]
     boxes = [_box(b[:4], b[4], path, half=False) if len(b) > 4 else np.zeros(5) for b in given]

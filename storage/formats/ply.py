@@ -69,8 +69,8 @@ def _header(path: str | Path, raw: bytes) -> tuple[bytes, dict[str, tuple[int, n
     stop = raw.find(b"\n", end + 1) + 1 if end >= 0 else 0
     if not stop:
         raise SourceError(
-            f"{path}: no line 'end_header' in the first {min(len(raw), LONGEST_HEADER)} bytes; the file was cut off or"
-            " is no PLY"
+            f"{path}: no line 'end_header' in the first {min(len(raw), LONGEST_HEADER)} bytes;"
+            " the file was cut off or is no PLY"
         )
     order, found = None, {}  # type: ignore[var-annotated]
     for number, line in enumerate(raw[:stop].decode("ascii", "replace").splitlines(), start=1):

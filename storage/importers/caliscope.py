@@ -45,8 +45,8 @@ class CaliscopeOptions(ImportOptions):
     tracker: str | None = Field(
         None,
         description=(
-            "Tracker whose landmarks become 2D joints, by the name of its folder; by default the one whose joints are"
-            " known."
+            "Tracker whose landmarks become 2D joints, by the name of its folder;"
+            " by default the one whose joints are known."
         ),
     )
 
@@ -95,8 +95,8 @@ def _recorded(path: Path) -> dict[str, Path]:
 
 
 def recordings(base: Path) -> dict[Path, dict[str, Path]]:
-    """{folder: {camera: video}} of the recordings in a folder and below. Raises SourceError for two videos of one
-    number."""
+    """{folder: {camera: video}} of the recordings in a folder and below.
+    Raises SourceError for two videos of one number."""
     return {f: v for f in [base, *sorted(p for p in base.rglob("*") if p.is_dir())] if (v := _recorded(f))}
 
 
@@ -166,8 +166,8 @@ def _stream(path: Path, video: VideoFile, frames: Mapping[int, int]) -> Stream:
 
 
 def _rate(options: CaliscopeOptions, videos: Mapping[int, VideoFile], matched: Instants) -> tuple[float, list[str]]:
-    """(frames per second, notes): as asked for, else that of the instants; a video's round figure where it is the
-    same."""
+    """(frames per second, notes): as asked for, else that of the instants;
+    a video's round figure where it is the same."""
     if options.frame_rate is not None:
         return options.frame_rate, []
     nominal = max(v.rate for v in videos.values())

@@ -64,8 +64,8 @@ def tracked_joints(
         )
     unknown = [t for t in found if tracker is None and t not in fitting]
     notes = [
-        f"landmarks of {t} are left out: which joints it numbers is not known; choose it with the options tracker and"
-        " joint_set"
+        f"landmarks of {t} are left out: which joints it numbers is not known;"
+        " choose it with the options tracker and joint_set"
         for t in unknown
     ]
     if not fitting:

@@ -44,8 +44,8 @@ def instants(table: Path | None, videos: Mapping[int, VideoFile]) -> Instants:
         if len(set(counts.values())) > 1:
             raise SourceError(
                 "there is no timestamps.csv, and the videos have"
-                f" {', '.join(f'{n} frames ({c})' for c, n in counts.items())}; add the file, or cut all videos to the"
-                " same instants"
+                f" {', '.join(f'{n} frames ({c})' for c, n in counts.items())};"
+                " add the file, or cut all videos to the same instants"
             )
         return Instants(
             {c: {n: n for n in range(v.count)} for c, v in videos.items()},

@@ -66,8 +66,8 @@ class ImportOptions(BaseModel):
         return {n: c for n, c in self.crop.items() if self.cameras is None or n in self.cameras}
 
     def pick(self, found: Sequence[str]) -> tuple[str, ...]:
-        """The cameras to import out of those found, in the order asked for. Raises SourceError for one that is not
-        there."""
+        """The cameras to import out of those found, in the order asked for.
+        Raises SourceError for one that is not there."""
         for name in self.cameras or ():
             if name not in found:
                 raise SourceError(f"option cameras: no pictures of a camera named {name}; there are {', '.join(found)}")
@@ -127,8 +127,8 @@ def videos_in(path: Path) -> dict[str, Path]:
 
 
 def numbered(path: Path, suffixes: Iterable[str]) -> dict[int, Path]:
-    """{frame number: file} of the files of one folder with one of the endings. Raises SourceError for a number twice
-    or none."""
+    """{frame number: file} of the files of one folder with one of the endings.
+    Raises SourceError for a number twice or none."""
     out: dict[int, Path] = {}
     for p in sorted(path.iterdir()) if path.is_dir() else []:
         if p.suffix.lower() not in suffixes or p.name.startswith("."):
@@ -154,8 +154,8 @@ def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
     for p in files.values():
         if (other := images.picture_size(p)) != size:
             raise SourceError(
-                f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px; one camera"
-                " has one size"
+                f"camera {camera}: {p} is {other[0]}x{other[1]} px, {first.name} is {size[0]}x{size[1]} px;"
+                " one camera has one size"
             )
     return file_stream("images", files, size)
 

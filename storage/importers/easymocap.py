@@ -118,8 +118,8 @@ def _without_version(text: str) -> Any:
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
-    """The nodes of an OpenCV FileStorage YAML: matrices as float64 arrays, lists, and scalars as text. Raises
-    CalibrationError."""
+    """The nodes of an OpenCV FileStorage YAML:
+    matrices as float64 arrays, lists, and scalars as text. Raises CalibrationError."""
     try:
         data = parse(_without_version, path, "calibration")
     except SourceError as e:
@@ -156,8 +156,8 @@ def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> Ra
         )
     except (ValueError, OverflowError):
         raise CalibrationError(
-            f"camera {name}: W_{name} {intri[f'W_{name}']!r} and H_{name} {intri[f'H_{name}']!r} in intri.yml must be"
-            " whole numbers"
+            f"camera {name}: W_{name} {intri[f'W_{name}']!r}"
+            f" and H_{name} {intri[f'H_{name}']!r} in intri.yml must be whole numbers"
         ) from None
     return RawCamera(
         name,

@@ -75,8 +75,8 @@ def picture_joints(
 def coco_joints(
     names: Sequence[str], files: Mapping[str, Path], shared: bool, pictures: Sequence[Stream], given: str | None
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
-    """(joints of every view, notes) of COCO JSON: a file a view, or one `shared` by all that names each view's
-    folder."""
+    """(joints of every view, notes) of COCO JSON:
+    a file a view, or one `shared` by all that names each view's folder."""
     contents = {n: read_coco(p, n if shared else None) for n, p in files.items()}
     person = next(
         ((d.joints.shape[1], files[n]) for n, c in contents.items() for d in c.values() if len(d.joints)), None

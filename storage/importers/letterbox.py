@@ -25,8 +25,8 @@ DARK = (40, 64)
 """Of 255, what three quarters and 98 in 100 pixels of a bar's row stay below: codecs let the picture beside it ring
 in (balance: 35 and 52)."""
 STEP = 24
-"""Of 255, by which the picture beside a bar is brighter than the bar, or it is no bar that can be told from a dark
-scene."""
+"""Of 255, by which the picture beside a bar is brighter than the bar,
+or it is no bar that can be told from a dark scene."""
 EDGE = 1.25
 """Captured px by which a measured edge may lie beside the one that the sizes lead to: a whole row, and the fraction
 that scaling leaves."""
@@ -91,8 +91,8 @@ def fitted(capture: Capture, given: Mapping[str, Crop]) -> Capture:
             continue
         what, guesses = _left_open(calibrated, stream.size, border, fits)
         faults.append(
-            f"camera {name}: pictures are {_size(stream.size)} px, the calibration is for {_size(calibrated)} px;"
-            f" {what}"
+            f"camera {name}: pictures are {_size(stream.size)} px,"
+            f" the calibration is for {_size(calibrated)} px; {what}"
         )
         if guesses:
             open_crops[name] = guesses
@@ -108,8 +108,8 @@ def spread(numbers: Sequence[int]) -> list[int]:
 
 
 def measured(pictures: Iterable[np.ndarray]) -> Border:
-    """The border of pictures [h, w, 3] of one camera, uint8 or float 0..1; columns are judged in those rows that are
-    no bars."""
+    """The border of pictures [h, w, 3] of one camera, uint8 or float 0..1;
+    columns are judged in those rows that are no bars."""
     shown = [_brightness(p) for p in pictures]
     top, bottom = _bars(shown, axis=1)
     height = len(shown[0])
@@ -185,8 +185,8 @@ def _letterboxed(calibrated: Size, captured: Size, border: Border) -> Fit | None
     told = " and ".join(f"{s.dark} black {what}" for s, what in zip(sides, words, strict=True) if s in seen)
     return Fit(
         _centred(calibrated, captured, scale),
-        f"{_ratio(scale)} and letterboxed: {told} are always dark, where this leaves {expected:.1f} at each of the two"
-        " sides",
+        f"{_ratio(scale)} and letterboxed: {told} are always dark,"
+        f" where this leaves {expected:.1f} at each of the two sides",
     )
 
 
@@ -263,11 +263,11 @@ def _left_open(calibrated: Size, captured: Size, border: Border, fits: Sequence[
 
 def _settings(guesses: Mapping[str, Sequence[Fit]]) -> list[str]:
     """Lines that are a sentence and settings to copy, the first guess as value and others as comments."""
-    lines = [
+    head = (
         "say how captured pixels become calibrated ones, in ./pipeline.yaml or a file for --config; the likeliest, with"
         " others as comments:"
-    ]
-    return lines + crop_settings({n: [(f.crop, f.how) for f in fits] for n, fits in guesses.items()})
+    )
+    return [head, *crop_settings({n: [(f.crop, f.how) for f in fits] for n, fits in guesses.items()})]
 
 
 def _notes(capture: Capture, found: Mapping[str, Fit]) -> list[str]:

@@ -51,8 +51,8 @@ class Pose2SimOptions(ImportOptions):
 
 
 def find(source: Path, options: Pose2SimOptions) -> Capture:
-    """Find everything in a folder and below. Raises SourceError or CalibrationError, each a sentence with the next
-    step."""
+    """Find everything in a folder and below.
+    Raises SourceError or CalibrationError, each a sentence with the next step."""
     base = folder(source)
     path, tables = _calibration(base, options)
     notes = [f"calibration: {shown(base, [path])}"]
@@ -111,8 +111,8 @@ def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, 
             broken[0]
             if broken
             else CalibrationError(
-                f"no calibration in {given or base}: no *.toml with a camera's matrix, rotation and translation, no"
-                " *.qca.txt"
+                f"no calibration in {given or base}: no *.toml with a camera's matrix,"
+                " rotation and translation, no *.qca.txt"
             )
         )
     if len(found) > 1:

@@ -1,5 +1,5 @@
-"""Which layout a folder has, by the files in it and what they hold, and the sentences for one that was named
-wrongly."""
+"""Which layout a folder has, by the files in it and what they hold,
+and the sentences for one that was named wrongly."""
 
 from __future__ import annotations
 
@@ -113,8 +113,8 @@ def recognised(base: Path) -> str:
 
 
 def explained(layout: str, base: Path) -> str:
-    """What a layout expects that a folder lacks, what is there instead, and the layout that fits; empty where it
-    lacks nothing."""
+    """What a layout expects that a folder lacks, what is there instead, and the layout that fits;
+    empty where it lacks nothing."""
     lacking = _lacking(base, layout) if base.is_dir() else []
     if not lacking:
         return ""

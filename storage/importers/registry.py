@@ -99,8 +99,8 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:
-    """The capture with the cameras held out that the option names, else those that the layout marks. Raises
-    SourceError."""
+    """The capture with the cameras held out that the option names,
+    else those that the layout marks. Raises SourceError."""
     names = capture.rig.names
     for name in held_out or ():
         if name not in names:

@@ -16,8 +16,8 @@ from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 
 def toml_tables(path: Path) -> dict[str, Mapping[str, Any]]:
-    """{key: table} of the cameras at the top of a file or one level below; empty when it holds none. Raises
-    CalibrationError."""
+    """{key: table} of the cameras at the top of a file or one level below;
+    empty when it holds none. Raises CalibrationError."""
     try:
         data = read_toml(path, "calibration")
     except SourceError as e:
@@ -27,8 +27,8 @@ def toml_tables(path: Path) -> dict[str, Mapping[str, Any]]:
 
 
 def table_camera(name: str, table: Mapping[str, Any]) -> RawCamera:
-    """The camera a table describes. Raises CalibrationError, naming the camera, for what is missing, malformed or
-    fisheye."""
+    """The camera a table describes. Raises CalibrationError, naming the camera,
+    for what is missing, malformed or fisheye."""
     for key in ("rotation", "translation"):
         if table.get(key) is None:
             raise CalibrationError(

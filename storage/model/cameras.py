@@ -16,6 +16,9 @@ from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.model.plausible import check_camera
 from posegaussian.storage.model.spec import digest
 
+PIXEL_CENTRE = 0.5
+"""Coordinate of the centre of pixel 0, px."""
+
 INTRINSICS_AXES, POSE_AXES = ("intrinsics_row", "intrinsics_column"), ("pose_row", "pose_column")
 """Names of the matrices' axes in an archive: 3 and 4 long, so they are not called alike."""
 
@@ -23,25 +26,30 @@ INTRINSICS_AXES, POSE_AXES = ("intrinsics_row", "intrinsics_column"), ("pose_row
 def from_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
     """Intrinsics [..., 3, 3] of OpenCV's integer-centre convention -> ours (principal point + 0.5 px)."""
     out = np.array(intrinsics, dtype=np.float64)
-    out[..., :2, 2] += 0.5
+    out[..., :2, 2] += PIXEL_CENTRE
     return out
 
 
 def to_integer_centres(intrinsics: np.ndarray) -> np.ndarray:
     """Our intrinsics [..., 3, 3] -> OpenCV's integer-centre convention (principal point - 0.5 px)."""
     out = np.array(intrinsics, dtype=np.float64)
-    out[..., :2, 2] -= 0.5
+    out[..., :2, 2] -= PIXEL_CENTRE
     return out
 
 
 def points_from_integer_centres(points: np.ndarray) -> np.ndarray:
     """Pixel coordinates [..., 2] of the integer-centre convention -> ours."""
-    return np.asarray(points, dtype=np.float64) + 0.5
+    return np.asarray(points, dtype=np.float64) + PIXEL_CENTRE
 
 
 def points_to_integer_centres(points: np.ndarray) -> np.ndarray:
     """Our pixel coordinates [..., 2] -> the integer-centre convention, as `cv2.remap` maps want them."""
-    return np.asarray(points, dtype=np.float64) - 0.5
+    return np.asarray(points, dtype=np.float64) - PIXEL_CENTRE
+
+
+def camera_centre(world_to_camera: np.ndarray) -> np.ndarray:
+    """[3] centre in the world, metres, of a camera [4, 4]: -R^T t."""
+    return np.asarray(-world_to_camera[:3, :3].T @ world_to_camera[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +94,7 @@ class Rig:
 
     @property
     def centres(self) -> np.ndarray:
-        """[V, 3] camera centres in the world, metres: -R^T t."""
+        """[V, 3] camera centres in the world, metres: `camera_centre` of all at once."""
         return -np.einsum("vji,vj->vi", self.rotations, self.world_to_camera[:, :3, 3])
 
     @property
@@ -110,8 +118,8 @@ class Rig:
                 values = getattr(self, label)[v]
                 if not np.isfinite(values).all():
                     raise CalibrationError(
-                        f"camera {name}: {label} holds {values[~np.isfinite(values)][0]}; calibrate again or leave the"
-                        " camera out"
+                        f"camera {name}: {label} holds {values[~np.isfinite(values)][0]};"
+                        " calibrate again or leave the camera out"
                     )
             fx, fy = self.intrinsics[v, 0, 0], self.intrinsics[v, 1, 1]
             if fx <= 0 or fy <= 0:
@@ -121,8 +129,8 @@ class Rig:
             error = np.abs(r @ r.T - np.eye(3)).max()
             if error <= 1e-3 and np.linalg.det(r) < 0:
                 raise CalibrationError(
-                    f"camera {name}: the rotation is a mirror image (determinant -1); one of its axes has the wrong"
-                    " sign"
+                    f"camera {name}: the rotation is a mirror image (determinant -1);"
+                    " one of its axes has the wrong sign"
                 )
             if error > 1e-3:
                 raise CalibrationError(f"camera {name}: the rotation is off a rigid one by {error:.2g} (bound 1e-3)")

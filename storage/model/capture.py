@@ -83,8 +83,8 @@ class SourceFile:
                 else "it has the same size and another content"
             )
             raise SourceError(
-                f"source file {p} changed since it was imported: {how}; put the old one back or import the capture"
-                " again"
+                f"source file {p} changed since it was imported: {how};"
+                " put the old one back or import the capture again"
             )
 
 
@@ -105,8 +105,8 @@ class Stream:
     size: tuple[int, int] = (0, 0)
     """(width, height) in px of the captured pictures; (0, 0) where it does not apply."""
     options: dict[str, Any] = field(default_factory=dict)
-    """What a reader of this format must know besides, for example a joint set or a person's id; `indices` as in
-    `index_of`."""
+    """What a reader of this format must know besides, for example a joint set or a person's id;
+    `indices` as in `index_of`."""
 
     def index_of(self, number: int) -> int | None:
         """What the one file calls a source frame, such as the frame of a video: its entry in `options["indices"]`,
@@ -170,8 +170,8 @@ class Capture:
     joints3d: Stream | None = None
     """3D joints; `options["joint_set"]` names their joint set."""
     depth: tuple[Stream | None, ...] = ()
-    """[V] true depth of each view of a simulated capture, or empty; nothing is reconstructed from it but on demand
-    (`depth.method: truth`)."""
+    """[V] true depth of each view of a simulated capture, or empty;
+    nothing is reconstructed from it but on demand (`depth.method: truth`)."""
     depth_maps: tuple[Stream | None, ...] = ()
     """[V] depth of each view as the user gives it to reconstruct from, or empty; `options["scale"]` is metres per
     unit of its files."""
@@ -256,10 +256,9 @@ class Capture:
             np.array(r["world_to_camera"], dtype=np.float64),
             np.array(r["size"], dtype=np.int64),
         )
-        kinds = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
-        crops = {
-            name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()
-        }  # archives of older versions have neither
+        kinds: dict[str, Any] = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
+        # archives of older versions have neither
+        crops = {name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()}
         return cls(
             data["layout"],
             rig,
@@ -269,4 +268,4 @@ class Capture:
             held_out=tuple(data.get("held_out", ())),
             notes=tuple(data["notes"]),
             **kinds,
-        )  # type: ignore[arg-type]
+        )

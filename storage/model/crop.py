@@ -13,8 +13,8 @@ Offset = Annotated[float, Field(ge=-1e5, le=1e5)]
 
 
 class Crop(BaseModel):
-    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres: x' = scale x +
-    offset."""
+    """Similarity from a captured (video) pixel to a calibrated pixel, both in our pixel centres:
+    x' = scale x + offset."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     scale: float = Field(1.0, ge=1e-3, le=1e3, description="Calibrated pixels per captured pixel.")

@@ -73,8 +73,8 @@ def _kind(mode: int) -> str:
 
 @contextmanager
 def reader_of(path: str | Path, what: str = "file") -> Iterator[None]:
-    """Turns what a library throws over a damaged file into a SourceError that names it; for the library's calls
-    alone."""
+    """Turns what a library throws over a damaged file into a SourceError that names it;
+    for the library's calls alone."""
     try:
         yield
     except (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as e:
@@ -140,8 +140,8 @@ def too_deep(where: str | Path) -> str:
 
 
 def check_plain(value: Any, where: str | Path) -> None:
-    """Raise SourceError for plain values nested more than `DEEPEST` deep and whole numbers of over `MOST_DIGITS`
-    digits."""
+    """Raise SourceError for plain values nested more than `DEEPEST` deep
+    and whole numbers of over `MOST_DIGITS` digits."""
     level = [value]
     for _ in range(DEEPEST + 1):
         if huge := next((x for x in level if isinstance(x, int) and abs(x) >= 10**MOST_DIGITS), None):

@@ -70,8 +70,8 @@ class NotWritten(UserError, OSError):
 
 
 class OtherCode(UserError):
-    """A process whose code or libraries are not those of the run, so that its results would not be what their
-    receipts claim."""
+    """A process whose code or libraries are not those of the run,
+    so that its results would not be what their receipts claim."""
 
     def __init__(self, sentence: str, worker: str = "", versions: dict[str, str] | None = None) -> None:
         super().__init__(sentence, worker, versions)

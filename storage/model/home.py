@@ -11,8 +11,8 @@ _PREFIX = re.compile(r"(?:--[\w-]+=)?(?:[\w.*-]+=)?(?=~)")
 
 
 def at_home(text: str) -> str:
-    """A text that starts with `~` or `~user` as a whole folder, with that user's home folder; any other text as it
-    is."""
+    """A text that starts with `~` or `~user` as a whole folder, with that user's home folder;
+    any other text as it is."""
     return os.path.expanduser(text) if text.startswith("~") else text
 
 

@@ -1,5 +1,5 @@
-"""Joint sets: which joints a detector names, in which order, how they are linked, and how one set is read as
-another."""
+"""Joint sets: which joints a detector names, in which order, how they are linked,
+and how one set is read as another."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class JointSet:
     flips: tuple[int, ...]
     """[J] index of each joint's mirror image; a joint on the body's midline is its own."""
     anatomy: Mapping[str, str] = field(default_factory=dict)
-    """Place of those joints whose name means something else in another set: two joints are the same where their
-    places are."""
+    """Place of those joints whose name means something else in another set:
+    two joints are the same where their places are."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -82,8 +82,8 @@ BODY_25B = _joint_set(
     " UpperNeck HeadTop LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel",
     f"{_FACE} Nose-UpperNeck UpperNeck-HeadTop UpperNeck-*Shoulder {_TORSO} {_ARMS_AND_LEGS} {_FEET}",
 )
-"""OpenPose BODY_25B (experimental models): COCO-17 first, then neck, head and feet; its UpperNeck is the base of the
-skull."""
+"""OpenPose BODY_25B (experimental models): COCO-17 first, then neck, head and feet;
+its UpperNeck is the base of the skull."""
 
 TRC21 = _joint_set(
     "trc21",
@@ -92,8 +92,8 @@ TRC21 = _joint_set(
     f"Nose-Neck Neck-Head Neck-*Shoulder {_TORSO} {_ARMS_AND_LEGS} {_FEET}",
     anatomy={"Neck": "UpperNeck", "Head": "HeadTop"},
 )
-"""The 21 markers that pose2sim writes to TRC files from BODY_25B; its Neck is BODY_25B's UpperNeck, not BODY_25's
-Neck."""
+"""The 21 markers that pose2sim writes to TRC files from BODY_25B;
+its Neck is BODY_25B's UpperNeck, not BODY_25's Neck."""
 
 _BLAZEPOSE_NAMES = (
     "Nose LEyeInner LEye LEyeOuter REyeInner REye REyeOuter LEar REar LMouth RMouth LShoulder RShoulder LElbow RElbow"

@@ -146,8 +146,8 @@ def check_joints3d(where: str, points: np.ndarray) -> None:
 
 
 def check_person(where: str, points: np.ndarray) -> None:
-    """Raise SourceError for joints [F, M, 3] of one person, metres, NaN where missing, of another size than a
-    person."""
+    """Raise SourceError for joints [F, M, 3] of one person, metres, NaN where missing,
+    of another size than a person."""
     known = np.isfinite(points).all(axis=-1)
     reach = [float(np.ptp(p[k], axis=0).max()) for p, k in zip(points, known, strict=True) if k.sum() >= FEWEST]
     if reach and not PERSON[0] <= (middle := float(np.median(reach))) <= PERSON[1]:

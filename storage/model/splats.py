@@ -16,8 +16,8 @@ SH0 = 0.28209479177387814
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """N Gaussians; all arrays float32. Values are as in the file: quaternions of any length, numbers that may not be
-    finite."""
+    """N Gaussians; all arrays float32. Values are as in the file:
+    quaternions of any length, numbers that may not be finite."""
 
     mean: np.ndarray
     """[N, 3] centres."""
@@ -28,8 +28,8 @@ class Splats:
     opacity_logit: np.ndarray
     """[N] log(a / (1 - a)) of the alpha at the centre."""
     harmonics: np.ndarray
-    """[N, K, 3] coefficients of the real spherical harmonics for red, green and blue, K = (degree + 1)^2 = 1, 4, 9
-    or 16."""
+    """[N, K, 3] coefficients of the real spherical harmonics for red, green and blue,
+    K = (degree + 1)^2 = 1, 4, 9 or 16."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for arrays that do not belong together."""

@@ -21,8 +21,8 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".bmp", ".
 """File endings that count as pictures, lower case."""
 
 NO_TIME = "1970:01:01 00:00:00"
-"""Stands in every EXR for the time of writing, which OpenImageIO would add: a capture that is made again keeps its
-digests."""
+"""Stands in every EXR for the time of writing, which OpenImageIO would add:
+a capture that is made again keeps its digests."""
 MOST_CHANNELS = 4
 """Channels that are read: colour and alpha; float files may carry a hundred more."""
 _HALF_MAX = float(np.finfo(np.float16).max)
@@ -54,8 +54,8 @@ def read_picture(path: str | Path) -> np.ndarray:
 
 
 def read_mask(path: str | Path) -> np.ndarray:
-    """[h, w] uint8 of the first channel: 8 bit as it is, 16 bit scaled, float 0..1 scaled to 0..255. Raises
-    SourceError."""
+    """[h, w] uint8 of the first channel: 8 bit as it is, 16 bit scaled,
+    float 0..1 scaled to 0..255. Raises SourceError."""
     first = _read(path)[..., 0]
     if first.dtype != np.float32:
         return _to_bytes(first)
@@ -90,8 +90,8 @@ def read_depth_map(path: str | Path, scale: float) -> np.ndarray:
     depth = np.where(np.isfinite(values), values, np.float32(0)) * np.float32(scale)
     if (depth < 0).any():
         raise SourceError(
-            f"depth map {path} holds {depth.min():g} m; depth along the optical axis must not be negative (0 = no"
-            " surface)"
+            f"depth map {path} holds {depth.min():g} m;"
+            " depth along the optical axis must not be negative (0 = no surface)"
         )
     return depth
 
@@ -104,16 +104,16 @@ def holds_integers(path: str | Path) -> bool:
 
 
 def write_png(path: str | Path, picture: np.ndarray) -> None:
-    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB with straight (not premultiplied) alpha. Raises
-    NotWritten."""
+    """Write uint8 [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGB
+    with straight (not premultiplied) alpha. Raises NotWritten."""
     if picture.dtype != np.uint8:
         raise ValueError(f"a PNG is written from uint8, got {picture.dtype} for {path}")
     _write(path, picture, "uint8", {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4})
 
 
 def write_exr(path: str | Path, picture: np.ndarray) -> None:
-    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss; equal values give equal bytes.
-    Raises NotWritten."""
+    """Write float16 or float32 [h, w] or [h, w, 3] as EXR of that type, without loss;
+    equal values give equal bytes. Raises NotWritten."""
     kinds = {np.dtype(np.float16): "half", np.dtype(np.float32): "float"}
     if picture.dtype not in kinds:
         raise ValueError(f"an EXR is written from float16 or float32, got {picture.dtype} for {path}")

@@ -56,8 +56,8 @@ class _Source:
         for n in numbers:
             if int(n) not in files:
                 raise SourceError(
-                    f"camera {self._names[view]} has no {self._kind} of frame {int(n)}; add the file and import the"
-                    " capture again"
+                    f"camera {self._names[view]} has no {self._kind} of frame {int(n)};"
+                    " add the file and import the capture again"
                 )
             yield self._path(files[int(n)])
 
@@ -115,8 +115,8 @@ class Masks(_Source):
     """Masks as given (`posegaussian.stages.contract.io.MaskReader`)."""
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
-        """[h, w] uint8, 0..255 foreground, for each frame number; masks of 0 and 1 are spread to 0 and 255. Raises
-        SourceError."""
+        """[h, w] uint8, 0..255 foreground, for each frame number;
+        masks of 0 and 1 are spread to 0 and 255. Raises SourceError."""
         factor = np.uint8(255 if self._stream(view).options.get("zero_one") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
             yield self._sized(view, int(n), images.read_mask(path)) * factor
@@ -159,13 +159,13 @@ class Joints(_Source):
         self._tables: dict[int, dict[Any, Detections]] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
-        """[people, J, 3] float64 (u, v, score) in captured pixels, our centres; a frame without a file has zero
-        people."""
+        """[people, J, 3] float64 (u, v, score) in captured pixels, our centres;
+        a frame without a file has zero people."""
         return self._detections(view, int(number)).joints
 
     def boxes(self, view: int, number: int) -> np.ndarray:
-        """[people, 5] float64 (left, top, right, bottom, score) in captured pixels, our centres; score 0 where none
-        is given."""
+        """[people, 5] float64 (left, top, right, bottom, score) in captured pixels, our centres;
+        score 0 where none is given."""
         return self._detections(view, int(number)).boxes
 
     def _detections(self, view: int, number: int) -> Detections:

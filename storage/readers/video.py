@@ -163,8 +163,8 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         rate = stream.average_rate or stream.guessed_rate
     if corrupt or len(packets) < promised:
         raise SourceError(
-            f"video {path} is cut off: it promises {promised} frames and holds {len(packets) - corrupt} whole ones;"
-            " copy it again"
+            f"video {path} is cut off: it promises {promised} frames"
+            f" and holds {len(packets) - corrupt} whole ones; copy it again"
         )
     packets = [p for p in packets if not p[3]]
     if not packets:

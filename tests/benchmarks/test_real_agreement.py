@@ -1,5 +1,5 @@
-"""What two views of a known surface say about depths of it: nothing against the true one, and what is wrong about
-others."""
+"""What two views of a known surface say about depths of it:
+nothing against the true one, and what is wrong about others."""
 
 from __future__ import annotations
 

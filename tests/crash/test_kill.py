@@ -51,8 +51,8 @@ def workers(processes: list[psutil.Process]) -> list[psutil.Process]:
 
 
 def wait_gone(processes: list[psutil.Process]) -> None:
-    """Workers end by themselves when their driver is gone; what is left after a while is ended here, so that no test
-    leaks."""
+    """Workers end by themselves when their driver is gone;
+    what is left after a while is ended here, so that no test leaks."""
     _, alive = psutil.wait_procs(processes, timeout=60)
     for p in alive:
         p.kill()

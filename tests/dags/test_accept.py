@@ -26,7 +26,7 @@ def edited(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> Pipeline:
     """The code of depth is another one."""
     real = fingerprint.code_digest
     monkeypatch.setattr(
-        fingerprint, "code_digest", lambda run: "e" * 32 if run.startswith("stages.depth") else real(run)
+        fingerprint, "code_digest", lambda run: "e" * 32 if run.startswith("posegaussian.stages.depth.") else real(run)
     )
     return archive
 

@@ -1,5 +1,5 @@
-"""Pictures over a background: what may be asked for, where a plate comes from, and that nothing but the files
-changes."""
+"""Pictures over a background: what may be asked for, where a plate comes from,
+and that nothing but the files changes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Pools of workers: thread limits, GPU pins (with stand-ins), workers that die or hang, schedulers of others,
-refusals."""
+"""Pools of workers: thread limits, GPU pins (with stand-ins), workers that die or hang,
+schedulers of others, refusals."""
 
 from __future__ import annotations
 

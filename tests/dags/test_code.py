@@ -178,7 +178,11 @@ for module in sys.argv[1:]:
     for name in [n for n in sys.modules if n.startswith(("posegaussian.stages.", "posegaussian.storage."))]:
         del sys.modules[name]
     importlib.import_module(module)
-    found[module] = [n for n, m in sys.modules.items() if n.startswith(("posegaussian.stages.", "posegaussian.storage.")) and not hasattr(m, "__path__")]
+    found[module] = [
+        n
+        for n, m in sys.modules.items()
+        if n.startswith(("posegaussian.stages.", "posegaussian.storage.")) and not hasattr(m, "__path__")
+    ]
 print(json.dumps(found))
 """
     modules = [s.run.partition(":")[0] for s in STAGES]

@@ -1,5 +1,5 @@
-"""The packaged configuration documents every default; layers lie over it; faults are told at once with place and
-remedy."""
+"""The packaged configuration documents every default; layers lie over it;
+faults are told at once with place and remedy."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_every_line_of_the_packaged_file_that_sets_a_value_has_a_comment() -> No
 
 
 def test_the_configuration_at_the_root_is_the_packaged_one() -> None:
-    assert (PACKAGED.parent.parent / "pipeline.yaml").resolve() == PACKAGED
+    assert (PACKAGED.resolve().parents[2] / "pipeline.yaml").resolve() == PACKAGED.resolve()
 
 
 def test_without_a_file_the_packaged_defaults_hold(tmp_path: Path) -> None:

@@ -56,8 +56,8 @@ def test_a_run_whose_tasks_take_what_was_expected_ends_when_it_was_expected(cloc
 
 
 def test_what_tasks_take_is_believed_the_more_of_them_are_done(clock: Clock) -> None:
-    """Twice the time expected: the rest of the stage is expected to take more, and at last nearly twice as much,
-    too."""
+    """Twice the time expected: the rest of the stage is expected to take more,
+    and at last nearly twice as much, too."""
     remaining, left = heard(Remaining(EXPECTED, workers=1)), []
     for task in TASKS[:3]:
         clock.now += 20.0

@@ -51,7 +51,10 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
         ],
     ),
     "key": ({"names": {"long": 1}}, ["names.long: string should have at most 3 characters, got 'long'"]),
-    "item": ({"sizes": [2, "x"]}, ["sizes.1: input should be a valid integer, unable to parse string as an integer, got 'x'"]),
+    "item": (
+        {"sizes": [2, "x"]},
+        ["sizes.1: input should be a valid integer, unable to parse string as an integer, got 'x'"],
+    ),
     "own sentence": ({"sizes": [3]}, ["sizes: sizes are even"]),
     "several": ({"sizes": 1, "more": 1}, ["sizes: input should be a valid list, got 1", "more: <more>"]),
 }  # fmt: skip

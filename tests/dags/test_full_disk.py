@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -110,13 +111,13 @@ def test_a_disk_that_fills_up_in_mid_run_ends_with_the_table(
     archive: Pipeline, finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forced = Selection(start="depth")
-    session = Session(archive.configuration, str(archive.root), Console(file=open(tmp_path / "said", "w"), width=200))
+    out = io.StringIO()
+    session = Session(archive.configuration, str(archive.root), Console(file=out, width=200))
     plan = archive.plan(selection=forced)
     Disk(monkeypatch, archive.root, 0, leases=4)
     assert session.run_and_report([plan], forced) == 1
     monkeypatch.undo()
-    session.console.file.close()
-    said = (tmp_path / "said").read_text()
+    said = out.getvalue()
     assert "what failed" in said
     assert "ledger.parquet: the disk is full" in said
     assert "the disk is full" in said
@@ -137,8 +138,8 @@ def test_a_log_that_cannot_be_written_is_said_once_and_written_when_there_is_roo
     log(RunEnded(done=1, fresh=0, failed=0, blocked=0, left_out=0, seconds=1.0, interrupted=False))
     (told,) = log.sentences
     assert told.startswith(
-        "the log of this run lacks its last 2 events, so `status --failed` and the ledger do not know of them: cannot"
-        " write "
+        "the log of this run lacks its last 2 events,"
+        " so `status --failed` and the ledger do not know of them: cannot write "
     )
     assert "the disk is full" in told
     log.file.unlink()

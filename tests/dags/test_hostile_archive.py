@@ -93,8 +93,8 @@ def assert_refused(archive: Pipeline, outside: Path, tmp_path: Path, commands: I
 
 
 def receipt(root: Path, **changes: object) -> Path:
-    """A receipt of another camera path beside those there are, with some entries changed; an old one, without a
-    checksum."""
+    """A receipt of another camera path beside those there are, with some entries changed;
+    an old one, without a checksum."""
     file = next((root / NAME / "_receipts/rendering").rglob("p000000.json"))
     data = json.loads(file.read_bytes())
     del data["checksum"]

@@ -1,5 +1,5 @@
-"""A camera that is late by whole frames, brought into step by `frames.time_offset`, gives what it gives when it is
-not late."""
+"""A camera that is late by whole frames, brought into step by `frames.time_offset`,
+gives what it gives when it is not late."""
 
 from __future__ import annotations
 

@@ -30,9 +30,28 @@ from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import NAME, Pipeline, film
 
 MEASURES = {
-    "picture size", "frames", "principal point", "focal lengths", "lens distortion", "lens model", "aim", "epipolar distance", "joint residual",
-    "calibration by joints", "mask agreement", "time offset", "exposure", "focus", "blur against others", "people", "matte", "cameras", "partners", "neighbours", "rectification",
-}  # fmt: skip
+    "picture size",
+    "frames",
+    "principal point",
+    "focal lengths",
+    "lens distortion",
+    "lens model",
+    "aim",
+    "epipolar distance",
+    "joint residual",
+    "calibration by joints",
+    "mask agreement",
+    "time offset",
+    "exposure",
+    "focus",
+    "blur against others",
+    "people",
+    "matte",
+    "cameras",
+    "partners",
+    "neighbours",
+    "rectification",
+}
 
 
 def context_of(folder: Path, archive: Path, *settings: str) -> Context:
@@ -230,8 +249,8 @@ def test_a_crop_that_was_forgotten_is_told_with_a_suggestion(capture: Path, tmp_
 
 
 def test_what_is_predicted_is_what_the_plan_says(tmp_path: Path) -> None:
-    """Pairs, mattes and joints by the plan's own words; of eight cameras one is held out, so its neighbours stand 90
-    degrees apart."""
+    """Pairs, mattes and joints by the plan's own words;
+    of eight cameras one is held out, so its neighbours stand 90 degrees apart."""
     film(tmp_path / "capture", views=7, size=64, frames=3, held_out=1, depth=False, masks=False)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture")
     pipeline.register()

@@ -1,5 +1,5 @@
-"""Dropping what nobody needs any more: results are equal whichever policy, and what is needed again is made again,
-alone."""
+"""Dropping what nobody needs any more:
+results are equal whichever policy, and what is needed again is made again, alone."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from tests.support.pipeline import NAME, Pipeline, assert_same_content, content,
 
 DROP = "run.keep=as_declared"
 UNTIL_DONE = ("frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity", "pose/heatmaps")
-"""What the declarations call until_done and another stage reads; gaussians/confidence and smoothing/heatmaps nobody
-reads yet."""
+"""What the declarations call until_done and another stage reads;
+gaussians/confidence and smoothing/heatmaps nobody reads yet."""
 
 
 def expected(plan: Plan) -> set[str]:
@@ -39,8 +39,8 @@ def expected(plan: Plan) -> set[str]:
 
 @pytest.fixture(scope="module")
 def dropping(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, int]:
-    """The finished archive after a run that drops what it may, and the most bytes the sequence took. Read it, do not
-    change it."""
+    """The finished archive after a run that drops what it may, and the most bytes the sequence took.
+    Read it, do not change it."""
     pipeline = Pipeline(tmp_path_factory.mktemp("dropping") / "archive", finished.folder, [DROP])
     pipeline.register()
     peak = 0
@@ -162,8 +162,8 @@ def test_only_blocks_what_would_need_another_stage(dropped: Pipeline) -> None:
 def test_content_that_comes_out_different_reaches_those_that_were_fresh(
     dropped: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A kernel that is not the same twice (another device, another library): nothing may stay fresh over the old
-    bytes."""
+    """A kernel that is not the same twice (another device, another library):
+    nothing may stay fresh over the old bytes."""
     import posegaussian.stages.frames.run as frames
     from posegaussian.stages.contract.io import Block
 

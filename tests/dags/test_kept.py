@@ -67,8 +67,8 @@ def run(p: Pipeline, room: int = ROOM, selection: Selection | None = None) -> tu
 
 
 def of(known: dict[str, bytes | list], p: Pipeline) -> dict[str, bytes | list]:
-    """What the archive holds of arrays that are known: other sizes have camera paths of other names, which stay
-    beside."""
+    """What the archive holds of arrays that are known:
+    other sizes have camera paths of other names, which stay beside."""
     return {k: v for k, v in content(p).items() if k in known}
 
 

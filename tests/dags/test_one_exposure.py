@@ -20,8 +20,8 @@ from tests.support.pipeline import Pipeline
 
 
 def test_a_darker_camera_is_found_and_by_the_same_amount(tmp_path: Path) -> None:
-    """One stop less light, before a survey and in it: one measure, one number. Cameras 15 degrees apart share
-    surface points."""
+    """One stop less light, before a survey and in it: one measure, one number.
+    Cameras 15 degrees apart share surface points."""
     size, bones = 224, pose("stand", 0.0)
     rig = ring(24, size, 0).subset([0, 1, 2])
     color = np.stack(

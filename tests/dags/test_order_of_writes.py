@@ -1,5 +1,5 @@
-"""A power cut at any moment leaves true receipts: what a receipt promises was synced to the disk before the receipt
-was."""
+"""A power cut at any moment leaves true receipts:
+what a receipt promises was synced to the disk before the receipt was."""
 
 from __future__ import annotations
 

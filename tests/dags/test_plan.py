@@ -99,7 +99,7 @@ def test_editing_a_kernel_makes_its_stage_stale_and_names_the_code(
 ) -> None:
     real = fingerprint.code_digest
     monkeypatch.setattr(
-        fingerprint, "code_digest", lambda run: "f" * 32 if run.startswith("stages.depth") else real(run)
+        fingerprint, "code_digest", lambda run: "f" * 32 if run.startswith("posegaussian.stages.depth.") else real(run)
     )
     reasons = stale(archive)
     assert any(r.startswith("code of depth changed") for r in reasons["depth"])

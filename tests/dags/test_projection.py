@@ -1,5 +1,5 @@
-"""What a run is expected to take: bytes that are written, memory that is taken, seconds from history; refusal before
-the start."""
+"""What a run is expected to take: bytes that are written, memory that is taken, seconds from history;
+refusal before the start."""
 
 from __future__ import annotations
 

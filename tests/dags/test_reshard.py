@@ -21,8 +21,8 @@ from tests.support.pipeline import NAME, Pipeline, assert_same_content, content,
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
-    """Six frames of three source cameras and a held-out one, run whole. Fewer shards than the shared fixture: each
-    is synced."""
+    """Six frames of three source cameras and a held-out one, run whole.
+    Fewer shards than the shared fixture: each is synced."""
     folder = tmp_path_factory.mktemp("narrow")
     film(folder / "capture", views=3, size=48, frames=6, held_out=1)
     pipeline = Pipeline(folder / "archive", folder / "capture")

@@ -1,5 +1,5 @@
-"""A run ends with where its results are and what to type next; its retry and its status know the paths it was asked
-for."""
+"""A run ends with where its results are and what to type next;
+its retry and its status know the paths it was asked for."""
 
 from __future__ import annotations
 

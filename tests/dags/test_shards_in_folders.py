@@ -71,8 +71,8 @@ def assert_sound(p: Pipeline, like: Pipeline) -> None:
 
 
 def test_a_finished_task_takes_few_files_and_folders(finished: Pipeline) -> None:
-    """Of 39 tasks, arrays' folders and descriptions included; 24 frames (156 tasks) take 8.5 a task, of which 6.8
-    are shards."""
+    """Of 39 tasks, arrays' folders and descriptions included;
+    24 frames (156 tasks) take 8.5 a task, of which 6.8 are shards."""
     walked = list(os.walk(finished.root))
     tasks = len(receipts(finished))
     assert sum(len(folders) + len(files) for _, folders, files in walked) / tasks <= 11
@@ -111,8 +111,8 @@ def test_resharding_names_all_shards_anew(old: Pipeline, made: Pipeline) -> None
 
 @pytest.mark.parametrize("there", ["nothing", "flat"])
 def test_a_variant_takes_over_what_lies_in_folders(there: str, old: Pipeline, made: Pipeline) -> None:
-    """Where the variant has arrays of its own, under the names they have: none of its shards is lost or read as
-    zeros."""
+    """Where the variant has arrays of its own, under the names they have:
+    none of its shards is lost or read as zeros."""
     mine = old.context().sequence
     context = variant(mine, old.context().settings, {"nothing": "differs"}, ("held_out",))
     beside = context.sequence

@@ -150,8 +150,8 @@ def test_a_scan_leads_to_no_file_outside_its_folder(tmp_path: Path, named: str) 
 
 
 def test_a_scan_is_aligned_stood_upright_and_textured(tmp_path: Path) -> None:
-    """A plate 2 units high whose fit says scale 2 and an offset: y is up, red on its upper half, blue on its lower
-    half."""
+    """A plate 2 units high whose fit says scale 2 and an offset:
+    y is up, red on its upper half, blue on its lower half."""
     v = np.array([[-0.5, -1, 0], [0.5, -1, 0], [0.5, 1, 0], [-0.5, 1, 0]]) + np.array([30.0, -7.0, 4.0])
     lines = [
         "mtllib scan.mtl",

@@ -1,5 +1,5 @@
-"""What modules took, as sentences: shares of the whole task, small ones among the rest, tasks that say nothing left
-out."""
+"""What modules took, as sentences: shares of the whole task, small ones among the rest,
+tasks that say nothing left out."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Laws of the tasks of a sequence: what is read is made, once and before; held-out pictures reach nobody but
-metrics."""
+"""Laws of the tasks of a sequence: what is read is made, once and before;
+held-out pictures reach nobody but metrics."""
 
 from __future__ import annotations
 

@@ -28,9 +28,9 @@ from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.work_order import Terms
 from posegaussian.storage.archive.lease import living
 from posegaussian.storage.archive.receipts import scan_receipts
-from tests.dags import sabotage
-from tests.dags.clusters import Cluster
-from tests.pipeline import NAME, Pipeline, assert_same_content, content
+from tests.support import sabotage
+from tests.support.clusters import Cluster
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 GAUSSIANS = Selection(only=frozenset({"gaussians"}), force=frozenset({"gaussians"}))
 
@@ -177,7 +177,8 @@ def work(name, limit, seconds):
     with Lease.take(Path({str(tmp_path)!r}) / name, "r") as lease, time_limit(limit, lease):
         time.sleep(seconds)
     print(name, "is through", flush=True)
-threads = [threading.Thread(target=work, args=a, daemon=True) for a in (("long.lease", 600, 60), ("quick.lease", 0.3, 0.1), ("short.lease", 1, 60))]
+given = (("long.lease", 600, 60), ("quick.lease", 0.3, 0.1), ("short.lease", 1, 60))
+threads = [threading.Thread(target=work, args=a, daemon=True) for a in given]
 for t in threads: t.start()
 for t in threads: t.join()
 """
@@ -199,7 +200,7 @@ def test_a_scheduler_of_others_that_hands_a_dead_worker_s_task_out_again_compute
 ) -> None:
     """Dask's own scheduler allows a task three deaths; each would take as long as the limit, and a worker."""
     preload = tmp_path / "preload.py"
-    preload.write_text("from tests.dags.sabotage import stick\nstick()\n")
+    preload.write_text("from tests.support.sabotage import stick\nstick()\n")
     with ExitStack() as stack:
         others = Cluster(stack, tmp_path / "scheduler.json")
         for name in ("a", "b"):

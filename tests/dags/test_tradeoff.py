@@ -41,8 +41,8 @@ def files(folder: Path) -> dict[str, tuple[bytes, int]]:
 
 @pytest.fixture(scope="module")
 def tried(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list[Level], Path, dict]:
-    """Hull and matching at half and full size, on two frames of a finished archive: (archive, levels, output, files
-    before)."""
+    """Hull and matching at half and full size, on two frames of a finished archive:
+    (archive, levels, output, files before)."""
     folder = tmp_path_factory.mktemp("tradeoff")
     archive = finished.copy(folder / "archive").with_settings("frames.range=0:2")
     before = files(archive.root / NAME)

@@ -48,8 +48,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE = f"""
 import sys
 sys.path.insert(0, {str(ROOT)!r})
-import posegaussian.dags.training.loop
-posegaussian.dags.training.loop.PARTS = posegaussian.dags.training.loop.Parts({PARTS.frames!r}, {PARTS.frames_of_step!r}, {PARTS.trainer!r})
+from posegaussian.dags.training import loop
+loop.PARTS = loop.Parts({PARTS.frames!r}, {PARTS.frames_of_step!r}, {PARTS.trainer!r})
 from posegaussian.dags.cli.app import main
 main()
 """
@@ -117,7 +117,7 @@ def assert_alike(folder: Path, undisturbed: Path) -> None:
         safe_open(undisturbed / "weights.safetensors", "np") as b,
     ):
         assert sorted(a.keys()) == sorted(b.keys())
-        assert all(a.get_tensor(k).tobytes() == b.get_tensor(k).tobytes() for k in a.keys())
+        assert all(a.get_tensor(k).tobytes() == b.get_tensor(k).tobytes() for k in a.keys())  # noqa: SIM118
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,5 @@
-"""Two runs on one archive: each is told who works on what, nothing is computed twice, nobody's arrays are pulled
-away."""
+"""Two runs on one archive: each is told who works on what, nothing is computed twice,
+nobody's arrays are pulled away."""
 
 from __future__ import annotations
 

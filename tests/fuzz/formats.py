@@ -1,5 +1,5 @@
-"""Every kind of file that is read from other people: a whole one, which of its files are spoiled, and what reads
-them."""
+"""Every kind of file that is read from other people:
+a whole one, which of its files are spoiled, and what reads them."""
 
 from __future__ import annotations
 

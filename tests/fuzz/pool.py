@@ -256,8 +256,8 @@ def run(
 
 
 def make_wholes(formats: Sequence[Format], work: Path, workers: int) -> None:
-    """Write every whole capture and read it once, with time to compile. Raises AssertionError for one that is
-    refused."""
+    """Write every whole capture and read it once, with time to compile.
+    Raises AssertionError for one that is refused."""
     context: Any = mp.get_context("fork")
     maker = context.Process(target=_make, args=(formats, work / "whole"))
     maker.start()

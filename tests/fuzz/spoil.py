@@ -1,5 +1,5 @@
-"""Ways to spoil one file of a capture, each chosen by a random generator of the variant's own: the same number, the
-same damage."""
+"""Ways to spoil one file of a capture, each chosen by a random generator of the variant's own:
+the same number, the same damage."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from random import Random
 from typing import Any
 
 NUMBERS = (
-    "1e12", "-1", "0", "-0.0", "NaN", "nan", "Infinity", "-inf", ".inf", "1e308", "-1e308", "1e999", "1e-320", "9" * 25, "9" * 400, "9" * 5000, "1" + "0" * 4299,
-    "2147483648", "-9223372036854775809", "18446744073709551616", "0.5", "3.7e5", "1e5", "true", "null", "[]", "{}", '""', '"text"', "[[1, 2], [3]]", "1,5", "0x10", "1e", "--1", "1_0",
+    "1e12", "-1", "0", "-0.0", "NaN", "nan", "Infinity", "-inf", ".inf", "1e308", "-1e308", "1e999", "1e-320", "9" * 25,
+    "9" * 400, "9" * 5000, "1" + "0" * 4299,
+    "2147483648", "-9223372036854775809", "18446744073709551616", "0.5", "3.7e5", "1e5", "true", "null", "[]", "{}",
+    '""', '"text"', "[[1, 2], [3]]", "1,5", "0x10", "1e", "--1", "1_0",
 )  # fmt: skip
 """What may stand in the place of a number."""
 WORDS = (

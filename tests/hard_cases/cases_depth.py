@@ -1,5 +1,5 @@
-"""Records R1, R2 and D1-D15: rectification, depth maps, matching and masks. Cases of the matching network are not
-there yet."""
+"""Records R1, R2 and D1-D15: rectification, depth maps, matching and masks.
+Cases of the matching network are not there yet."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from posegaussian.stages.matching.sgbm import match
 from posegaussian.stages.metrics.depth_error import depth_error
 from posegaussian.stages.metrics.run import ONLY_SSIM, measure
 from posegaussian.stages.rendering.lift import Maps, lift
-from posegaussian.stages.silhouettes.hull import foreground
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
+from posegaussian.storage.model.masks import foreground
 from posegaussian.storage.readers.images import read_depth, write_exr
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask, textured_sphere
@@ -46,8 +46,8 @@ WIDE = [pair_rig(a) for a in (22.5, 45, 60, 67.5, 72, 90)]
 
 
 def opencv(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rectified as OpenCV's documents show: pixels [2, N, 2] of world points, depth [N] in the first camera, and Tx
-    f."""
+    """Rectified as OpenCV's documents show:
+    pixels [2, N, 2] of world points, depth [N] in the first camera, and Tx f."""
     relative = rig.world_to_camera[1] @ np.linalg.inv(rig.world_to_camera[0])
     k = to_integer_centres(rig.intrinsics)
     r0, r1, p0, p1 = cv2.stereoRectify(
@@ -423,8 +423,8 @@ CASES = (
         lambda: wrong_where_hidden(False),
         lambda: wrong_where_hidden(True),
         0.3,
-        "a match must be confirmed from the other side within 1.5 px; of one pair and a pattern that repeats, chance"
-        " confirms some",
+        "a match must be confirmed from the other side within 1.5 px;"
+        " of one pair and a pattern that repeats, chance confirms some",
     ),
     Case(
         "D15",

@@ -23,8 +23,8 @@ def random(*shape: int, seed: int = 0) -> torch.Tensor:
 
 
 def loud() -> tuple[torch.Tensor, torch.Tensor]:
-    """Features of 192 channels as autocast hands them on: float16, some 30 of size, what is at column j is there,
-    too."""
+    """Features of 192 channels as autocast hands them on:
+    float16, some 30 of size, what is at column j is there, too."""
     features = (30 * F.normalize(random(1, 192, 2, 16), dim=1) * math.sqrt(192)).half()
     return features, features
 
@@ -99,8 +99,8 @@ def pooled_truth(line: torch.Tensor, level: int) -> torch.Tensor:
 
 
 def naive_pyramid(width: int) -> float:
-    """Halved again and again: the last of an odd number of columns falls out, and a map of one column cannot be
-    halved."""
+    """Halved again and again: the last of an odd number of columns falls out,
+    and a map of one column cannot be halved."""
     first, second = random(1, 6, 2, width), random(1, 6, 2, width, seed=1)
     volume = (products(first, second)[0]).flatten(0, 1)[:, None]
     errors = []
@@ -166,8 +166,8 @@ NEAR, FAR = 0.5, 8.0
 
 
 def gone(scale: float) -> tuple[torch.Tensor, Coding]:
-    """Disparities, px, that steps of a recurrence may come to, at infinity and on either side of it; the coding of
-    their pair."""
+    """Disparities, px, that steps of a recurrence may come to, at infinity and on either side of it;
+    the coding of their pair."""
     code = Coding(*(torch.tensor([v], dtype=torch.float64) for v in (scale, -1500.0, NEAR, FAR)))
     return torch.tensor([-math.inf, -1e9, -1501.0, -1500.0, -1499.9999, 0.0, 1e9, math.inf]).reshape(1, 1, 2, 4), code
 

@@ -107,8 +107,8 @@ def before_white() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 
 
 def naive_background() -> float:
-    """The usual "over": alpha times colour plus the rest of the background; but the colour has been multiplied
-    already."""
+    """The usual "over": alpha times colour plus the rest of the background;
+    but the colour has been multiplied already."""
     color, alpha, white = before_white()
     return apart(alpha * color + (1 - alpha), white)
 

@@ -117,8 +117,8 @@ def stack() -> Gaussians:
 
 
 def naive_stack_gradient() -> torch.Tensor:
-    """The slope of alpha over opacity in one pixel under a stack, by the transmittance behind all over (1 - alpha)
-    of each."""
+    """The slope of alpha over opacity in one pixel under a stack,
+    by the transmittance behind all over (1 - alpha) of each."""
     alpha = torch.ones(100)
     return torch.prod(1 - alpha) / (1 - alpha)
 

@@ -116,8 +116,8 @@ def naive_bad_batch() -> float:
 
 
 def bad_batch() -> tuple[float, Trainer]:
-    """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number; the trainer
-    after it."""
+    """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number;
+    the trainer after it."""
     trainer = Trainer(tiny())
     before = [p.detach().clone() for p in (*trainer.learnt, *trainer.averaged.parameters())]
     frame = ball()

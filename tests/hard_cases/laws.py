@@ -1,5 +1,5 @@
-"""What every hard case is held to: finite in value and gradient, the compiled back end near float64, derivatives
-near cut-offs."""
+"""What every hard case is held to: finite in value and gradient, the compiled back end near float64,
+derivatives near cut-offs."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Splatting as the papers write it, and nothing else: the first version anybody would write. Never used by the
-product."""
+"""Splatting as the papers write it, and nothing else: the first version anybody would write.
+Never used by the product."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ PARTS = (
         "Splatting",
         "S",
         (
-            "Arithmetic is float32 of the compiled back end; what it is compared with is float64, or the answer worked"
-            " out on paper."
+            "Arithmetic is float32 of the compiled back end;"
+            " what it is compared with is float64, or the answer worked out on paper."
         ),
     ),
     ("Cameras and their files", "K", "Paths between cameras, and what calibration files of other systems get wrong."),

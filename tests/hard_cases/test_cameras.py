@@ -14,9 +14,8 @@ from tests.support.known_geometry import camera
 def test_k1_an_arc_keeps_its_distance_where_interpolated_translations_cut_the_corner(degrees: float) -> None:
     subject = np.array([1.8, 0.3, 0.9])
     rig = two(degrees, subject)
-    np.testing.assert_allclose(
-        look_at_point(rig), subject, atol=1e-3
-    )  # parallel axes are held to the cameras' own distance
+    # parallel axes are held to the cameras' own distance
+    np.testing.assert_allclose(look_at_point(rig), subject, atol=1e-3)
     np.testing.assert_allclose(np.linalg.norm(centres(arc(rig)) - subject, axis=1), 2.0, atol=1e-3)
 
 

@@ -1,5 +1,5 @@
-"""Whatever is drawn, every number is finite: scenes by hypothesis, which shrinks what fails. Ten thousand: `make
-extreme`."""
+"""Whatever is drawn, every number is finite: scenes by hypothesis, which shrinks what fails.
+Ten thousand: `make extreme`."""
 
 import pytest
 import torch

@@ -1,5 +1,5 @@
-"""Hard cases of the matching network's correlation, coordinates and depth coding; the catalogue's own test holds
-their bounds."""
+"""Hard cases of the matching network's correlation, coordinates and depth coding;
+the catalogue's own test holds their bounds."""
 
 import math
 

@@ -1,5 +1,5 @@
-"""The catalogue of splatting, S1-S22: each case on the compiled back end in float32 against the reference in
-float64."""
+"""The catalogue of splatting, S1-S22:
+each case on the compiled back end in float32 against the reference in float64."""
 
 import dataclasses
 
@@ -75,8 +75,8 @@ def test_s3_smaller_than_a_pixel(scale: float, low_pass: float) -> None:
 @pytest.mark.parametrize("dtype", KINDS)
 @pytest.mark.parametrize("scale", [0.02, 0.04, 0.1])
 def test_s4_compensation_keeps_the_energy(scale: float, dtype: torch.dtype) -> None:
-    """What the picture of a Gaussian weighs with the low pass, compensated, is what it weighs finely sampled
-    without."""
+    """What the picture of a Gaussian weighs with the low pass, compensated,
+    is what it weighs finely sampled without."""
     blurred = Cutoffs(low_pass=0.3, compensation=True, alpha_min=1e-6)
     out, _ = drawn(gaussians([0.01, 0.005, 2.0], scale, 0.9, dtype=dtype), camera(), blurred)
     fine = camera(48 * 8, 40 * 8, 50.0 * 8)
@@ -103,8 +103,8 @@ def test_s5_needles(ratio: float) -> None:
         w = p.whitening.double()
         areas.append(float((w[:, 0] * w[:, 3] - w[:, 1] * w[:, 2]).abs().sum()))
         drawn(to(g, dtype), camera())
-    # a cross product of nearly parallel float32 rows loses the digits of the ratio; the square of it would lose all at
-    # 1e4
+    # a cross product of nearly parallel float32 rows loses the digits of the ratio;
+    # the square of it would lose all at 1e4
     assert areas[0] == pytest.approx(areas[1], rel=max(1e-5, 2e-7 * ratio))
     if ratio <= 1e2:
         agree(g, camera(), picture=1e-4, gradient=1e-4)
@@ -127,9 +127,8 @@ def test_s6_no_alpha_above_its_opacity(dtype: torch.dtype) -> None:
 def test_s7_a_stack_of_opaque_gaussians() -> None:
     """Two at the cap of 0.99 are seen, in either precision; the third would leave 1e-6."""
     z = torch.linspace(1, 2, 100, dtype=torch.float64)
-    out = agree(
-        gaussians(torch.stack([z * 0, z * 0, z], dim=1), 10.0, 1.0), camera(), gradient=5e-5
-    )  # 1 - 0.99 in float32
+    # 1 - 0.99 in float32
+    out = agree(gaussians(torch.stack([z * 0, z * 0, z], dim=1), 10.0, 1.0), camera(), gradient=5e-5)
     torch.testing.assert_close(out.alpha, torch.full_like(out.alpha, 0.9999), atol=1e-7, rtol=0)
 
 
@@ -169,9 +168,8 @@ def test_s9_gradients_beside_the_stop(second: float) -> None:
     cut = Cutoffs(alpha_max=0.995)
     g = gaussians([[0.0, 0, 1.0], [0.01, 0, 2.0], [0, 0.02, 3.0]], 5.0, torch.tensor([0.99, second, 0.9]))
     derivative(g, camera(3, 3), "opacity", cut)
-    agree(
-        g, camera(3, 3), cut, gradient=5e-5
-    )  # 1 - 0.99 in float32 is off by 6e-6 of itself, and so is what lies behind
+    # 1 - 0.99 in float32 is off by 6e-6 of itself, and so is what lies behind
+    agree(g, camera(3, 3), cut, gradient=5e-5)
 
 
 @pytest.mark.parametrize("dtype", KINDS)
@@ -179,9 +177,8 @@ def test_s9_gradients_beside_the_stop(second: float) -> None:
     ("opacity", "seen"), [(0.0, False), (1e-9, False), (1 / 255 - 1e-6, False), (1 / 255 + 1e-6, True)]
 )
 def test_s10_smallest_alpha(opacity: float, seen: bool, dtype: torch.dtype) -> None:
-    out, _ = drawn(
-        gaussians([0.02, 0.02, 2.0], 0.5, opacity, dtype=dtype), camera()
-    )  # half a pixel: exactly on a pixel centre
+    # half a pixel: exactly on a pixel centre
+    out, _ = drawn(gaussians([0.02, 0.02, 2.0], 0.5, opacity, dtype=dtype), camera())
     assert bool(out.alpha.any()) == seen
 
 
@@ -325,8 +322,8 @@ def test_s19_negative_colours_are_blended_as_they_are_and_written_as_black() -> 
 
 
 def test_s20_float32_stays_near_float64() -> None:
-    """Thresholds flip for single contributions of 1/255, so the share of values beyond 1e-5 is bounded beside the
-    maximum."""
+    """Thresholds flip for single contributions of 1/255,
+    so the share of values beyond 1e-5 is bounded beside the maximum."""
     g = cloud(400, dtype=torch.float32)
     single, double = draw(g, camera()), draw(to(g, torch.float64), camera())
     difference = (single.color - double.color).abs()

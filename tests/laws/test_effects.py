@@ -50,8 +50,8 @@ def filmed(views: int = 4, size: int = 48, frames: int = 2, held_out: int = 1, m
 
 
 def through_a_lens(scene: Scene) -> Scene:
-    """Every camera gets a barrel lens that moves the corners of 48 px pictures by a few px; true depth does not go
-    through."""
+    """Every camera gets a barrel lens that moves the corners of 48 px pictures by a few px;
+    true depth does not go through."""
     lens = np.array([-0.35, 0.12, 0, 0, 0, 0, 0, 0.0])
     rig: Rig = scene["rig"]
     for v in range(len(rig)):
@@ -179,11 +179,12 @@ def large() -> Scene:
 def test_a_darker_camera_is_matched_and_renders_closer_to_the_truth(tmp_path: Path, large: Scene) -> None:
     """PSNR of the box, dB, of a held-out camera in the middle between the darker one and its neighbour."""
     scene = one_camera_darker({**large, "color": large["color"].copy()})
+    # matching is not what is measured here
     fixed = [
         "depth.method=truth",
         "rendering.precision=float32",
         "frames.range=0:1",
-    ]  # matching is not what is measured here
+    ]
     on, off = pipeline(tmp_path, scene, *fixed), pipeline(tmp_path, scene, *fixed, "effects.exposure_matching=off")
     on.run()
     off.run()
@@ -262,8 +263,8 @@ def test_hidden_surfaces_call_for_the_left_right_check_and_it_lowers_the_depth_e
 
 
 def sure_depth_error(p: Pipeline, true_depth: np.ndarray) -> float:
-    """Mean error, metres, of the pixels whose confidence is at least 0.9, over all source views; true_depth [F, V,
-    h, w]."""
+    """Mean error, metres, of the pixels whose confidence is at least 0.9, over all source views;
+    true_depth [F, V, h, w]."""
     results, frames = Results(p.context()), range(len(true_depth))
     errors = []
     for v in p.context().views.sources:

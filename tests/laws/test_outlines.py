@@ -1,5 +1,5 @@
-"""Masks that end beside the subject's edge: measured by the survey, moved by the frames stage, and nothing where
-they fit."""
+"""Masks that end beside the subject's edge:
+measured by the survey, moved by the frames stage, and nothing where they fit."""
 
 from pathlib import Path
 

@@ -104,6 +104,6 @@ def test_by_default_a_stage_is_needed_served_exact_and_of_one_partition() -> Non
 def test_a_dotted_name_resolves_to_the_function() -> None:
     assert resolve("math:sqrt") is math.sqrt
     with pytest.raises(ModuleNotFoundError):
-        resolve("stages.nowhere:run")
+        resolve("posegaussian.stages.nowhere:run")
     with pytest.raises(AttributeError):
         resolve("math:nothing")

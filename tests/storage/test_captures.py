@@ -1,5 +1,5 @@
-"""The real captures, where they are: what the importer finds, and that cameras, joints and pixels agree with each
-other."""
+"""The real captures, where they are: what the importer finds, and that cameras,
+joints and pixels agree with each other."""
 
 from __future__ import annotations
 
@@ -97,15 +97,14 @@ def test_balance_markers_project_onto_its_joints(balance):
         return float(np.median(errors))
 
     here = residual(0)
-    assert (
-        here < 20
-    )  # px; 15.4 measured: the markers were made with the makers' own calibration and from coarse keypoints
+    # px; 15.4 measured: the markers were made with the makers' own calibration and from coarse keypoints
+    assert here < 20
     assert here < min(residual(-2), residual(2))
 
 
 def test_balance_by_the_makers_file_misses_by_tens_of_pixels(balance):
-    """A transposed rotation, an axis the wrong way round or a wrong unit would be off by hundreds, or behind the
-    camera."""
+    """A transposed rotation, an axis the wrong way round or a wrong unit would be off by hundreds,
+    or behind the camera."""
     import cv2
 
     makers = find_capture(

@@ -1,5 +1,5 @@
-"""Laws of checksums: a changed digit is noticed before anything follows it; what has none yet is accepted and gets
-one."""
+"""Laws of checksums: a changed digit is noticed before anything follows it;
+what has none yet is accepted and gets one."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Laws of the names of shards: as the array's description says, in folders or not, and never zeros where the two
-disagree."""
+"""Laws of the names of shards: as the array's description says, in folders or not,
+and never zeros where the two disagree."""
 
 from __future__ import annotations
 

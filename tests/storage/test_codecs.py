@@ -28,8 +28,8 @@ def stored(folder: Path, data: np.ndarray, compressors: list | None = None) -> i
 
 @pytest.fixture(scope="module")
 def fields() -> list[tuple[np.ndarray, tuple[slice, slice]]]:
-    """(field, the mask's box) of a person at 192 px: depth in float32, and a float16 map of three channels like a
-    normal."""
+    """(field, the mask's box) of a person at 192 px:
+    depth in float32, and a float16 map of three channels like a normal."""
     person = capture_person(views=2, size=192, frames=1, held_out=0, motion="kick")
     found = []
     for view in range(2):

@@ -149,7 +149,8 @@ import resource, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa
 from posegaussian.stages.network.card import Card
-from storage import checkpoints, media
+from posegaussian.storage.archive import checkpoints
+from posegaussian.storage.readers import images
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.exporters import contact_sheet, frames, images_layout, video
 from posegaussian.storage.formats.splat_ply import write_splats
@@ -158,15 +159,18 @@ root, random = Path(sys.argv[1]), np.random.default_rng(0)
 noise = random.integers(0, 256, (96, 96, 3), dtype=np.uint8)
 n = 900
 splats = Splats(*(random.random(s, np.float32) for s in ((n, 3), (n, 3), (n, 4), (n,), (n, 1, 3))))
+pixels = lambda: random.integers(0, 256, (96, 96, 3), dtype=np.uint8)
 sheet = contact_sheet.Sheet(None); sheet.begin(); sheet.add_novel("a", noise, noise)
 writers = {
-    "a.png": lambda f: media.write_png(f, noise),
+    "a.png": lambda f: images.write_png(f, noise),
     "sheet.png": lambda f: contact_sheet.write_sheet(f, sheet),
-    "a.exr": lambda f: media.write_exr(f, random.random((96, 96, 3), np.float32)),
+    "a.exr": lambda f: images.write_exr(f, random.random((96, 96, 3), np.float32)),
     "frames/a/000000.png": lambda f: frames.write_frames(root / "frames", ["a"], [0], [0.0], [("a", 0, noise, None)]),
-    "a.mp4": lambda f: video.write_video(f, (random.integers(0, 256, (96, 96, 3), dtype=np.uint8) for _ in range(8)), 30),
+    "a.mp4": lambda f: video.write_video(f, (pixels() for _ in range(8)), 30),
     "a.ply": lambda f: write_splats(f, splats),
-    "checkpoints/00000001.checkpoint": lambda f: checkpoints.write_checkpoint(root / "checkpoints", 1, noise.tobytes(), {}),
+    "checkpoints/00000001.checkpoint": lambda f: checkpoints.write_checkpoint(
+        root / "checkpoints", 1, noise.tobytes(), {}
+    ),
 }
 for file in writers:
     old = root / file

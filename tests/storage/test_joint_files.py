@@ -69,7 +69,10 @@ def test_broken_openpose_files_are_refused(tmp_path, text, sentence):
         read_openpose(tmp_path / "a.json")
 
 
-HEADER = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tUnits\n60\t2\t{unit}\nFrame#\tTime\tHip\t\t\tKnee\t\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
+HEADER = (
+    "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tUnits\n60\t2\t{unit}\n"
+    "Frame#\tTime\tHip\t\t\tKnee\t\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
+)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1), ("mm", 1e-3), ("cm", 1e-2)])

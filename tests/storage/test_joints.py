@@ -112,8 +112,8 @@ def test_known_joints_land_where_they_should() -> None:
     assert joint_map("smpl24", "coco17")[[5, 6, 9, 10, 13, 16]].tolist() == [16, 17, 20, 21, 4, 8]
 
 
-# Every place between and above the shoulders and hips, by the sets that share it. A name alone, Neck or Head, says
-# little.
+# Every place between and above the shoulders and hips, by the sets that share it.
+# A name alone, Neck or Head, says little.
 SHARED = {
     "MidHip": {"body_25": "MidHip", "blazepose39": "MidHip", "h36m17": "Hip", "halpe26": "Hip"},
     "HeadTop": {"body_25b": "HeadTop", "trc21": "Head", "h36m17": "Head", "halpe26": "Head"},

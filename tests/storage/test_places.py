@@ -1,5 +1,5 @@
-"""Laws of places: a key leads below its folder or is refused; a name is one folder's; nothing is read through a
-link."""
+"""Laws of places: a key leads below its folder or is refused; a name is one folder's;
+nothing is read through a link."""
 
 from __future__ import annotations
 

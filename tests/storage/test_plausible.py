@@ -167,11 +167,17 @@ def test_joints_beyond_every_picture_are_refused(tmp_path: Path, flat: list[floa
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"bbox": [1, 2]}, "bbox"), ({"bbox": 5}, "bbox 5 is not a list"), ({"bbox": [1, 2, 3, "4"]}, "not made of four numbers"), ({"score": [1]}, "not made of numbers"),
-        ({"keypoint_scores": 5}, "keypoint_scores 5 is not a list"), ({"keypoint_scores": ["a"]}, "not a list of numbers"), ({"keypoint_scores": [[1]]}, "not a list of numbers"),
-        ({"image_id": [1]}, "image id"), ({"keypoints": {"a": 1}}, "not a list of numbers"),
+        ({"bbox": [1, 2]}, "bbox"),
+        ({"bbox": 5}, "bbox 5 is not a list"),
+        ({"bbox": [1, 2, 3, "4"]}, "not made of four numbers"),
+        ({"score": [1]}, "not made of numbers"),
+        ({"keypoint_scores": 5}, "keypoint_scores 5 is not a list"),
+        ({"keypoint_scores": ["a"]}, "not a list of numbers"),
+        ({"keypoint_scores": [[1]]}, "not a list of numbers"),
+        ({"image_id": [1]}, "image id"),
+        ({"keypoints": {"a": 1}}, "not a list of numbers"),
     ],
-)  # fmt: skip
+)
 def test_parts_of_coco_of_the_wrong_kind_are_named(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
     annotation = {
         "image_id": 1,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from posegaussian.storage.model.cameras import (
     CameraPath,
     Rig,
+    camera_centre,
     from_integer_centres,
     points_from_integer_centres,
     points_to_integer_centres,
@@ -79,6 +80,7 @@ def test_centres_are_where_the_camera_coordinates_vanish() -> None:
     at_camera = np.einsum("vij,vj->vi", rig.rotations, rig.centres) + rig.world_to_camera[:, :3, 3]
     np.testing.assert_allclose(at_camera, 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(rig.centres, axis=1), 3, atol=1e-12)
+    np.testing.assert_allclose([camera_centre(p) for p in rig.world_to_camera], rig.centres, atol=1e-14)
 
 
 def changed(rig: Rig, field: str, index: tuple[int, ...], value: float) -> Rig:

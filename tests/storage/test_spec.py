@@ -50,8 +50,11 @@ def test_the_order_of_a_list_matters(value: list) -> None:
 
 
 DISTINCT = [
-    None, False, True, 0, 1, -1, 0.0, -0.0, 1.0, np.nextafter(1.0, 2.0), float("inf"), float("-inf"), float("nan"), "", "1", "1.0", "True", "null", [], [[]], {}, [1], [1, 2], [2, 1], [12], {"a": 1}, {"b": 1}, {"a": {"b": 1}},
-    np.zeros(2, np.float32), np.zeros(2, np.float64), np.zeros(2, np.int32), np.zeros((2, 1), np.float32), np.zeros((1, 2), np.float32), np.full(2, -0.0, np.float32), np.zeros(0, np.float32), np.zeros((0, 3), np.float32), np.array(0.0), np.zeros(2, bool), np.zeros(2, np.uint8),
+    None, False, True, 0, 1, -1, 0.0, -0.0, 1.0, np.nextafter(1.0, 2.0), float("inf"), float("-inf"), float("nan"), "",
+    "1", "1.0", "True", "null", [], [[]], {}, [1], [1, 2], [2, 1], [12], {"a": 1}, {"b": 1}, {"a": {"b": 1}},
+    np.zeros(2, np.float32), np.zeros(2, np.float64), np.zeros(2, np.int32), np.zeros((2, 1), np.float32),
+    np.zeros((1, 2), np.float32), np.full(2, -0.0, np.float32), np.zeros(0, np.float32), np.zeros((0, 3), np.float32),
+    np.array(0.0), np.zeros(2, bool), np.zeros(2, np.uint8),
 ]  # fmt: skip
 
 

@@ -1,5 +1,5 @@
-"""Splat files: real ones come back bit for bit, packed ones equal a plain decoding, foreign and broken ones are
-named."""
+"""Splat files: real ones come back bit for bit, packed ones equal a plain decoding,
+foreign and broken ones are named."""
 
 import math
 import os
@@ -105,8 +105,8 @@ def test_order_further_properties_and_comments_are_carried(tmp_path: Path) -> No
 
 
 def decoded_by_hand(path: Path, i: int) -> tuple[list[float], ...]:
-    """One Gaussian of a compressed file of chunk and vertex alone, by the format's description, with struct and no
-    numpy."""
+    """One Gaussian of a compressed file of chunk and vertex alone, by the format's description,
+    with struct and no numpy."""
     raw = path.read_bytes()
     start = raw.index(b"end_header\n") + 11
     chunks = next(

@@ -14,8 +14,8 @@ from posegaussian.stages.simulator.subjects.motion import joints_at, pose
 
 @dataclass
 class Pictures:
-    """[V] lists of pictures (or masks, or depth maps) numbered from 0; None where a view has none, which must not be
-    read."""
+    """[V] lists of pictures (or masks, or depth maps) numbered from 0;
+    None where a view has none, which must not be read."""
 
     views: list[list[np.ndarray | None]]
     name: str = field(default_factory=lambda: uuid4().hex)

@@ -80,8 +80,8 @@ def draw(
 
 
 def placed(g: Gaussians, backend: Backend = "auto") -> tuple[Gaussians, Backend]:
-    """Gaussians where the back end draws them, and the back end: `auto` is the compiled one that is tried, in
-    float32."""
+    """Gaussians where the back end draws them, and the back end:
+    `auto` is the compiled one that is tried, in float32."""
     if backend == "auto" and g.mean.dtype == torch.float32:
         backend = compiled
     return (

@@ -1,5 +1,5 @@
-"""Archives as earlier versions made them: a folder for every number of a shard, `c/0/1/0/0` where it is now
-`c.0.1.0.0`."""
+"""Archives as earlier versions made them:
+a folder for every number of a shard, `c/0/1/0/0` where it is now `c.0.1.0.0`."""
 
 from __future__ import annotations
 

@@ -96,8 +96,8 @@ def random_views(pairs: int, side: int = 64, seed: int = 0) -> Views:
 
 
 def network(preset: str = "fast", shaken: bool = True, seed: int = 0, **variant: object) -> PoseGaussianNetwork:
-    """An untrained network; `shaken`: its layers that begin at 0 begin at random instead, so that every output says
-    something."""
+    """An untrained network; `shaken`: its layers that begin at 0 begin at random instead,
+    so that every output says something."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         made = PoseGaussianNetwork(replace(PRESETS[preset], **variant)).eval()  # type: ignore[arg-type]

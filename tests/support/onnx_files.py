@@ -1,5 +1,5 @@
-"""Tiny ONNX networks written byte by byte, so that no test needs an exporter: protocol buffers of the few messages
-used."""
+"""Tiny ONNX networks written byte by byte, so that no test needs an exporter:
+protocol buffers of the few messages used."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ FACTS = frozenset({"several_frames", "joints2d", "detected", "segmented"})
 
 
 def segmented(person: PersonCapture, cells: int = 256) -> dict[str, np.ndarray]:
-    """detection/* and pose/* of one person a view, looked at in the whole picture; the segmentation is no finer than
-    `cells`."""
+    """detection/* and pose/* of one person a view, looked at in the whole picture;
+    the segmentation is no finer than `cells`."""
     frames, views, size = person.mask.shape[:3]
     hint = np.zeros((frames, views, 1, 256, 256), np.uint8)
     for f in range(frames):

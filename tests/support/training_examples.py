@@ -1,5 +1,5 @@
-"""A frame of training without the simulator: a textured ball between cameras, and a start that is a ball of another
-size."""
+"""A frame of training without the simulator:
+a textured ball between cameras, and a start that is a ball of another size."""
 
 from __future__ import annotations
 
@@ -17,15 +17,28 @@ RADIUS, STARTS_AT = 0.5, 0.44
 def tiny(**more: object) -> TrainingConfig:
     """Seconds on one core: crops of 32 px, one pair a step, in float32."""
     settings = {
-        "size": 64, "crop": 32, "batch": 1, "iterations": 2, "window": 1, "steps_per_frame": 1000, "cameras": (3,), "methods": ("sweep",),
-        "precision": "float32", "depth_steps": 100, "joint_steps": 0, "warm_up": 5, "learning_rate": 1e-3, "frames_per_scene": 1, "scenes": {"count": 1},
-    }  # fmt: skip
+        "size": 64,
+        "crop": 32,
+        "batch": 1,
+        "iterations": 2,
+        "window": 1,
+        "steps_per_frame": 1000,
+        "cameras": (3,),
+        "methods": ("sweep",),
+        "precision": "float32",
+        "depth_steps": 100,
+        "joint_steps": 0,
+        "warm_up": 5,
+        "learning_rate": 1e-3,
+        "frames_per_scene": 1,
+        "scenes": {"count": 1},
+    }
     return TrainingConfig.model_validate({**settings, **more})
 
 
 def ball(size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0, 15.0)) -> Frame:
-    """Sources at so many degrees and the camera between the first two, which are the pairs. `exact`: the start is
-    the truth."""
+    """Sources at so many degrees and the camera between the first two, which are the pairs.
+    `exact`: the start is the truth."""
     sources = len(angles)
     rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in (*angles, 0)], (size, size), 1.6 * size)
     truth = np.stack([sphere_depth(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)]).astype(np.float32)
@@ -36,9 +49,16 @@ def ball(size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0
     middle = np.full((sources, 17, 3), 1.0)
     middle[..., :2] = size / 2 + np.linspace(-8, 8, 17)[:, None]
     return {
-        "color": np.stack([_color(rig, v, truth[v]) for v in range(sources + 1)]), "mask": mask, "truth": truth, "depth": start, "confidence": confidence,
-        "joints": middle, "intrinsics": rig.intrinsics, "world_to_camera": rig.world_to_camera, "pairs": np.array([[0, 1, sources], [1, 0, sources]]),
-    }  # fmt: skip
+        "color": np.stack([_color(rig, v, truth[v]) for v in range(sources + 1)]),
+        "mask": mask,
+        "truth": truth,
+        "depth": start,
+        "confidence": confidence,
+        "joints": middle,
+        "intrinsics": rig.intrinsics,
+        "world_to_camera": rig.world_to_camera,
+        "pairs": np.array([[0, 1, sources], [1, 0, sources]]),
+    }
 
 
 def _larger(rig: Rig, view: int) -> np.ndarray:

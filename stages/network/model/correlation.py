@@ -98,8 +98,8 @@ class Correlation:
     def _around(self, level: int, columns: torch.Tensor) -> torch.Tensor:
         """One level [B, 2 r + 1, h, w] about columns [B, h, w]."""
         width = self.second[level].shape[-1]
-        # The centre of cell i is at column 2^l i + (2^l - 1) / 2. Farther than the clamp all is 0 anyway, and the index
-        # stays small.
+        # The centre of cell i is at column 2^l i + (2^l - 1) / 2.
+        # Farther than the clamp all is 0 anyway, and the index stays small.
         place = ((columns - (2**level - 1) / 2) / 2**level).clamp(-self.radius - 2, width + self.radius + 1)
         left = place.detach().floor()
         part = (place - left)[:, None]

@@ -68,8 +68,8 @@ class UpBlock(nn.Module):
 
 
 class Decoder(nn.Module):
-    """A U-Net decoder. Levels are counted from the finest: level 0 has the stem's resolution, the last one the fused
-    features'."""
+    """A U-Net decoder. Levels are counted from the finest:
+    level 0 has the stem's resolution, the last one the fused features'."""
 
     def __init__(
         self,

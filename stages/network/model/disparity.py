@@ -36,8 +36,8 @@ class Coding:
             values = getattr(self, name)
             if values.dtype != torch.float64 or values.ndim != 1 or not bool(torch.isfinite(values).all()):
                 raise ValueError(
-                    f"{name} of a coding is {values.dtype} {values.tolist()}; it must be finite float64 numbers, one a"
-                    " direction"
+                    f"{name} of a coding is {values.dtype} {values.tolist()};"
+                    " it must be finite float64 numbers, one a direction"
                 )
         if not bool(((self.near > 0) & (self.near < self.far)).all()):
             raise ValueError(f"depth between {self.near.tolist()} and {self.far.tolist()} m; 0 < near < far must hold")

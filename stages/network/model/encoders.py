@@ -78,8 +78,8 @@ class Encoder(nn.Module):
     strides: tuple[int, ...]
     """Cells of the input a cell, of the same levels."""
     lag: float
-    """Cells of the input by which features of the last level lie to the upper left of their cells' centres, in both
-    directions."""
+    """Cells of the input by which features of the last level lie to the upper left of their cells' centres,
+    in both directions."""
 
     def __init__(
         self,
@@ -167,10 +167,13 @@ class Unit(nn.Module):
         self.pool = nn.AvgPool2d(2) if halves and downsampling == "pool" else nn.Identity()
         stride = 2 if halves and downsampling == "stride" else 1
         self.body = nn.Sequential(
-            nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False), _normalisation(normalisation, outputs), nn.ReLU(inplace=True),
-            nn.Conv2d(outputs, outputs, 3, padding=1, bias=False), _normalisation(normalisation, outputs),
+            nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False),
+            _normalisation(normalisation, outputs),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(outputs, outputs, 3, padding=1, bias=False),
+            _normalisation(normalisation, outputs),
             SqueezeExcitation(outputs),
-        )  # fmt: skip
+        )
         self.shortcut: nn.Module | None = None
         if residual:
             same = stride == 1 and inputs == outputs

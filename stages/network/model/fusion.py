@@ -36,8 +36,8 @@ class Fusion(nn.Module):
         self.image, self.pose = image, pose
 
     def forward(self, image: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
-        """Raises ValueError where the channels are not those declared or batch, height and width differ: nothing is
-        broadcast."""
+        """Raises ValueError where the channels are not those declared or batch, height and width differ:
+        nothing is broadcast."""
         if image.ndim != 4 or pose.ndim != 4 or image.shape[1] != self.image or pose.shape[1] != self.pose:
             raise ValueError(
                 f"image {tuple(image.shape)} and pose {tuple(pose.shape)} do not fuse; [B, {self.image}, h, w] and [B,"

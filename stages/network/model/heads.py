@@ -29,8 +29,8 @@ FACING = 0.05
 
 
 class Prior(NamedTuple):
-    """The analytic prior of a batch of pictures, as the gaussians stage makes it; 0 in every map where there is no
-    surface."""
+    """The analytic prior of a batch of pictures, as the gaussians stage makes it;
+    0 in every map where there is no surface."""
 
     disparity: torch.Tensor
     """[B, 1, h, w] px of the rectified pair."""
@@ -63,8 +63,8 @@ class Maps(NamedTuple):
 
 
 def limited(x: torch.Tensor, limit: float = LIMIT) -> torch.Tensor:
-    """Bounded: limit x / (limit + |x|): slope 1 at 0, within (-limit, limit), slope (limit / (limit + |x|))^2
-    everywhere."""
+    """Bounded: limit x / (limit + |x|): slope 1 at 0, within (-limit, limit),
+    slope (limit / (limit + |x|))^2 everywhere."""
     return limit * x / (limit + x.abs())
 
 
@@ -97,8 +97,8 @@ def learned_opacity(x: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
 
 
 def seen_opacity(opacity: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
-    """[B, 1, h, w]: c face_on + (1 - c) grazing, c [B, 1, h, w] the cosine between normal and ray to the camera; 0
-    from behind."""
+    """[B, 1, h, w]: c face_on + (1 - c) grazing, c [B, 1, h, w] the cosine between normal and ray to the camera;
+    0 from behind."""
     return torch.where(cosine > 0, cosine * opacity[:, :1] + (1 - cosine) * opacity[:, 1:2], 0)
 
 
@@ -282,8 +282,8 @@ def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tenso
 
 
 def moved(numbers: Mapping[str, torch.Tensor], move: torch.Tensor, reach: float) -> torch.Tensor:
-    """Learned change of the disparity [B, 1, h, w], px: a share of the refinement's move [B, 1, h, w], and the
-    head's own."""
+    """Learned change of the disparity [B, 1, h, w], px:
+    a share of the refinement's move [B, 1, h, w], and the head's own."""
     return torch.sigmoid(limited(numbers["move"])) * move + limited(numbers["disparity"], reach)
 
 

@@ -27,8 +27,8 @@ from posegaussian.stages.network.model.refine import DepthRefinement
 from posegaussian.stages.network.model.warping import in_cells
 
 OF_DEPTH = EVIDENCE + 3
-"""Channels the depth encoder sees: the relief, the move from the start, the refinement's own trust, and the
-evidence."""
+"""Channels the depth encoder sees: the relief, the move from the start,
+the refinement's own trust, and the evidence."""
 Timer = Callable[[str], AbstractContextManager[None]]
 """Name of a module -> a context that measures it."""
 
@@ -38,8 +38,8 @@ class Prediction:
     """What the network says of B directions."""
 
     disparities: list[torch.Tensor]
-    """[B, 1, H, W] px after each step of refinement, the last one the best (only that one where no more was asked
-    for)."""
+    """[B, 1, H, W] px after each step of refinement,
+    the last one the best (only that one where no more was asked for)."""
     trust: torch.Tensor
     """[B, 1, H, W] 0..1 of the refinement in its last step over the start."""
     numbers: dict[str, torch.Tensor]
@@ -99,8 +99,7 @@ class PoseGaussianNetwork(nn.Module):
         """Refine the start of every direction in `iterations` steps and decode.
 
         H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are
-        not, for
-        `iterations` < 1, and for a third view that the preset does not have.
+        not, for `iterations` < 1, and for a third view that the preset does not have.
         """
         clock = timer or (lambda name: nullcontext())
         known = views.known
@@ -162,8 +161,8 @@ class PoseGaussianNetwork(nn.Module):
         return features.repeat_interleave(2, dim=0), in_cells(third.projection, self.preset.stride, self.image.lag)
 
     def last_layers(self) -> list[nn.Parameter]:
-        """Weights and biases of the layers that begin at zero, or at a constant: those that say what is changed of
-        the start."""
+        """Weights and biases of the layers that begin at zero, or at a constant:
+        those that say what is changed of the start."""
         update = self.refinement.update
         ends: list[nn.Module] = [*self.heads.last.values(), update.delta, update.mask, self.refinement.confidence]
         return [p for end in ends for p in list(end.parameters())[-2:]]

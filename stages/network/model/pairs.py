@@ -16,7 +16,7 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window
 from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.encoders import HEATMAP_CELL
-from posegaussian.storage.model.cameras import points_to_integer_centres
+from posegaussian.storage.model.cameras import PIXEL_CENTRE, points_to_integer_centres
 
 RELIEF = 16.0
 """Px of disparity that count 1 in what the encoders see of a relief."""
@@ -48,8 +48,8 @@ class SourceView:
 
 @dataclass(frozen=True, eq=False)
 class Third:
-    """A further view of each of P pairs, on a window of its own pixels, as `posegaussian.stages.network.third_view`
-    cuts it."""
+    """A further view of each of P pairs, on a window of its own pixels,
+    as `posegaussian.stages.network.third_view` cuts it."""
 
     color: torch.Tensor
     """[P, 3, H, W] sRGB 0..1, premultiplied; the size is its own."""
@@ -71,8 +71,8 @@ class Third:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """A batch of directions of rectified pairs: 2 i and 2 i + 1 are the two views of pair i, each the other's other
-    view."""
+    """A batch of directions of rectified pairs:
+    2 i and 2 i + 1 are the two views of pair i, each the other's other view."""
 
     color: torch.Tensor
     """[B, 3, H, W] sRGB 0..1, premultiplied."""
@@ -243,7 +243,7 @@ def sampled(values: torch.Tensor, disparity: torch.Tensor, nearest: bool = False
     """Values [B, C, H, W] of the other view at the match of each pixel under a disparity [B, 1, H, W], px; the rim's
     beyond the rim."""
     batch, _, height, width = disparity.shape
-    rows, columns = (torch.arange(n, dtype=torch.float32, device=values.device) + 0.5 for n in (height, width))
+    rows, columns = (torch.arange(n, dtype=torch.float32, device=values.device) + PIXEL_CENTRE for n in (height, width))
     x = columns - disparity[:, 0]
     y = rows[:, None].expand(batch, height, width)
     grid = torch.stack([2 * x / width - 1, 2 * y / height - 1], dim=-1)

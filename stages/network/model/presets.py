@@ -80,9 +80,13 @@ class Preset:
                 f" correlation_radius {self.correlation_radius}; at least 1, 1 and 0"
             )
         kinds: tuple[tuple[str, object], ...] = (
-            ("fusion", FusionKind), ("normalisation", Normalisation), ("downsampling", Downsampling),
-            ("scale_head", ScaleHead), ("rotation_head", RotationHead), ("opacity_head", OpacityHead),
-        )  # fmt: skip
+            ("fusion", FusionKind),
+            ("normalisation", Normalisation),
+            ("downsampling", Downsampling),
+            ("scale_head", ScaleHead),
+            ("rotation_head", RotationHead),
+            ("opacity_head", OpacityHead),
+        )
         for name, kind in kinds:
             if getattr(self, name) not in get_args(kind):
                 raise ValueError(

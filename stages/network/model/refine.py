@@ -28,8 +28,8 @@ class Refined:
     """What the refinement gives for B directions; H, W are the size of the start in px."""
 
     disparities: list[torch.Tensor]
-    """[B, 1, H, W] px after each step, first to last (only the last where no more was asked for), within the
-    coding's bounds."""
+    """[B, 1, H, W] px after each step, first to last (only the last where no more was asked for),
+    within the coding's bounds."""
     confidence: torch.Tensor
     """[B, 1, H, W] in 0..1: trust in the last disparity over the start."""
     state: torch.Tensor
@@ -120,8 +120,8 @@ class DepthRefinement(nn.Module):
         coding: Coding,
         others: Sequence[tuple[torch.Tensor, torch.Tensor]],
     ) -> torch.Tensor:
-        """Correlation [B, K, h, w] about a disparity, cells, with that of the further views at the same disparities
-        behind it."""
+        """Correlation [B, K, h, w] about a disparity, cells,
+        with that of the further views at the same disparities behind it."""
         found = correlation.look_up(columns_of(disparity))
         if not self.further_views:
             return found

@@ -66,8 +66,8 @@ class MotionEncoder(nn.Module):
 
 
 class ConvGRU(nn.Module):
-    """A gated recurrent unit of 3 x 3 convolutions (Cho et al. 2014); the context's part is computed once for all
-    steps."""
+    """A gated recurrent unit of 3 x 3 convolutions (Cho et al. 2014);
+    the context's part is computed once for all steps."""
 
     def __init__(self, hidden: int, inputs: int) -> None:
         super().__init__()

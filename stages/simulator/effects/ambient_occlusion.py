@@ -25,16 +25,15 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 
 
 def apply(lit: np.ndarray, vertices: np.ndarray, normals: np.ndarray, tris: np.ndarray, params: Any) -> np.ndarray:
-    """Lit [V, 1 + lights] with the share of the sky that reaches each vertex: the cosine-weighted mean over
-    directions."""
+    """Lit [V, 1 + lights] with the share of the sky that reaches each vertex:
+    the cosine-weighted mean over directions."""
     from posegaussian.stages.simulator.render.shadow_maps import reached
 
     n = params.directions
     k = np.arange(n) + 0.5
     z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
-    towards = np.stack(
-        [np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z], axis=1
-    )  # a spiral of equal areas
+    # a spiral of equal areas
+    towards = np.stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z], axis=1)
     total, seen = np.zeros(len(vertices)), np.zeros(len(vertices))
     for d in towards:
         cosine = np.maximum(normals @ d, 0.0)
@@ -46,6 +45,9 @@ def apply(lit: np.ndarray, vertices: np.ndarray, normals: np.ndarray, tris: np.n
 
 
 EFFECT = SceneEffect(
-    Effect("ambient_occlusion", "Dim what sees little of the sky.", "strength", 0.0, "1", _decide),  # type: ignore[arg-type]
-    AmbientOcclusion, "light", "posegaussian.stages.simulator.effects.ambient_occlusion:apply", 18.0,
-)  # fmt: skip
+    Effect("ambient_occlusion", "Dim what sees little of the sky.", "strength", 0.0, "1", _decide),
+    AmbientOcclusion,
+    "light",
+    "posegaussian.stages.simulator.effects.ambient_occlusion:apply",
+    18.0,
+)

@@ -34,6 +34,9 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("background_room", "Film in a room instead of before black.", "side of the room", 0.0, "m", _decide),  # type: ignore[arg-type]
-    BackgroundRoom, "background", "posegaussian.stages.simulator.effects.background_room:apply", 30.0,
-)  # fmt: skip
+    Effect("background_room", "Film in a room instead of before black.", "side of the room", 0.0, "m", _decide),
+    BackgroundRoom,
+    "background",
+    "posegaussian.stages.simulator.effects.background_room:apply",
+    30.0,
+)

@@ -1,5 +1,5 @@
-"""What an effect of a scene declares, and how it is decided: the contract's `Effect`, with its settings and where it
-acts."""
+"""What an effect of a scene declares, and how it is decided:
+the contract's `Effect`, with its settings and where it acts."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class SceneEvidence:
 class SceneEffect:
     """One effect a scene may call for."""
 
-    effect: Effect
+    effect: Effect[SceneEvidence]
     """Name, summary, measure, bound and unit; `decide(SceneEvidence, bound)`."""
     params: type[EffectParams]
     """Its settings."""
@@ -91,10 +91,10 @@ def ruled(effect: SceneEffect, params: Any, evidence: SceneEvidence) -> Ruling:
     bound = effect.effect.threshold
     if params is None:
         return Ruling(effect, None, Decision(False, None, bound, "the scene does not call for it"))
-    lacking = effect.effect.lacks(evidence)  # type: ignore[arg-type]
+    lacking = effect.effect.lacks(evidence)
     if lacking is not None:
         return Ruling(effect, params, Decision(False, None, bound, lacking))
-    measured = effect.effect.decide(evidence, bound)  # type: ignore[arg-type]
+    measured = effect.effect.decide(evidence, bound)
     assert measured is not None
     if params.switch == "auto":
         return Ruling(effect, params, measured)
@@ -113,6 +113,6 @@ def above(measured: float, bound: float, sentence: str) -> Decision:
 
 
 def generator(seed: int, name: str, *where: int) -> np.random.Generator:
-    """Random numbers of one effect at one place (frame, view, ...), whatever else is simulated and in whatever
-    order."""
+    """Random numbers of one effect at one place (frame, view, ...),
+    whatever else is simulated and in whatever order."""
     return np.random.default_rng([seed, *name.encode(), *where])

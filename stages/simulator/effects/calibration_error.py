@@ -1,5 +1,5 @@
-"""A calibration is a measurement: the cameras that are written down are turned and moved a little against those that
-filmed."""
+"""A calibration is a measurement: the cameras that are written down are turned
+and moved a little against those that filmed."""
 
 from __future__ import annotations
 
@@ -47,6 +47,16 @@ def apply(rig: Rig, params: Any, seed: int) -> Rig:
 
 
 EFFECT = SceneEffect(
-    Effect("calibration_error", "Write down cameras that are a little off.", "displacement by the wrong calibration", 0.0, "px or mm", _decide),  # type: ignore[arg-type]
-    CalibrationError, "calibration", "posegaussian.stages.simulator.effects.calibration_error:apply", 0.0,
-)  # fmt: skip
+    Effect(
+        "calibration_error",
+        "Write down cameras that are a little off.",
+        "displacement by the wrong calibration",
+        0.0,
+        "px or mm",
+        _decide,
+    ),
+    CalibrationError,
+    "calibration",
+    "posegaussian.stages.simulator.effects.calibration_error:apply",
+    0.0,
+)

@@ -36,6 +36,16 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("camera_gain", "Give every camera an exposure and a white balance of its own.", "difference between cameras", 0.005, "stops", _decide),  # type: ignore[arg-type]
-    CameraGain, "sensor", "posegaussian.stages.simulator.effects.camera_gain:apply", 17.0,
-)  # fmt: skip
+    Effect(
+        "camera_gain",
+        "Give every camera an exposure and a white balance of its own.",
+        "difference between cameras",
+        0.005,
+        "stops",
+        _decide,
+    ),
+    CameraGain,
+    "sensor",
+    "posegaussian.stages.simulator.effects.camera_gain:apply",
+    17.0,
+)

@@ -33,6 +33,9 @@ def apply(lit: np.ndarray, vertices: np.ndarray, normals: np.ndarray, tris: np.n
 
 
 EFFECT = SceneEffect(
-    Effect("cast_shadow", "Let the body shade itself from the lamps.", "strength", 0.0, "1", _decide),  # type: ignore[arg-type]
-    CastShadow, "light", "posegaussian.stages.simulator.effects.cast_shadow:apply", 4.0,
-)  # fmt: skip
+    Effect("cast_shadow", "Let the body shade itself from the lamps.", "strength", 0.0, "1", _decide),
+    CastShadow,
+    "light",
+    "posegaussian.stages.simulator.effects.cast_shadow:apply",
+    4.0,
+)

@@ -1,5 +1,5 @@
-"""Loose cloth lags behind the body and swings back: each point follows the acceleration it would feel, as far as its
-slack allows."""
+"""Loose cloth lags behind the body and swings back:
+each point follows the acceleration it would feel, as far as its slack allows."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def _no_cloth(evidence: SceneEvidence) -> str | None:
 
 
 def apply(now: np.ndarray, before: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """now, before [V, 3] vertices at the moment and `lag` seconds earlier; slack [V] metres. Each lags by at most
-    its slack."""
+    """now, before [V, 3] vertices at the moment and `lag` seconds earlier;
+    slack [V] metres. Each lags by at most its slack."""
     behind = before - now
     length = np.linalg.norm(behind, axis=1)
     reach = slack * np.tanh(length / np.maximum(slack, 1e-9))
@@ -35,6 +35,17 @@ def apply(now: np.ndarray, before: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("cloth_motion", "Let loose cloth lag behind the body.", "motion within the lag", 0.5, "px", _decide, lacks=_no_cloth),  # type: ignore[arg-type]
-    ClothMotion, "cloth", "posegaussian.stages.simulator.effects.cloth_motion:apply", 4.0,
-)  # fmt: skip
+    Effect(
+        "cloth_motion",
+        "Let loose cloth lag behind the body.",
+        "motion within the lag",
+        0.5,
+        "px",
+        _decide,
+        lacks=_no_cloth,
+    ),
+    ClothMotion,
+    "cloth",
+    "posegaussian.stages.simulator.effects.cloth_motion:apply",
+    4.0,
+)

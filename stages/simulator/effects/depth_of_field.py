@@ -37,6 +37,9 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("depth_of_field", "Blur what is out of focus.", "disc of a point out of focus", 0.5, "px", _decide),  # type: ignore[arg-type]
-    DepthOfField, "optics", "posegaussian.stages.simulator.effects.depth_of_field:apply", 37.0,
-)  # fmt: skip
+    Effect("depth_of_field", "Blur what is out of focus.", "disc of a point out of focus", 0.5, "px", _decide),
+    DepthOfField,
+    "optics",
+    "posegaussian.stages.simulator.effects.depth_of_field:apply",
+    37.0,
+)

@@ -32,6 +32,16 @@ def apply(times: np.ndarray, valid: np.ndarray, params: Any, seed: int) -> tuple
 
 
 EFFECT = SceneEffect(
-    Effect("dropped_frames", "Leave out pictures that a camera failed to write.", "share of missing pictures", 0.0, "1", _decide),  # type: ignore[arg-type]
-    DroppedFrames, "times", "posegaussian.stages.simulator.effects.dropped_frames:apply", 0.0,
-)  # fmt: skip
+    Effect(
+        "dropped_frames",
+        "Leave out pictures that a camera failed to write.",
+        "share of missing pictures",
+        0.0,
+        "1",
+        _decide,
+    ),
+    DroppedFrames,
+    "times",
+    "posegaussian.stages.simulator.effects.dropped_frames:apply",
+    0.0,
+)

@@ -1,5 +1,5 @@
-"""A pose estimator is off by some pixels, more where a joint is hidden; it misses joints, and now and then finds one
-elsewhere."""
+"""A pose estimator is off by some pixels, more where a joint is hidden;
+it misses joints, and now and then finds one elsewhere."""
 
 from __future__ import annotations
 
@@ -43,6 +43,9 @@ def apply(joints: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("joint_noise", "Report joints as a pose estimator does.", "error of a joint", 0.0, "px", _decide),  # type: ignore[arg-type]
-    JointNoise, "joints", "posegaussian.stages.simulator.effects.joint_noise:apply", 1.0,
-)  # fmt: skip
+    Effect("joint_noise", "Report joints as a pose estimator does.", "error of a joint", 0.0, "px", _decide),
+    JointNoise,
+    "joints",
+    "posegaussian.stages.simulator.effects.joint_noise:apply",
+    1.0,
+)

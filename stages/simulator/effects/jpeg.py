@@ -34,6 +34,9 @@ def apply(color: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("jpeg", "Store the picture as JPEG in between.", "quality lost", 0.0, "of 100", _decide),  # type: ignore[arg-type]
-    Jpeg, "file", "posegaussian.stages.simulator.effects.jpeg:apply", 5.0,
-)  # fmt: skip
+    Effect("jpeg", "Store the picture as JPEG in between.", "quality lost", 0.0, "of 100", _decide),
+    Jpeg,
+    "file",
+    "posegaussian.stages.simulator.effects.jpeg:apply",
+    5.0,
+)

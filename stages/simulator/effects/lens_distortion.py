@@ -1,5 +1,5 @@
-"""Glass bends rays: a point at radius r from the axis is pictured at r (1 + k1 r^2 + k2 r^4) and off-axis by p1, p2
-(Brown-Conrady)."""
+"""Glass bends rays: a point at radius r from the axis is pictured at r (1 + k1 r^2 + k2 r^4)
+and off-axis by p1, p2 (Brown-Conrady)."""
 
 from __future__ import annotations
 
@@ -36,6 +36,11 @@ def apply(rig: Rig, params: Any, seed: int) -> Rig:
 
 
 EFFECT = SceneEffect(
-    Effect("lens_distortion", "Bend the rays as a lens does.", "displacement at the picture's edge", 0.05, "px", _decide),  # type: ignore[arg-type]
-    LensDistortion, "rig", "posegaussian.stages.simulator.effects.lens_distortion:apply", 7.0,
-)  # fmt: skip
+    Effect(
+        "lens_distortion", "Bend the rays as a lens does.", "displacement at the picture's edge", 0.05, "px", _decide
+    ),
+    LensDistortion,
+    "rig",
+    "posegaussian.stages.simulator.effects.lens_distortion:apply",
+    7.0,
+)

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from posegaussian.stages.contract.declaration import Decision, Effect
 from posegaussian.stages.simulator.effects.base import EffectParams, SceneEffect, SceneEvidence, above, generator
+from posegaussian.storage.model.masks import foreground
 
 
 class MaskError(EffectParams):
@@ -37,7 +38,7 @@ def apply(mask: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
     if not mask.any():
         return mask
     random = generator(seed, "mask_error", shot.frame, shot.view)
-    inside = (mask > 127).astype(np.uint8)
+    inside = foreground(mask).astype(np.uint8)
     far = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - cv2.distanceTransform(
         1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
@@ -56,6 +57,9 @@ def apply(mask: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("mask_error", "Draw the outline wrongly, as matting does.", "distance of the outline", 0.0, "px", _decide),  # type: ignore[arg-type]
-    MaskError, "mask", "posegaussian.stages.simulator.effects.mask_error:apply", 4.0,
-)  # fmt: skip
+    Effect("mask_error", "Draw the outline wrongly, as matting does.", "distance of the outline", 0.0, "px", _decide),
+    MaskError,
+    "mask",
+    "posegaussian.stages.simulator.effects.mask_error:apply",
+    4.0,
+)

@@ -31,6 +31,9 @@ def apply(params: Any, interval: float) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("motion_blur", "Keep the shutter open for a while.", "motion while the shutter is open", 0.5, "px", _decide),  # type: ignore[arg-type]
-    MotionBlur, "shutter", "posegaussian.stages.simulator.effects.motion_blur:apply", 210.0,
-)  # fmt: skip
+    Effect("motion_blur", "Keep the shutter open for a while.", "motion while the shutter is open", 0.5, "px", _decide),
+    MotionBlur,
+    "shutter",
+    "posegaussian.stages.simulator.effects.motion_blur:apply",
+    210.0,
+)

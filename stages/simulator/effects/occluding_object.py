@@ -64,6 +64,9 @@ def apply(params: Any, seed: int) -> Any:
 
 
 EFFECT = SceneEffect(
-    Effect("occluding_object", "Put a post between cameras and subject.", "radius of the post", 0.0, "m", _decide),  # type: ignore[arg-type]
-    OccludingObject, "meshes", "posegaussian.stages.simulator.effects.occluding_object:apply", 6.0,
-)  # fmt: skip
+    Effect("occluding_object", "Put a post between cameras and subject.", "radius of the post", 0.0, "m", _decide),
+    OccludingObject,
+    "meshes",
+    "posegaussian.stages.simulator.effects.occluding_object:apply",
+    6.0,
+)

@@ -32,6 +32,9 @@ def apply(params: Any, interval: float) -> float:
 
 
 EFFECT = SceneEffect(
-    Effect("rolling_shutter", "Read the sensor row by row.", "motion while the sensor is read", 0.5, "px", _decide),  # type: ignore[arg-type]
-    RollingShutter, "rows", "posegaussian.stages.simulator.effects.rolling_shutter:apply", 9.0,
-)  # fmt: skip
+    Effect("rolling_shutter", "Read the sensor row by row.", "motion while the sensor is read", 0.5, "px", _decide),
+    RollingShutter,
+    "rows",
+    "posegaussian.stages.simulator.effects.rolling_shutter:apply",
+    9.0,
+)

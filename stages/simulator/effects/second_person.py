@@ -51,6 +51,9 @@ def apply(params: Any, seed: int) -> Any:
 
 
 EFFECT = SceneEffect(
-    Effect("second_person", "Let somebody else into the picture.", "other people", 0.0, "1", _decide),  # type: ignore[arg-type]
-    SecondPerson, "meshes", "posegaussian.stages.simulator.effects.second_person:apply", 35.0,
-)  # fmt: skip
+    Effect("second_person", "Let somebody else into the picture.", "other people", 0.0, "1", _decide),
+    SecondPerson,
+    "meshes",
+    "posegaussian.stages.simulator.effects.second_person:apply",
+    35.0,
+)

@@ -42,6 +42,9 @@ def apply(light: np.ndarray, shot: Any, params: Any, seed: int) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("sensor_noise", "Add photon and read noise.", "noise at mid-grey", 0.1, "steps of 255", _decide),  # type: ignore[arg-type]
-    SensorNoise, "sensor", "posegaussian.stages.simulator.effects.sensor_noise:apply", 26.0,
-)  # fmt: skip
+    Effect("sensor_noise", "Add photon and read noise.", "noise at mid-grey", 0.1, "steps of 255", _decide),
+    SensorNoise,
+    "sensor",
+    "posegaussian.stages.simulator.effects.sensor_noise:apply",
+    26.0,
+)

@@ -1,5 +1,5 @@
-"""Skin, leather and smooth cloth mirror a share of the lamps; where that shows depends on where the camera stands
-(Blinn-Phong)."""
+"""Skin, leather and smooth cloth mirror a share of the lamps;
+where that shows depends on where the camera stands (Blinn-Phong)."""
 
 from __future__ import annotations
 
@@ -34,6 +34,9 @@ def apply(gloss: np.ndarray, params: Any) -> np.ndarray:
 
 
 EFFECT = SceneEffect(
-    Effect("specular", "Let surfaces mirror the lamps.", "strength", 0.0, "1", _decide),  # type: ignore[arg-type]
-    Specular, "gloss", "posegaussian.stages.simulator.effects.specular:apply", 7.0,
-)  # fmt: skip
+    Effect("specular", "Let surfaces mirror the lamps.", "strength", 0.0, "1", _decide),
+    Specular,
+    "gloss",
+    "posegaussian.stages.simulator.effects.specular:apply",
+    7.0,
+)

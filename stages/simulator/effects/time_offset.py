@@ -34,6 +34,9 @@ def apply(times: np.ndarray, valid: np.ndarray, params: Any, seed: int) -> tuple
 
 
 EFFECT = SceneEffect(
-    Effect("time_offset", "Film with cameras that are not in step.", "motion within the delay", 0.05, "px", _decide),  # type: ignore[arg-type]
-    TimeOffset, "times", "posegaussian.stages.simulator.effects.time_offset:apply", 0.0,
-)  # fmt: skip
+    Effect("time_offset", "Film with cameras that are not in step.", "motion within the delay", 0.05, "px", _decide),
+    TimeOffset,
+    "times",
+    "posegaussian.stages.simulator.effects.time_offset:apply",
+    0.0,
+)

@@ -46,10 +46,25 @@ def _texel(texels: np.ndarray, start: int, width: int, height: int, u: float, v:
 
 @njit(cache=True, nogil=True)
 def shade(
-    index: np.ndarray, p: np.ndarray, vertices: np.ndarray, normals: np.ndarray, tris: np.ndarray, uv: np.ndarray, layer: np.ndarray,
-    texels: np.ndarray, info: np.ndarray, gloss: np.ndarray, lit: np.ndarray, eye: np.ndarray, samples: int, shiny: bool,
-    lights: np.ndarray, powers: np.ndarray, sky: float, ground: float,
-) -> np.ndarray:  # fmt: skip
+    index: np.ndarray,
+    p: np.ndarray,
+    vertices: np.ndarray,
+    normals: np.ndarray,
+    tris: np.ndarray,
+    uv: np.ndarray,
+    layer: np.ndarray,
+    texels: np.ndarray,
+    info: np.ndarray,
+    gloss: np.ndarray,
+    lit: np.ndarray,
+    eye: np.ndarray,
+    samples: int,
+    shiny: bool,
+    lights: np.ndarray,
+    powers: np.ndarray,
+    sky: float,
+    ground: float,
+) -> np.ndarray:
     """[h S, w S, 3] float32 linear light of every sample; 0 where there is nothing.
 
     index from `rasterize`; p [V, 3] picture and depth of the vertices; normals [V, 3] unit, world; lit [V, 1 + n] share

@@ -44,8 +44,8 @@ class Mesh:
 
 @njit(cache=True, nogil=True)
 def skin(vertices: np.ndarray, bones: np.ndarray, weights: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """[V, 3] vertices in the world by linear blend skinning: sum_k w_k (R_k x + t_k). motion [B, 4, 4] rest to
-    world."""
+    """[V, 3] vertices in the world by linear blend skinning: sum_k w_k (R_k x + t_k).
+    motion [B, 4, 4] rest to world."""
     out = np.zeros_like(vertices)
     for v in range(len(vertices)):
         for k in range(4):

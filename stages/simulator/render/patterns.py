@@ -146,8 +146,8 @@ def paint(
 
 @njit(cache=True, nogil=True)
 def _spread(picture: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fill texels outside every triangle from their neighbours, one ring, so that filtering at a border mixes
-    nothing foreign."""
+    """Fill texels outside every triangle from their neighbours, one ring,
+    so that filtering at a border mixes nothing foreign."""
     out, filled = picture.copy(), index.copy()
     n = len(index)
     for i in range(n):

@@ -88,8 +88,8 @@ def rasterize(p: np.ndarray, tris: np.ndarray, width: int, height: int, samples:
 
 @njit(cache=True, nogil=True)
 def vertex_normals(vertices: np.ndarray, tris: np.ndarray) -> np.ndarray:
-    """[V, 3] unit normals: the area-weighted mean of the triangles around each vertex; (0, 0, 1) where there is
-    none."""
+    """[V, 3] unit normals: the area-weighted mean of the triangles around each vertex;
+    (0, 0, 1) where there is none."""
     out = np.zeros_like(vertices)
     for t in range(len(tris)):
         a, b, c = tris[t, 0], tris[t, 1], tris[t, 2]

@@ -12,8 +12,8 @@ from posegaussian.stages.simulator.render.texture import noise
 
 @njit(cache=True, nogil=True)
 def room_light(centre: np.ndarray, directions: np.ndarray, side: float, ceiling: float) -> np.ndarray:
-    """[h, w, 3] float32 linear light of the room's inside along rays; directions [h, w, 3] in the world, centre [3]
-    inside."""
+    """[h, w, 3] float32 linear light of the room's inside along rays;
+    directions [h, w, 3] in the world, centre [3] inside."""
     h, w = directions.shape[:2]
     out = np.empty((h, w, 3), dtype=np.float32)
     for i in range(h):

@@ -31,8 +31,8 @@ WAIST = 0.09
 
 
 def _smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: int) -> np.ndarray:
-    """Laplacian smoothing over the vertices with weight > 0; each moves by `weight` of the way to its neighbours'
-    mean."""
+    """Laplacian smoothing over the vertices with weight > 0;
+    each moves by `weight` of the way to its neighbours' mean."""
     own = edges[(weight[edges] > 0).all(axis=1)]
     a, b = np.concatenate([own[:, 0], own[:, 1]]), np.concatenate([own[:, 1], own[:, 0]])
     count = np.maximum(np.bincount(a, minlength=len(values)), 1)[:, None]

@@ -167,8 +167,15 @@ def _throw(t: float, style: np.ndarray) -> Pose:
 
 
 MOTIONS: dict[str, Callable[[float, np.ndarray], Pose]] = {
-    "stand": _stand, "walk": _walk, "wave": _wave, "kick": _kick, "spin": _spin, "crossed_arms": _crossed_arms, "crouch": _crouch, "throw": _throw,
-}  # fmt: skip
+    "stand": _stand,
+    "walk": _walk,
+    "wave": _wave,
+    "kick": _kick,
+    "spin": _spin,
+    "crossed_arms": _crossed_arms,
+    "crouch": _crouch,
+    "throw": _throw,
+}
 """Pose at a time in seconds; the style is [4] values in -1..1 that make two people differ."""
 _ENDS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot"}
 

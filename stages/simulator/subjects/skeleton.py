@@ -26,8 +26,8 @@ PARENTS: tuple[int, ...] = tuple(BONES.index(p) if p else -1 for _, p in _PAIRS)
 _FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
 _LIMBS = tuple(side + b for b in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot") for side in SIDES)
 JOINT_BONES: tuple[str, ...] = (*(f"={n}" for n in _FACE), *_LIMBS)
-"""Where each COCO-17 joint comes from: `=name` is a point of the face that moves with the head, else the pivot of
-that bone."""
+"""Where each COCO-17 joint comes from:
+`=name` is a point of the face that moves with the head, else the pivot of that bone."""
 CARRIERS: np.ndarray = np.array([BONES.index("head") if j.startswith("=") else BONES.index(j) for j in JOINT_BONES])
 """[17] bone that each joint moves with."""
 

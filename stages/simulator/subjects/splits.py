@@ -60,8 +60,8 @@ def refusal(seed: int, name: str) -> str | None:
     allowed = casting(seed)
     if name in (*KEPT_SUBJECTS, *KEPT_OUTFITS) and name not in (*allowed.subjects, *allowed.outfits):
         return (
-            f"{name} is kept for measuring and appears only in scenes with a seed from {FIRST_KEPT_SEED} on; this seed"
-            f" is {seed}"
+            f"{name} is kept for measuring and appears only in scenes with a seed from {FIRST_KEPT_SEED} on;"
+            f" this seed is {seed}"
         )
     if name in (VALIDATION_SUBJECT, VALIDATION_MOTION) and name not in (*allowed.subjects, *allowed.motions):
         return (

@@ -190,8 +190,8 @@ def _new(name: str, size: int, dtype: type) -> np.ndarray:
 def project(
     arrays: list[np.ndarray], task: Job, new: Callable[[str, int, type], np.ndarray] = _new
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays: flat contiguous float32 in the order
-    of ATTRIBUTES."""
+    """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays:
+    flat contiguous float32 in the order of ATTRIBUTES."""
     n = len(arrays[3])
     whole = n // WIDTH * WIDTH
     records, reaches = (
@@ -263,8 +263,8 @@ def prepare(arrays: list[np.ndarray], task: Job, training: bool) -> Lists:
 
 
 def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
-    """(picture [h, w, channels], alpha [h, w], light, ends, blended): what the backward pass wants is empty without
-    training."""
+    """(picture [h, w, channels], alpha [h, w], light, ends, blended):
+    what the backward pass wants is empty without training."""
     picture, alpha = (
         np.zeros((task.height, task.width, task.channels), np.float32),
         np.zeros((task.height, task.width), np.float32),
@@ -369,8 +369,8 @@ class _Rasterize(torch.autograd.Function):
 
 
 def flat(values: torch.Tensor) -> np.ndarray:
-    """A tensor as one contiguous row of float32: kernels read by position, so a strided view must become one of its
-    own."""
+    """A tensor as one contiguous row of float32:
+    kernels read by position, so a strided view must become one of its own."""
     return values.detach().contiguous().numpy().reshape(-1)
 
 

@@ -63,8 +63,8 @@ PLACES = np.array(
 )  # fmt: skip
 """Column and row of each block in its tile, then of each pixel's centre in its block, px."""
 AHEAD = 8
-"""Records fetched ahead, because their order by depth is no order in memory: without it compositing takes twice as
-long."""
+"""Records fetched ahead, because their order by depth is no order in memory:
+without it compositing takes twice as long."""
 NEVER = np.float32(3e38)
 
 
@@ -102,8 +102,8 @@ def _exponent(places: Any, k: int, g: Any, lift: Any) -> Any:
 
 @cache
 def forward(channels: int, training: bool) -> Callable[..., None]:
-    """The kernel that composites `channels` values a Gaussian, from RED on; with `training` it notes where each
-    pixel stopped."""
+    """The kernel that composites `channels` values a Gaussian, from RED on;
+    with `training` it notes where each pixel stopped."""
     state_size = WIDTH * (1 + channels)
 
     @njit(**KERNEL)
@@ -207,11 +207,12 @@ def backward(channels: int) -> Callable[..., None]:
 
     @njit(**KERNEL)
     def composite_backward(
-        records: Any, order: Any, slots: Any, starts: Any, places: Any, cuts: Any, first: int, stop: int, across: int, width: int, height: int,
+        records: Any, order: Any, slots: Any, starts: Any, places: Any, cuts: Any, first: int, stop: int, across: int,
+        width: int, height: int,
         up_picture: Any, up_alpha: Any, light: Any, ends: Any, blended: Any, gradients: Any,
     ) -> None:  # fmt: skip
-        """Fill the gradient slots [M, SLOT] of tiles first..stop, from the gradients of picture and alpha, back to
-        front."""
+        """Fill the gradient slots [M, SLOT] of tiles first..stop, from the gradients of picture and alpha,
+        back to front."""
         zero, one, nothing = splat(0.0), splat(1.0), np.uint64(0)
         cap, reach = spread(cuts, 0), spread(cuts, 2)
         state = np.zeros(BLOCKS * state_size + 64, np.float32)

@@ -33,7 +33,7 @@ from posegaussian.stages.splatting.cpu.simd import (
     store_rows,
 )
 from posegaussian.stages.splatting.cpu.simd import floor as floor_of
-from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE
+from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 RECORD = 16
 U, V, SLOPE, ACROSS, DOWN, LIFT, RED, DEPTH, NORMAL, OPACITY, BOX_X, BOX_Y = 0, 1, 2, 3, 4, 5, 6, 9, 10, 13, 14, 15
@@ -42,9 +42,8 @@ REACHES = 3
 """Beside its record, what lists are made of is kept again, close together: BOX_X, BOX_Y and the depth's bits."""
 EMPTY = 1
 """A box whose first pixel is 1 and whose last is 0."""
-(W, T, FX, SKEW, CX, FY, CY, LEFT, RIGHT, TOP, BOTTOM, NEAR, LOW_PASS, VARIANCE_MIN, ALPHA_MIN, REACH, LAST_X, LAST_Y, COMPENSATED, COMPENSATION_MIN) = (
-    0, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29,
-)  # fmt: skip
+W, T, FX, SKEW, CX, FY, CY, LEFT, RIGHT, TOP, BOTTOM, NEAR = 0, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21
+LOW_PASS, VARIANCE_MIN, ALPHA_MIN, REACH, LAST_X, LAST_Y, COMPENSATED, COMPENSATION_MIN = 22, 23, 24, 25, 26, 27, 28, 29
 """Places in a view: camera, frustum limits and cut-offs. REACH = -log2(alpha_min)."""
 VIEW = 30
 SLOT = 16
@@ -56,15 +55,15 @@ SCALE = float(np.sqrt(0.5 * np.log2(np.e)))
 """exp(-d²/2) = 2^-(SCALE d)²."""
 TWO_LN2 = float(2 * np.log(2))
 BLOCK = 4096
-"""Gaussians whose camera gradients are summed in float32 before they enter a float64 sum: fixed, whatever the
-threads do."""
+"""Gaussians whose camera gradients are summed in float32 before they enter a float64 sum:
+fixed, whatever the threads do."""
 KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**KERNEL)
 def _row(view: Any, i: int, j: int, r: Any, a: int) -> Any:
-    """Product of row i of the world-to-camera rotation with lanes a, a + j, a + 2j of a 3x3 set r, which is given by
-    nine lanes."""
+    """Product of row i of the world-to-camera rotation with lanes a, a + j,
+    a + 2j of a 3x3 set r, which is given by nine lanes."""
     return fma(
         spread(view, W + 3 * i),
         r[a],

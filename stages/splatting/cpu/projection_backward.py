@@ -132,7 +132,8 @@ def _overflowed(
 
 @njit(**KERNEL)
 def project_backward(
-    mean: Any, rotation: Any, scale: Any, opacity: Any, view: Any, bases: Any, slots: Any, channels: int, source: int, first: int, stop: int,
+    mean: Any, rotation: Any, scale: Any, opacity: Any, view: Any, bases: Any, slots: Any, channels: int, source: int,
+    first: int, stop: int,
     d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any, d_camera: Any,
 ) -> int:  # fmt: skip
     """Gradients of Gaussians first..stop of the scene, whose attributes start at `source` of the arrays; they are
@@ -209,10 +210,12 @@ def project_backward(
         normal = n[0] * d_n, n[1] * d_n, n[2] * d_n
         left, right = _cross(m1, normal), _cross(normal, m0)
         d_m0 = (
-            fma(two * d_a, m0[0], fma(d_b, m1[0], left[0])), fma(two * d_a, m0[1], fma(d_b, m1[1], left[1])), fma(two * d_a, m0[2], fma(d_b, m1[2], left[2])),
+            fma(two * d_a, m0[0], fma(d_b, m1[0], left[0])), fma(two * d_a, m0[1], fma(d_b, m1[1], left[1])),
+            fma(two * d_a, m0[2], fma(d_b, m1[2], left[2])),
         )  # fmt: skip
         d_m1 = (
-            fma(two * d_c, m1[0], fma(d_b, m0[0], right[0])), fma(two * d_c, m1[1], fma(d_b, m0[1], right[1])), fma(two * d_c, m1[2], fma(d_b, m0[2], right[2])),
+            fma(two * d_c, m1[0], fma(d_b, m0[0], right[0])), fma(two * d_c, m1[1], fma(d_b, m0[1], right[1])),
+            fma(two * d_c, m1[2], fma(d_b, m0[2], right[2])),
         )  # fmt: skip
         scatter(d_scale, 3 * to, 3, choose(hit, fma(a0[0], d_m0[0], a1[0] * d_m1[0]), zero))
         scatter(d_scale, 3 * to + 1, 3, choose(hit, fma(a0[1], d_m0[1], a1[1] * d_m1[1]), zero))

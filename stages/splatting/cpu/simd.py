@@ -91,9 +91,8 @@ def _exp2_minus(builder: ir.IRBuilder, e: Any) -> Any:
 def _log2(builder: ir.IRBuilder, x: Any) -> Any:
     above = builder.sub(builder.bitcast(x, INTS), _ints(SQRT_HALF))
     exponent = builder.sitofp(builder.ashr(above, _ints(23)), VECTOR)
-    mantissa = builder.bitcast(
-        builder.add(builder.and_(above, _ints(0x7FFFFF)), _ints(SQRT_HALF)), VECTOR
-    )  # in [sqrt(1/2), sqrt(2))
+    # in [sqrt(1/2), sqrt(2))
+    mantissa = builder.bitcast(builder.add(builder.and_(above, _ints(0x7FFFFF)), _ints(SQRT_HALF)), VECTOR)
     one = _constant(1.0)
     s = builder.fdiv(builder.fsub(mantissa, one), builder.fadd(mantissa, one))
     s2, series = builder.fmul(s, s), _constant(2 / np.log(2) / 9)

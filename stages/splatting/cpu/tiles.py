@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.splatting.cpu.projection import ACROSS, DOWN, KERNEL, LIFT, REACHES, RECORD, SLOPE, U, V
-from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE
+from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 TILE_X, TILE_Y = 32, 16
 """Pixels of a tile: 64 blocks of 4x2, one bit each. 16x16 has 14 % more intersections and is as much slower."""

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
+from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +69,8 @@ def project(gaussians: Gaussians, camera: Camera, cutoffs: Cutoffs) -> Projected
         thick = s.det > cutoffs.variance_min * (s.a + s.c)
         opacity = _shown(g.opacity, s, cutoffs)
         reach = 2 * torch.log((opacity / cutoffs.alpha_min).clamp(min=1.0))
-        extent = (
-            torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
-        )  # float32 rounding at 8k px
+        # float32 rounding at 8k px
+        extent = torch.stack([torch.sqrt(reach * s.a), torch.sqrt(reach * s.c)], dim=1) + 0.01
         sane = (
             torch.isfinite(s.det)
             & torch.isfinite(s.u)
@@ -123,8 +123,8 @@ def _normal(g: Gaussians, camera: Camera) -> torch.Tensor:
 
 
 class _Screen(NamedTuple):
-    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2, its determinant and that before the low pass,
-    each [N]."""
+    """Centres u, v px, depth z m, covariance [[a, b], [b, c]] px^2,
+    its determinant and that before the low pass, each [N]."""
 
     u: torch.Tensor
     v: torch.Tensor
@@ -170,8 +170,8 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 def _jacobian_rows(
     g: Gaussians, camera: Camera, cutoffs: Cutoffs, xz: torch.Tensor, yz: torch.Tensor, z: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum: limits from cx,
-    cy."""
+    """Rows [N, 3] of M = J W R S, px. The affine approximation is taken inside the widened frustum:
+    limits from cx, cy."""
     k = _tensor(camera.intrinsics, g.mean)
     known = torch.as_tensor(camera.intrinsics, dtype=g.mean.dtype).detach()  # where it is: no device is waited for
     fx, cx, fy, cy = (float(known[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))  # the limits carry no gradient

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import torch
 
 from posegaussian.stages.splatting.definition.projection import Projected, project
-from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE, Camera, Cutoffs, Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
+from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 TILE = 4
 """Side of a tile, px. Small, because pixel-aligned Gaussians are: 0.17 s a 512 px picture, against 0.32 with 8 and
@@ -92,7 +93,7 @@ class ByDepth(NamedTuple):
     """u, v, whitening, opacity, color, z, normal."""
     boxes: torch.Tensor  # [K, 4] int64
     """Tiles x0, y0, x1, y1 that hold every pixel centre it can reach, half open."""
-    index: torch.Tensor  # [K]
+    ids: torch.Tensor  # [K]
     """Which of the input's they are."""
 
 
@@ -105,9 +106,8 @@ def sorted_by_depth(p: Projected, camera: Camera, tile: int) -> ByDepth:
     with torch.no_grad():
         mean, extent = p.mean[order], p.extent[order]
         limit = mean.new_tensor([camera.width, camera.height])
-        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(
-            torch.int64
-        )  # pixel index whose centre is inside
+        # pixel index whose centre is inside
+        first = torch.minimum(torch.ceil(mean - extent - PIXEL_CENTRE).clamp(min=0), limit).to(torch.int64)
         last = torch.minimum(torch.floor(mean + extent - PIXEL_CENTRE).clamp(min=-1), limit - 1).to(torch.int64)
         empty = (last < first).any(dim=1, keepdim=True)
         low, high = first // tile, last // tile + 1

@@ -8,10 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 
-from posegaussian.storage.model.cameras import points_from_integer_centres
-
-PIXEL_CENTRE = float(points_from_integer_centres(np.zeros(())))
-"""Coordinate of the centre of pixel 0, px."""
+from posegaussian.storage.model.cameras import camera_centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +56,7 @@ class Camera:
             if isinstance(self.world_to_camera, torch.Tensor)
             else self.world_to_camera
         )
-        return -pose[:3, :3].T @ pose[:3, 3]
+        return camera_centre(pose)
 
 
 @dataclass(frozen=True)
@@ -74,11 +71,11 @@ class Cutoffs:
     """Variance added to both image axes, px^2. 3DGS uses 0.3; on pixel-sized Gaussians that costs 7-9 dB, so only
     the effect anti_aliasing adds some, with compensation."""
     variance_min: float = 1e-10
-    """A Gaussian whose projection has det <= variance_min * (a + c), so a smallest variance about this in px^2, is
-    culled."""
+    """A Gaussian whose projection has det <= variance_min * (a + c),
+    so a smallest variance about this in px^2, is culled."""
     compensation: bool = False
-    """Whether opacity is lowered by what the low pass adds: sqrt(det / det with it), so that a Gaussian keeps its
-    energy (gsplat)."""
+    """Whether opacity is lowered by what the low pass adds:
+    sqrt(det / det with it), so that a Gaussian keeps its energy (gsplat)."""
     compensation_min: float = 0.005
     """Lower bound of that factor; no gradient below (gsplat)."""
     alpha_min: float = 1 / 255
@@ -122,7 +119,7 @@ class Drawing:
     cutoffs: Cutoffs = field(default_factory=Cutoffs)
     """Thresholds."""
     backend: Backend = "auto"
-    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device where Triton is there, else
-    `reference`."""
+    """`auto`: for float32 Gaussians `cpu` on the CPU and `gpu` on a CUDA device
+    where Triton is there, else `reference`."""
     threads: int = 1
     """Threads of the `cpu` back end; the result does not depend on it."""

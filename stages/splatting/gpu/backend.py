@@ -102,15 +102,15 @@ def triton_version() -> str | None:
 
 
 def lacks(device: torch.device) -> str | None:
-    """What keeps the back end from drawing Gaussians on a device, as a sentence with what to do about it; None:
-    nothing."""
+    """What keeps the back end from drawing Gaussians on a device,
+    as a sentence with what to do about it; None: nothing."""
     version = triton_version()
     if version is None:
         return f"Triton is not installed: {INSTALL}, or choose another back end"
     if tuple(int(n) for n in version.split(".")[:2]) < OLDEST:
         return (
-            f"Triton {version} is too old, {'.'.join(map(str, OLDEST))} is needed: {INSTALL}, or choose another"
-            " back end"
+            f"Triton {version} is too old, {'.'.join(map(str, OLDEST))} is needed:"
+            f" {INSTALL}, or choose another back end"
         )
     if device.type == "cuda" or (device.type == "cpu" and interpreted()):
         return None
@@ -139,9 +139,21 @@ def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
     )
     with torch.cuda.device_of(rows):
         composite[(task.tiles,)](
-            rows, lists.ids, lists.starts, *out, *(float(c) for c in (cuts.alpha_min, cuts.alpha_max, cuts.transmittance_stop)), task.across, w, h,
-            CHANNELS=task.channels, TILE=shape.tile, CHUNK=shape.chunk, TRAINING=training, num_warps=shape.warps, enable_fp_fusion=True,
-        )  # fmt: skip
+            rows,
+            lists.ids,
+            lists.starts,
+            *out,
+            *(float(c) for c in (cuts.alpha_min, cuts.alpha_max, cuts.transmittance_stop)),
+            task.across,
+            w,
+            h,
+            CHANNELS=task.channels,
+            TILE=shape.tile,
+            CHUNK=shape.chunk,
+            TRAINING=training,
+            num_warps=shape.warps,
+            enable_fp_fusion=True,
+        )
     return out
 
 
@@ -155,9 +167,26 @@ def draw_backward(
     slots = rows.new_zeros((len(lists.slots), SLOT))
     with torch.cuda.device_of(rows):
         composite_backward[(task.tiles,)](
-            rows, lists.ids, lists.slots, lists.starts, drawn.light, drawn.ends, up_picture.contiguous(), up_alpha.contiguous(), slots, float(cuts.alpha_min), float(cuts.alpha_max), task.across, w, h,
-            CHANNELS=task.channels, TILE=shape.tile, CHUNK=shape.chunk, num_warps=shape.warps, enable_fp_fusion=True,
-        )  # fmt: skip
+            rows,
+            lists.ids,
+            lists.slots,
+            lists.starts,
+            drawn.light,
+            drawn.ends,
+            up_picture.contiguous(),
+            up_alpha.contiguous(),
+            slots,
+            float(cuts.alpha_min),
+            float(cuts.alpha_max),
+            task.across,
+            w,
+            h,
+            CHANNELS=task.channels,
+            TILE=shape.tile,
+            CHUNK=shape.chunk,
+            num_warps=shape.warps,
+            enable_fp_fusion=True,
+        )
     return from_moments(rows, torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True))
 
 
@@ -193,7 +222,7 @@ def project_backward(leaves: list[torch.Tensor], kept: ByDepth, up: torch.Tensor
     cameras = [torch.isfinite(g).all().to(up.device) for g in found[5:]]
     if bool(torch.stack([sound.all(), finite.all(), *cameras]).all()):
         return found
-    sound &= finite[kept.index]
+    sound &= finite[kept.ids]
     log.warning(
         "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
         " gradients are too large",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from posegaussian.stages.splatting.definition.scene import PIXEL_CENTRE
+from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 ROW = 16
 """float32 of a Gaussian's row, a power of two: u, v, whitening (4), opacity, colour (3), depth, normal (3), padding.
@@ -118,8 +118,8 @@ def composite_backward(
     rows, ids, slots, starts, light, ends, up_picture, up_alpha, gradients, alpha_min, alpha_max, across, width, height,
     CHANNELS: tl.constexpr, TILE: tl.constexpr, CHUNK: tl.constexpr,
 ):  # fmt: skip
-    """Fill the gradient slots [M, SLOT] of one tile's intersections that are seen, back to front; the others keep
-    their zeros."""
+    """Fill the gradient slots [M, SLOT] of one tile's intersections that are seen, back to front;
+    the others keep their zeros."""
     tile = tl.program_id(0)
     x, y, place, shown = _pixels(tile, across, width, height, TILE)
     first = tl.load(starts + tile)

@@ -31,8 +31,8 @@ class Lists(NamedTuple):
 
 
 def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> Lists:
-    """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open, of Gaussians sorted by depth. Raises
-    TooLarge."""
+    """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open,
+    of Gaussians sorted by depth. Raises TooLarge."""
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     x0, y0, x1, y1 = boxes.unbind(1)
     wide, count = x1 - x0, (x1 - x0) * (y1 - y0)
@@ -46,9 +46,8 @@ def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> Lists:
     owner = torch.repeat_interleave(torch.arange(len(boxes), device=boxes.device), count, output_size=total)
     local = torch.arange(total, device=boxes.device) - bases[owner]
     place = (y0[owner] + local // wide[owner]) * across + x0[owner] + local % wide[owner]
-    place, slots = torch.sort(
-        place.to(torch.int32), stable=True
-    )  # slots are numbered by depth, so each list keeps that order
+    # slots are numbered by depth, so each list keeps that order
+    place, slots = torch.sort(place.to(torch.int32), stable=True)
     starts = torch.searchsorted(
         place, torch.arange(across * down + 1, dtype=torch.int32, device=boxes.device), out_int32=True
     )

@@ -89,8 +89,8 @@ def test_standing_person_is_as_tall_as_said() -> None:
             for v in range(4)
         ]
     )
-    # A pixel is 9 mm at the person: the outermost centres lie up to a pixel inside the outline; soles are seen from
-    # above.
+    # A pixel is 9 mm at the person: the outermost centres lie up to a pixel inside the outline;
+    # soles are seen from above.
     assert points[:, 2].max() == pytest.approx(1.75, abs=0.01)
     assert points[:, 2].min() == pytest.approx(0.0, abs=0.02)
 

@@ -58,16 +58,16 @@ def test_depth_of_a_ball_is_the_quadratic_formula() -> None:
     expected = np.where(h > 0, (b - np.sqrt(np.maximum(h, 0))) / a, np.inf)
     both = np.isfinite(depth) & np.isfinite(expected)
     off = np.abs(depth[both] - expected[both])
-    # a facet lies up to 0.16 mm inside the ball, 0.08 mm for each of its two chords; at the rim the ray is tangent to
-    # it
+    # a facet lies up to 0.16 mm inside the ball, 0.08 mm for each of its two chords;
+    # at the rim the ray is tangent to it
     assert np.median(off) < 2e-4
     assert np.quantile(off, 0.95) < 3e-3
     assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 3
 
 
 def test_a_pixel_is_seen_at_its_centre() -> None:
-    """A triangle that covers x < 10.5 px from the left holds the centres of columns 0..9, and that of column 10
-    exactly."""
+    """A triangle that covers x < 10.5 px from the left holds the centres of columns 0..9,
+    and that of column 10 exactly."""
     for edge, columns in ((10.49, 10), (10.5, 11), (10.51, 11)):
         p = np.array([[-100.0, -100, 1], [edge, -100, 1], [edge, 300, 1], [-100, 300, 1]])
         index = rasterize(p, np.array([[0, 1, 2], [0, 2, 3]], np.int32), 20, 20, 1)[1]

@@ -20,9 +20,12 @@ from posegaussian.stages.simulator.take import OF_CAMERAS, Shot
 from posegaussian.storage.model.cameras import Rig
 
 EVERYTHING: dict[str, Any] = {
-    "lens_distortion": {"k1": -0.1}, "calibration_error": {"pixels": 0.5}, "dropped_frames": {"share": 0.3}, "time_offset": "on", "occluding_object": {"position": [1.0, 0.05]}, "second_person": "on",
-    "cloth_motion": "on", "motion_blur": {"moments": 2, "switch": "on"}, "rolling_shutter": "on", "ambient_occlusion": {"directions": 8}, "cast_shadow": "on", "specular": "on",
-    "background_room": "on", "depth_of_field": {"aperture": 0.5, "switch": "on"}, "vignetting": "on", "camera_gain": "on", "sensor_noise": "on", "jpeg": "on",
+    "lens_distortion": {"k1": -0.1}, "calibration_error": {"pixels": 0.5}, "dropped_frames": {"share": 0.3},
+    "time_offset": "on", "occluding_object": {"position": [1.0, 0.05]}, "second_person": "on",
+    "cloth_motion": "on", "motion_blur": {"moments": 2, "switch": "on"}, "rolling_shutter": "on",
+    "ambient_occlusion": {"directions": 8}, "cast_shadow": "on", "specular": "on",
+    "background_room": "on", "depth_of_field": {"aperture": 0.5, "switch": "on"}, "vignetting": "on",
+    "camera_gain": "on", "sensor_noise": "on", "jpeg": "on",
     "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "joint_noise": "on",
 }  # fmt: skip
 
@@ -121,8 +124,8 @@ def test_truth_agrees_with_itself(plain: Shot) -> None:
     staged = stage(scene(rig={"cameras": 4, "size": [160, 200]}, motion="crossed_arms", held_out=0))
     rig, shots = staged.take.rig, [staged.take.shoot(1, v) for v in range(4)]
     for v, s in enumerate(shots):
-        # a gap between two fingers may pass between the four samples and show at the pixel's centre, or the other way
-        # round
+        # a gap between two fingers may pass between the four samples and show at the pixel's centre,
+        # or the other way round
         assert ((s.true_mask == 255) & (s.depth == 0)).sum() + ((s.true_mask == 0) & (s.depth > 0)).sum() <= 4
         assert (s.color.max(axis=-1) <= s.true_mask.astype(int) + 1).all(), "premultiplied on black"
         lengths = np.linalg.norm(s.normal, axis=-1)

@@ -1,5 +1,5 @@
-"""Laws of the truth: views agree with each other, normals with depth, masks with coverage, joints with what hides
-them."""
+"""Laws of the truth: views agree with each other, normals with depth,
+masks with coverage, joints with what hides them."""
 
 import subprocess
 import sys

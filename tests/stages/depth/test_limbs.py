@@ -91,8 +91,8 @@ def test_phantoms_in_front_of_the_limbs_go_and_the_surface_stays(kick: PersonCap
     phantom = surface & (true - stack[0] > 0.15)
     assert phantom.sum() > 100
     assert (true - stack[1])[phantom].mean() < 0.9 * (true - stack[0])[phantom].mean()
-    # The surface itself lies behind the bound, but where the hull's was already behind it by a pixel, 2 cm at this
-    # size.
+    # The surface itself lies behind the bound, but where the hull's was already behind it by a pixel,
+    # 2 cm at this size.
     assert ((stack[1] > true + 0.005) & (stack[1] > stack[0]))[surface].sum() == 0
 
 
@@ -122,8 +122,8 @@ def test_a_joint_without_score_takes_part_in_no_limb(kick: PersonCapture) -> Non
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_limb_between_the_camera_and_the_torso_is_never_cut(known: bool) -> None:
-    """Every camera has an arm before the torso at some moment of a wave; with its joints unknown, it may be
-    anywhere."""
+    """Every camera has an arm before the torso at some moment of a wave;
+    with its joints unknown, it may be anywhere."""
     c = capture_person(views=8, size=128, frames=1, held_out=0, motion="wave")
     joints = c.joints3d[0].copy()
     if not known:
@@ -168,8 +168,8 @@ def test_what_is_held_out_towards_a_camera_stays(kick: PersonCapture, told: str)
 
 @pytest.mark.parametrize(("method", "worst"), [("hull", 1.0), ("sgbm", 1.02), ("sweep", 1.02)])
 def test_with_exact_joints_a_kick_is_never_worse_than_without(kick: PersonCapture, method: str, worst: float) -> None:
-    """The hull improves wherever it changes; what is matched may lose 2 % of its error in the coarse pictures of a
-    test."""
+    """The hull improves wherever it changes;
+    what is matched may lose 2 % of its error in the coarse pictures of a test."""
     off, on = (
         depth_of(kick, kick.joints3d, effects, method=method)
         for effects in (frozenset({"left_right_check"}), frozenset({"left_right_check", "limb_bounds"}))

@@ -157,8 +157,8 @@ def test_motion_is_that_of_a_moved_point_and_neighbours_are_the_nearest() -> Non
 
 
 def rolled_person(size: tuple[int, int]) -> tuple[Rig, np.ndarray, np.ndarray, np.ndarray]:
-    """Five views of the person over 100 degrees, each rolled differently, not square, off-centre: rig, colors,
-    masks, depths."""
+    """Five views of the person over 100 degrees, each rolled differently, not square, off-centre:
+    rig, colors, masks, depths."""
     angles, k = (
         np.radians([0, 25, 50, 75, 100]),
         np.array([[195.0, 0, 0.45 * size[0]], [0, 190.0, 0.52 * size[1]], [0, 0, 1]]),

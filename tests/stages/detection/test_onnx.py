@@ -107,8 +107,8 @@ def test_cells_and_shares_are_inverse(cells: str, tmp_path: Path) -> None:
     counts = np.array([24, 32])
     at = np.random.default_rng(0).uniform(0, 20, (9, 2))
     assert np.allclose(_to_cells(_to_shares(at, counts, d), counts, d), at)
-    # the last cell: pixel 92 of 96 from the first's centre, the middle of the last of 24 parts, or the last pixel's
-    # centre
+    # the last cell: pixel 92 of 96 from the first's centre, the middle of the last of 24 parts,
+    # or the last pixel's centre
     last = {"integer": 92.5 / 96, "centre": 23.5 / 24, "corners": 95.5 / 96}[cells]
     assert np.isclose(_to_shares(counts - 1.0, counts, d)[0], last)
 

@@ -10,6 +10,7 @@ from posegaussian.stages.imaging.regions import (
     around,
     crop,
     crop_to_own,
+    own_to_crop,
     own_to_picture,
     region_of,
     squares,
@@ -79,8 +80,8 @@ def test_a_fine_picture_is_averaged_not_skipped() -> None:
 
 
 def test_a_shrunken_crop_lies_where_the_plain_one_does() -> None:
-    """A dot's centre of gravity, seen through a crop seven times as coarse, comes back to a three-hundredth of a
-    cell."""
+    """A dot's centre of gravity, seen through a crop seven times as coarse,
+    comes back to a three-hundredth of a cell."""
     v, u = np.mgrid[:301, :277] + 0.5
     dot = np.array([140.4, 133.3])
     picture = np.repeat((250 * np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 25**2)))[..., None], 3, 2).astype(
@@ -95,8 +96,8 @@ def test_a_shrunken_crop_lies_where_the_plain_one_does() -> None:
 
 
 def test_points_drawn_in_a_picture_are_found_in_the_crop() -> None:
-    """A known affine round trip to 1e-3 px: the picture's Gaussian dot, cut out of a float picture, fitted in the
-    crop."""
+    """A known affine round trip to 1e-3 px:
+    the picture's Gaussian dot, cut out of a float picture, fitted in the crop."""
     v, u = np.mgrid[:120, :120] + 0.5
     dot = np.array([63.2, 49.7])
     picture = np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 6.0**2)).astype(np.float32)
@@ -150,3 +151,9 @@ def test_smaller_squares_cover_the_whole_picture() -> None:
 
 def test_around_a_box() -> None:
     assert np.allclose(around(np.array([10, 20, 30, 60])), [20, 40, 50, 0])
+
+
+def test_a_crop_and_its_region_convert_into_each_other() -> None:
+    shares, share = np.random.default_rng(0).uniform(-0.5, 1.5, (50, 2)), np.array([0.75, 1.0])
+    np.testing.assert_allclose(own_to_crop(crop_to_own(shares, share), share), shares, atol=1e-15)
+    np.testing.assert_array_equal(crop_to_own(np.array([0.0, 1.0]), share), [0.125, 1.0])

@@ -117,8 +117,8 @@ def test_pose_takes_the_subject_and_her_own_heatmaps() -> None:
     centre = (
         np.stack([(maps * columns).sum(axis=(3, 4)), (maps * rows).sum(axis=(3, 4))], axis=-1) / mass[..., None] * 4 + 2
     )
-    # The bell is sampled on cells of the region, again on those of the view, and cut below 1e-3: a quarter of a 4 px
-    # cell.
+    # The bell is sampled on cells of the region, again on those of the view, and cut below 1e-3:
+    # a quarter of a 4 px cell.
     np.testing.assert_allclose(centre, SUBJECT[..., :2], atol=1.0)
     assert maps.max(axis=(3, 4)).min() > 0.8
     drawn = run_stage(

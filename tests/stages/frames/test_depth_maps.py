@@ -1,5 +1,5 @@
-"""Given depth on its way to `frames/*`: bit by bit where nothing moves, exact on planes, and never between two
-surfaces."""
+"""Given depth on its way to `frames/*`:
+bit by bit where nothing moves, exact on planes, and never between two surfaces."""
 
 from __future__ import annotations
 
@@ -62,9 +62,8 @@ def test_undistorted_depth_is_that_of_the_straight_ray() -> None:
     found = warp(LENS).depth(given)
     seen = found > 0
     assert seen.mean() > 0.9
-    np.testing.assert_allclose(
-        found[seen], plane(pixel_centres((64, 48)), k)[seen], rtol=1e-3
-    )  # the lens bends the plane within a pixel; a pixel off would be 3e-3
+    # the lens bends the plane within a pixel; a pixel off would be 3e-3
+    np.testing.assert_allclose(found[seen], plane(pixel_centres((64, 48)), k)[seen], rtol=1e-3)
 
 
 @pytest.mark.parametrize("distortion", [np.zeros(8), LENS], ids=["straight", "lens"])

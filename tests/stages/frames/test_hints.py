@@ -17,8 +17,8 @@ from tests.support.person_estimates import hints_of, segmented
 
 @pytest.mark.parametrize("region", [[60.0, 40.0, 90.0, 0.0], [50.0, 45.0, 70.0, 0.6], [64.0, 48.0, 30.0, -2.1]])
 def test_a_hint_lies_where_the_estimator_looked(region: list[float]) -> None:
-    # A ramp over the region is what bilinear sampling reproduces exactly; one step of uint8 and half of rounding
-    # remain.
+    # A ramp over the region is what bilinear sampling reproduces exactly;
+    # one step of uint8 and half of rounding remain.
     i, j = np.meshgrid((np.arange(256) + 0.5) / 256, (np.arange(256) + 0.5) / 256, indexing="ij")
     person = np.rint(255 * (0.2 + 0.5 * j + 0.3 * i)).astype(np.uint8)
     captured = pixel_centres((128, 96))

@@ -16,8 +16,8 @@ from tests.support.memory_inputs import run_stage
 
 
 def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
-    """Masks [F, h, w] and warnings by survey and frames together; with joints [F, 17, 3] the plate leaves people
-    out."""
+    """Masks [F, h, w] and warnings by survey and frames together;
+    with joints [F, 17, 3] the plate leaves people out."""
     size = pictures.shape[1]
     rig = ring(1, size, 0)
     views, sources = (

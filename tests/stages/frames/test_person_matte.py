@@ -203,9 +203,14 @@ def test_where_nobody_is_known_the_plate_tells_alone_and_says_so() -> None:
 def test_auto_takes_given_masks_then_the_person_then_a_plate() -> None:
     auto = FramesParams()
     wanted = [
-        ({"masks", "segmented", "several_frames", "joints2d"}, "given"), ({"segmented", "several_frames", "joints2d", "detected"}, "person"), ({"segmented", "joints2d"}, "person"),
-        ({"several_frames", "joints2d"}, "person"), ({"joints3d"}, "person"), ({"several_frames"}, "plate"), (set(), "none"),
-    ]  # fmt: skip
+        ({"masks", "segmented", "several_frames", "joints2d"}, "given"),
+        ({"segmented", "several_frames", "joints2d", "detected"}, "person"),
+        ({"segmented", "joints2d"}, "person"),
+        ({"several_frames", "joints2d"}, "person"),
+        ({"joints3d"}, "person"),
+        ({"several_frames"}, "plate"),
+        (set(), "none"),
+    ]
     for facts, matte in wanted:
         answer, why = matte_choice(auto, frozenset(facts))
         assert answer == matte

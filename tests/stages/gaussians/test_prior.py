@@ -89,8 +89,8 @@ def test_a_gaussian_covers_its_own_pixel(normal: np.ndarray) -> None:
     w = p.whitening.numpy().reshape(-1, 2, 2)
     covariance = np.linalg.inv(w.transpose(0, 2, 1) @ w)
     across = np.sqrt(covariance[:, [0, 1], [0, 1]])
-    # exact in the middle of the picture; the frame leans against the slope by the ray's few degrees aside, and the
-    # thickness adds
+    # exact in the middle of the picture;
+    # the frame leans against the slope by the ray's few degrees aside, and the thickness adds
     np.testing.assert_allclose(across, 0.5, rtol=0.03)
     np.testing.assert_allclose(p.mean.numpy().reshape(H, W, 2)[3, 7], [7.5, 3.5], atol=1e-5)
 

@@ -46,8 +46,8 @@ def test_the_hull_holds_the_surface_and_shrinks_with_more_views():
         both = (truth > 0) & (near > 0)
         assert both.sum() > 0.97 * (truth > 0).sum()
         entry = unproject(near, rig.intrinsics[0], rig.world_to_camera[0])[both]
-        # The hull may cut into the sphere by a quarter of a pixel (2 m / 60 px / 4), what an edge of 4 x 4 samples can
-        # be off.
+        # The hull may cut into the sphere by a quarter of a pixel (2 m / 60 px / 4),
+        # what an edge of 4 x 4 samples can be off.
         assert (np.linalg.norm(entry - CENTRE, axis=1) >= RADIUS - 0.0085).all()
         behind = unproject(far, rig.intrinsics[0], rig.world_to_camera[0])[both]
         assert (np.linalg.norm(behind - CENTRE, axis=1) >= RADIUS - 0.0085).all()
@@ -158,8 +158,8 @@ def test_masks_that_are_a_pixel_too_small_still_have_a_hull(person: PersonCaptur
         hull_errors(person, masks),
     )
     assert missing < 0.01
-    # A pixel is 1.8 cm at this size; a silhouette that closes in by one moves the surface by up to 1.4 along a ray 45
-    # degrees off.
+    # A pixel is 1.8 cm at this size; a silhouette that closes in by one moves the surface
+    # by up to 1.4 along a ray 45 degrees off.
     assert apart < whole + 1.4 * 0.018
 
 

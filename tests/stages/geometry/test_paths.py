@@ -1,5 +1,5 @@
-"""Laws of camera paths: rigid, exact ends, constant distance, the subject still in the picture; and a sentence for
-every fault."""
+"""Laws of camera paths: rigid, exact ends, constant distance, the subject still in the picture;
+and a sentence for every fault."""
 
 import json
 from pathlib import Path
@@ -98,8 +98,8 @@ def test_moving_paths_are_one_camera_or_48_steps_of_one_frame(text: str) -> None
 def test_k1_an_arc_keeps_its_distance_and_the_subject_wherever_the_origin_lies(
     other: str, origin: tuple[float, float, float]
 ) -> None:
-    """Up to 180 degrees (K2): translations that are interpolated would cut the corner as soon as the origin is
-    elsewhere."""
+    """Up to 180 degrees (K2): translations that are interpolated would cut the corner
+    as soon as the origin is elsewhere."""
     rig = ring(origin=origin)
     path, subject = make(f"arc cam0 {other}", 21, rig), look_at_point(rig)
     np.testing.assert_array_equal(path.world_to_camera[0, 0], rig.world_to_camera[0])
@@ -108,9 +108,8 @@ def test_k1_an_arc_keeps_its_distance_and_the_subject_wherever_the_origin_lies(
     offset = centres(path)[:, 0] - subject
     distance = np.linalg.norm(rig.centres[0] - subject)
     np.testing.assert_allclose(np.linalg.norm(offset, axis=1), distance, atol=NEAR)
-    np.testing.assert_allclose(
-        offset @ up_direction(rig), offset[0] @ up_direction(rig), atol=NEAR
-    )  # on the ring, not over the head
+    # on the ring, not over the head
+    np.testing.assert_allclose(offset @ up_direction(rig), offset[0] @ up_direction(rig), atol=NEAR)
     steps = np.linalg.norm(np.diff(offset, axis=0), axis=1)
     np.testing.assert_allclose(steps, steps[0], atol=NEAR)
     at = (
@@ -198,9 +197,8 @@ def test_an_orbit_needs_a_radius() -> None:
     rig = ring(1)
     down = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
     rig.world_to_camera[0] = rigid(down, -down @ [0, 0, 3.0])
-    well_formed(
-        make_path("orbit", rig, views(rig, ()), np.arange(3)), 3
-    )  # its own up is sideways: an orbit over the top
+    # its own up is sideways: an orbit over the top
+    well_formed(make_path("orbit", rig, views(rig, ()), np.arange(3)), 3)
     above = Rig(
         ("a", "b"), rig.intrinsics[[0, 0]], rig.distortion[[0, 0]], rig.world_to_camera[[0, 0]].copy(), rig.size[[0, 0]]
     )

@@ -60,8 +60,8 @@ def test_source_and_rectified_pixels_invert_each_other_and_agree_with_projection
 
 
 def test_maps_have_no_half_pixel_bias():
-    """A ramp survives: the rectified picture holds, at every pixel centre, the source coordinate that the homography
-    names."""
+    """A ramp survives: the rectified picture holds, at every pixel centre,
+    the source coordinate that the homography names."""
     rig = rig_of([camera(on_ring(0), ORIGIN), camera(on_ring(30), ORIGIN)], (96, 64), 80.0)
     pair = rectify(rig, 0, 1, ORIGIN)
     ramp = pixel_centres((96, 64)).astype(np.float32)

@@ -39,8 +39,8 @@ def test_unequal_focal_lengths_are_told() -> None:
 
 
 def test_a_lens_that_folds_back_within_the_picture_is_bad() -> None:
-    """k1 = -1 folds at a radius of 1/sqrt(3), where 0.385 is shown; the corner lies at hypot(320, 240) / 600 =
-    0.667."""
+    """k1 = -1 folds at a radius of 1/sqrt(3), where 0.385 is shown;
+    the corner lies at hypot(320, 240) / 600 = 0.667."""
     d = RIG.distortion.copy()
     d[0, 0] = -1.0
     found = of_lens(replace(RIG, distortion=d), 0)

@@ -9,9 +9,16 @@ from posegaussian.stages.inspection.finding import Verdict, graded, measured, ov
 
 @pytest.mark.parametrize(
     ("value", "good", "bad", "verdict"),
-    [(1.0, 1.0, 2.0, Verdict.GOOD), (1.5, 1.0, 2.0, Verdict.DOUBTFUL), (2.0, 1.0, 2.0, Verdict.DOUBTFUL), (2.1, 1.0, 2.0, Verdict.BAD),
-     (0.98, 0.98, 0.9, Verdict.GOOD), (0.95, 0.98, 0.9, Verdict.DOUBTFUL), (0.8, 0.98, 0.9, Verdict.BAD)],
-)  # fmt: skip
+    [
+        (1.0, 1.0, 2.0, Verdict.GOOD),
+        (1.5, 1.0, 2.0, Verdict.DOUBTFUL),
+        (2.0, 1.0, 2.0, Verdict.DOUBTFUL),
+        (2.1, 1.0, 2.0, Verdict.BAD),
+        (0.98, 0.98, 0.9, Verdict.GOOD),
+        (0.95, 0.98, 0.9, Verdict.DOUBTFUL),
+        (0.8, 0.98, 0.9, Verdict.BAD),
+    ],
+)
 def test_bounds_work_both_ways(value: float, good: float, bad: float, verdict: Verdict) -> None:
     assert graded(value, good, bad) is verdict
 

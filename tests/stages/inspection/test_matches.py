@@ -16,8 +16,8 @@ SIZE = 1000
 
 
 def two(turn: float = 0.0) -> Rig:
-    """Two cameras 30 degrees apart; `turn`: degrees by which the second one's written pose is wrong about its axis
-    and upwards."""
+    """Two cameras 30 degrees apart; `turn`:
+    degrees by which the second one's written pose is wrong about its axis and upwards."""
     rig = rig_of([camera(on_ring(a, 10.0, 3.0), np.zeros(3)) for a in (0.0, 30.0)], (SIZE, SIZE), 1000.0)
     if turn:
         axis = np.radians(turn) * np.array([1.0, 0.2, 0.5])
@@ -71,8 +71,8 @@ def test_a_bad_calibration_is_accused_by_matches_that_fit_each_other() -> None:
 
 
 def test_few_right_matches_among_many_are_found_by_the_calibration_alone() -> None:
-    """A tenth of 200: no free fundamental matrix is to be believed, but chance would put two beside their lines, not
-    twenty."""
+    """A tenth of 200: no free fundamental matrix is to be believed,
+    but chance would put two beside their lines, not twenty."""
     x, y = points(200, 0.5, 0.9)
     fit = epipolar_fit(fundamental(two(), 0, 1), x, y, SIZE)
     assert not fit.free.any()
@@ -92,8 +92,8 @@ def test_wrong_matches_tell_nothing() -> None:
 
 
 def test_features_find_a_picture_again_that_was_moved() -> None:
-    """Blobs of all sizes, moved by a whole number of pixels: matches lie so far apart, and none where the picture is
-    not covered."""
+    """Blobs of all sizes, moved by a whole number of pixels:
+    matches lie so far apart, and none where the picture is not covered."""
     random = np.random.default_rng(3)
     whole = np.clip(
         128

@@ -1,5 +1,5 @@
-"""The outlook says what depth compares and takes for a matte, and its tier follows cameras, mattes and all that is
-wrong."""
+"""The outlook says what depth compares and takes for a matte, and its tier follows cameras,
+mattes and all that is wrong."""
 
 from __future__ import annotations
 

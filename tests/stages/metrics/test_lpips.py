@@ -81,8 +81,8 @@ PLANS = {
         *(("p", 2), ("c", 24, 1, 1, False), ("c", 26, 1, 1, False), ("c", 28, 1, 1, True)),
     ],
 }
-"""The two networks once more, written from torchvision's: convolutions (number, stride, padding, compared) and
-maxima (size)."""
+"""The two networks once more, written from torchvision's:
+convolutions (number, stride, padding, compared) and maxima (size)."""
 
 
 def by_hand(
@@ -211,8 +211,8 @@ def test_official_weights_give_the_published_value() -> None:
     folder = os.environ.get("POSEGAUSSIAN_LPIPS")
     if folder is None or not (FOLDER / "apple.png").exists():
         pytest.skip(
-            "POSEGAUSSIAN_LPIPS names no folder with vgg16-397923af.pth and vgg.pth, or the pair of pictures is not"
-            " here"
+            "POSEGAUSSIAN_LPIPS names no folder with vgg16-397923af.pth and vgg.pth,"
+            " or the pair of pictures is not here"
         )
     import cv2
 

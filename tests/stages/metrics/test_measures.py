@@ -47,8 +47,8 @@ def test_ssim_by_its_definition_at_one_pixel() -> None:
 
 
 def test_the_border_is_the_mirrored_picture() -> None:
-    """Edges are reflected with the edge pixel repeated: the map of a picture is the map of it beside its mirror
-    image."""
+    """Edges are reflected with the edge pixel repeated:
+    the map of a picture is the map of it beside its mirror image."""
     x, y = np.random.default_rng(6).uniform(0, 255, (2, 20, 18))
     beside = ssim_map(np.hstack([x, x[:, ::-1]]), np.hstack([y, y[:, ::-1]]), 255.0)
     np.testing.assert_allclose(ssim_map(x, y, 255.0)[:, 9:], beside[:, 9:18], atol=1e-12)

@@ -1,5 +1,5 @@
-"""Correlation along rows: equal to plain loops, matches where they are, exact coordinates, and what lies beside the
-picture."""
+"""Correlation along rows: equal to plain loops, matches where they are,
+exact coordinates, and what lies beside the picture."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Laws of the encoders: shapes, cost, gradients, and what a result may not depend on. Pictures are a few cells
-large."""
+"""Laws of the encoders: shapes, cost, gradients, and what a result may not depend on.
+Pictures are a few cells large."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def _one_thread() -> Iterator[None]:
 
 
 def _name(preset: Preset) -> str:
-    return f"stem{preset.stem_stride}-k{preset.stages}-{preset.normalisation}-{'residual' if preset.residual else 'plain'}-{preset.downsampling}"
+    blocks = "residual" if preset.residual else "plain"
+    return f"stem{preset.stem_stride}-k{preset.stages}-{preset.normalisation}-{blocks}-{preset.downsampling}"
 
 
 def _stirred(module: torch.nn.Module) -> torch.nn.Module:
@@ -225,8 +226,8 @@ def test_three_encoders_and_the_fusion_cost_their_share_of_the_network(
     assert found[256] == pytest.approx(gflop, rel=5e-3)
     # Convolutions cost by the area; the whole network's figures are rounded to a unit of at least 22.
     assert found[512] / found[256] == pytest.approx(COSTS[name].gflop[512] / COSTS[name].gflop[256], rel=0.03)
-    # What is left is the recurrent update's and the decoder's: more than a third, less than two thirds of the numbers
-    # learnt.
+    # What is left is the recurrent update's and the decoder's:
+    # more than a third, less than two thirds of the numbers learnt.
     assert 1 / 3 < 1 - counted / COSTS[name].parameters < 2 / 3
 
 

@@ -129,15 +129,16 @@ def test_a_cell_is_looked_up_where_the_rig_has_it_in_the_third_view(
         found, _ = warp(features[which : which + 1], torch.from_numpy(depth)[None, None], to[which : which + 1])
         u, v, whole = found[0, 0, :3].numpy()
         inside = whole > 1 - 1e-6
+        # within half a cell of the window's rim the rim's value stands
         for place, cells in (
             (u, features[which, 0]),
             (v, features[which, 1]),
-        ):  # within half a cell of the window's rim the rim's value stands
+        ):
             held = cells[features[which, 2] > 1 - 1e-6]
             inside &= (place > float(held.min()) + 0.01) & (place < float(held.max()) - 0.01)
         assert inside.sum() > 60
-        # places of a thousand px in float32; a picture looked at in half its size has OpenCV's grid of a 32nd of its
-        # own px
+        # places of a thousand px in float32;
+        # a picture looked at in half its size has OpenCV's grid of a 32nd of its own px
         np.testing.assert_allclose(
             np.stack([u, v], axis=-1)[inside], expected[inside], atol=0.02 * max(1, max(size) / 640)
         )
@@ -318,8 +319,8 @@ def test_threads_change_no_byte(net: PoseGaussianNetwork, precision: str) -> Non
 def test_a_network_of_pairs_has_nothing_of_it_and_refuses_a_third_view(
     monkeypatch: pytest.MonkeyPatch, rig: Rig, shown: dict[int, SourceView]
 ) -> None:
-    """Off is not computed: no third view is cut, nothing is warped, and names and shapes of weights are those
-    without."""
+    """Off is not computed: no third view is cut, nothing is warped,
+    and names and shapes of weights are those without."""
     plain, more = network(), network(further_views=True)
     assert plain.state_dict().keys() == more.state_dict().keys()
     differing = [k for k, v in plain.state_dict().items() if v.shape != more.state_dict()[k].shape]

@@ -97,9 +97,8 @@ def test_rotations_are_unit_and_normals_face_the_camera(kind: str, size: float) 
     found = learned_normal(x, n, rays) if kind == "normal" else learned_quaternion(x, n)
     torch.testing.assert_close((found**2).sum(dim=1), torch.ones(1, 1, 500, dtype=torch.float64))
     if kind == "normal":
-        assert (
-            float((found * rays).sum(dim=1).max()) < -0.9 * FACING
-        )  # the length before the last division is at most 1.06
+        # the length before the last division is at most 1.06
+        assert float((found * rays).sum(dim=1).max()) < -0.9 * FACING
         assert float((found * n).sum(dim=1).min()) > 0
 
 
@@ -180,9 +179,8 @@ def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int,
     assert not any(bool(m[..., 0].any()) for m in found)  # no surface, no Gaussian
     said = heads.numbers(features)
     change = moved(said, torch.ones(1, 1, 4, 6), heads.reach)
-    torch.testing.assert_close(
-        change, torch.full_like(change, 0.5)
-    )  # half of the refinement's move, and nothing of its own
+    # half of the refinement's move, and nothing of its own
+    torch.testing.assert_close(change, torch.full_like(change, 0.5))
     (sum(m.sum() for m in found) + change.sum()).backward()
     assert all(torch.isfinite(v.grad).all() for v in heads.parameters())
     assert {name for name, last in heads.last.items() if bool(last.bias.grad.any())} == set(said)

@@ -54,8 +54,8 @@ def inner(depth: np.ndarray) -> np.ndarray:
 
 
 def moves(pair: RectifiedPair, views: dict[int, SourceView]) -> list[np.ndarray]:
-    """By how much `TRUE` lies off `UPRIGHT` in both directions, px: linear in the pixel, so that interpolation is
-    exact."""
+    """By how much `TRUE` lies off `UPRIGHT` in both directions, px:
+    linear in the pixel, so that interpolation is exact."""
     found = windows(pair, (views[pair.views[0]].depth > 0, views[pair.views[1]].depth > 0), Oracle.preset.stride)
     assert found is not None
     return [
@@ -88,8 +88,8 @@ def test_inverse_depth_is_changed_within_a_bound_and_no_surface_comes_up() -> No
 
 @pytest.mark.parametrize("size", [(128, 128), (640, 480), (480, 640), (1280, 960)], ids=str)
 def test_a_true_move_gives_the_true_depth_whatever_the_pictures_shape(size: tuple[int, int]) -> None:
-    """To a thousandth of a px of disparity; the largest is looked at in half its size. D15: nothing takes width for
-    height."""
+    """To a thousandth of a px of disparity; the largest is looked at in half its size.
+    D15: nothing takes width for height."""
     rig = two_cameras(size)
     views = shown(rig)
     looks = Looks.of(rig, (0, 1), 2)
@@ -149,8 +149,8 @@ def test_a_view_between_two_others_hears_both_pairs() -> None:
     found = look(oracle, looks, shown(rig), 1, "float32")  # type: ignore[arg-type]
     assert oracle.seen == 2
     assert set(found) == {0, 1, 2}
-    # of the first pair view 1 is the second view and of the second the first: the same px mean opposite changes, which
-    # cancel
+    # of the first pair view 1 is the second view and of the second the first:
+    # the same px mean opposite changes, which cancel
     sure = inner(shown(rig)[1].depth)
     assert np.abs(found[1].inverse_depth[sure]).max() < 0.2 * np.abs(found[0].inverse_depth).max()
 

@@ -118,8 +118,8 @@ def test_the_pose_side_gets_no_gradient_from_the_alignment() -> None:
 
 
 def test_unread_heatmaps_cost_1_and_faint_ones_less() -> None:
-    """The error is a share of the heatmaps' own squares, or of `FAINT`: crops that show hardly a joint are no louder
-    than others."""
+    """The error is a share of the heatmaps' own squares, or of `FAINT`:
+    crops that show hardly a joint are no louder than others."""
     fusion, f, maps = (
         PoseFusion(6, 6, 3),
         drawn(1, 6, 4, 4, dtype=torch.float32),
@@ -181,8 +181,8 @@ def optimised(ours: bool, steps: int = 60) -> tuple[float, float, float, float]:
 
 
 def test_the_plain_pose_loss_collapses_and_ours_does_not() -> None:
-    """What need not be lost is one direction a joint: five heatmaps, so a rank of 5 of the 16 channels' 9.8 at the
-    start."""
+    """What need not be lost is one direction a joint:
+    five heatmaps, so a rank of 5 of the 16 channels' 9.8 at the start."""
     before, plain, _, plain_probe = optimised(ours=False)
     _, kept, start_probe, kept_probe = optimised(ours=True)
     assert plain < 0.5 * before

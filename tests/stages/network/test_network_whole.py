@@ -57,8 +57,8 @@ def test_a_confidence_of_0_is_the_start_to_the_bit(
 
 
 def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: Views) -> None:
-    """Its heads are 0, the refinement stays at the start's cells: half of what a cell of 8 px blurs, by a confidence
-    of sigmoid(1)."""
+    """Its heads are 0, the refinement stays at the start's cells:
+    half of what a cell of 8 px blurs, by a confidence of sigmoid(1)."""
     plain = network(shaken=False)(views, 2)
     for name, x in plain.numbers.items():
         assert bool(x.any()) == (name == "confidence")
@@ -155,8 +155,8 @@ def test_threads_change_no_byte(shaken: PoseGaussianNetwork, views: Views, preci
 
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_parameters_and_operations_are_those_of_the_table(name: str) -> None:
-    """To a hundredth: one pair at 256 px, both directions, 8 iterations. Nothing is computed: tensors without
-    values."""
+    """To a hundredth: one pair at 256 px, both directions, 8 iterations.
+    Nothing is computed: tensors without values."""
     coding = random_views(1, 8).coding
     with FakeTensorMode(allow_non_fake_inputs=True):
         whole = PoseGaussianNetwork(PRESETS[name])
@@ -170,6 +170,5 @@ def test_parameters_and_operations_are_those_of_the_table(name: str) -> None:
         with torch.no_grad(), FlopCounterMode(display=False) as counter:
             whole(Views(*(torch.zeros(s) for s in shapes.values()), coding), 8, only_last=True)
     assert sum(p.numel() for p in whole.parameters()) == pytest.approx(COSTS[name].parameters, rel=0.01)
-    assert counter.get_total_flops() / 1e9 == pytest.approx(
-        COSTS[name].gflop[256], rel=0.03
-    )  # rounded to 1 of at least 22
+    # rounded to 1 of at least 22
+    assert counter.get_total_flops() / 1e9 == pytest.approx(COSTS[name].gflop[256], rel=0.03)

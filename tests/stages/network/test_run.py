@@ -1,5 +1,5 @@
-"""The stage's kernel: every view, zeros where a view is no source, frames by themselves, and frames that a camera
-missed."""
+"""The stage's kernel: every view, zeros where a view is no source,
+frames by themselves, and frames that a camera missed."""
 
 import copy
 
@@ -75,8 +75,11 @@ def test_sources_get_depth_where_they_had_one_and_other_views_get_zeros(
     whole: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
 ) -> None:
     assert {name: (a.dtype, a.shape) for name, a in whole.items()} == {
-        "network/depth": (np.float32, (FRAMES, 4, SIDE, SIDE)), "network/confidence": (np.float16, (FRAMES, 4, SIDE, SIDE)), "network/share": (np.float32, (FRAMES, 4, 1)), "network/numbers": (np.float16, (FRAMES, 4, 8, SIDE, SIDE)),
-    }  # fmt: skip
+        "network/depth": (np.float32, (FRAMES, 4, SIDE, SIDE)),
+        "network/confidence": (np.float16, (FRAMES, 4, SIDE, SIDE)),
+        "network/share": (np.float32, (FRAMES, 4, 1)),
+        "network/numbers": (np.float16, (FRAMES, 4, 8, SIDE, SIDE)),
+    }
     assert not any(a[:, 3].any() for a in whole.values())
     np.testing.assert_array_equal(whole["network/depth"][:, :3] > 0, arrays["depth/depth"][:, :3] > 0)
     for view in range(3):

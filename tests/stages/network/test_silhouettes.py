@@ -1,5 +1,5 @@
-"""No point leaves the silhouettes: it goes on to the surface that it nearly reached, or back; what stays inside is
-not touched."""
+"""No point leaves the silhouettes: it goes on to the surface that it nearly reached, or back;
+what stays inside is not touched."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from tests.support.known_geometry import camera, on_ring, rig_of, sphere_depth, 
 
 SIZE = (160, 160)
 AWAY = 6.0
-"""Metres of the cameras, and 120 px a metre: balls stand in front of each other within the share by which a depth
-may change."""
+"""Metres of the cameras, and 120 px a metre:
+balls stand in front of each other within the share by which a depth may change."""
 RADIUS = 0.15
 NEAR, FAR = np.array([0.35, 0.0, 0.0]), np.array([-0.35, 0.0, 0.0])
 """Two balls behind each other for the first camera, beside each other for the second: 0.4 m of gap."""

@@ -1,5 +1,5 @@
-"""The recurrent refinement: depth coding and its bounds, convex up-sampling, and steps that do not depend on what
-follows."""
+"""The recurrent refinement: depth coding and its bounds, convex up-sampling,
+and steps that do not depend on what follows."""
 
 from __future__ import annotations
 
@@ -269,8 +269,8 @@ def test_the_pairs_own_other_view_says_the_same_by_warping_as_along_the_rows() -
     rows, warped, share = seen[:, :5], seen[:, 10:15], seen[:, 15:]
     inner = (..., slice(6, -6))
     assert (share[inner] == 1).all()
-    # Depth and back through two matrices in float32: places of tens of cells, to 1e-5, of features that differ by a
-    # few.
+    # Depth and back through two matrices in float32:
+    # places of tens of cells, to 1e-5, of features that differ by a few.
     torch.testing.assert_close(warped[inner], rows[inner], rtol=0, atol=1e-3)
 
 
@@ -288,8 +288,8 @@ def test_disparities_are_float32_under_autocast_and_near_those_without() -> None
 
 
 def test_one_and_two_threads_give_the_same_bytes() -> None:
-    """Of results; gradients are sums over the picture that threads share, and training resumes bit-exactly on one
-    thread."""
+    """Of results; gradients are sums over the picture that threads share,
+    and training resumes bit-exactly on one thread."""
     net, results, before = network(True, wild=0.5), [], torch.get_num_threads()
     try:
         for threads in (1, 2):

@@ -1,5 +1,5 @@
-"""What the network is shown: starts that mean the same point in space as the depth they come from, matches,
-evidence, windows."""
+"""What the network is shown: starts that mean the same point in space as the depth they come from,
+matches, evidence, windows."""
 
 from dataclasses import replace
 

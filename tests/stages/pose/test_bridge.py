@@ -16,8 +16,8 @@ LELBOW, LWRIST, RKNEE, RANKLE = 7, 9, 14, 16
 
 
 def swinging(frames: int) -> np.ndarray:
-    """[F, 17, 4] a walking person whose arms and legs swing about shoulders, elbows, hips and knees, 30 frames a
-    second."""
+    """[F, 17, 4] a walking person whose arms and legs swing about shoulders, elbows,
+    hips and knees, 30 frames a second."""
     out = np.concatenate([np.repeat(SKELETON[None], frames, axis=0), np.full((frames, 17, 1), 0.9)], axis=-1)
     t = np.arange(frames) / 30
     for root, below, size, shift in (

@@ -116,8 +116,8 @@ def test_balance_is_triangulated_to_its_detector_accuracy(joints_frame: str) -> 
 @pytest.mark.captures
 @pytest.mark.skipif(not BALANCE.is_dir(), reason=f"no capture at {BALANCE}; set POSEGAUSSIAN_CAPTURES")
 def test_sides_exchanged_in_real_detections_are_put_back_and_no_others() -> None:
-    """A frame in ten wrong in all four views, a picture in ten in one: of a view alone all but the undecidable come
-    back."""
+    """A frame in ten wrong in all four views, a picture in ten in one:
+    of a view alone all but the undecidable come back."""
     frames, rng, sides = 24, np.random.default_rng(0), Sides.of("body_25b")
     source = calibration()
     rig = Rig(source.names, source.intrinsics, np.zeros((4, 8)), source.world_to_camera, source.size)

@@ -20,9 +20,8 @@ def test_given_joints_choose_among_the_people_found_in_every_view() -> None:
     own = pixels(rig, walk(FRAMES))  # [F, V, 17, 3]
     beside = own + np.array([40.0, 5.0, 0.0])
     people = np.zeros((FRAMES, 4, 3, 33, 3), np.float32)
-    seen = (
-        np.random.default_rng(0).normal(0, 1.5, own.shape) * [1, 1, 0] + own
-    )  # another detector puts joints elsewhere
+    # another detector puts joints elsewhere
+    seen = np.random.default_rng(0).normal(0, 1.5, own.shape) * [1, 1, 0] + own
     people[:, :, 0], people[:, :, 1] = to_blazepose(beside), to_blazepose(seen)
     people[1, 2, 1] = to_blazepose(seen[1, 2][FLIPS])  # seen from behind it comes out mirrored
     people[2, 3, 1] = 0  # not found at all

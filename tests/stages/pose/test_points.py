@@ -21,10 +21,11 @@ def lens(rig: Rig, coefficients: list[float]) -> Rig:
 
 
 def test_captured_pixels_reach_frames_pixels_through_crop_lens_and_scale() -> None:
+    # OpenCV's own convention
     frames, k = (
         ring(1, size=200),
         np.array([[812.0, 0, 401.0], [0, 808.0, 295.0], [0, 0, 1]]),
-    )  # OpenCV's own convention
+    )
     source = lens(
         Rig(
             frames.names,
@@ -43,9 +44,8 @@ def test_captured_pixels_reach_frames_pixels_through_crop_lens_and_scale() -> No
     captured = (calibrated - offset) / scale
     out, mapped = to_frames(captured, np.array([scale, *offset]), source, frames, 0)
     assert mapped.all()
-    np.testing.assert_allclose(
-        out, pixels(frames, SKELETON[None])[0, 0, :, :2], atol=1e-6
-    )  # iterations stop at 1e-12 of a focal length
+    # iterations stop at 1e-12 of a focal length
+    np.testing.assert_allclose(out, pixels(frames, SKELETON[None])[0, 0, :, :2], atol=1e-6)
 
 
 def test_a_rig_without_lens_and_crop_is_the_identity() -> None:

@@ -90,8 +90,8 @@ def test_partitions_do_not_change_a_byte(length: int) -> None:
 
 
 def crowd(rig: Rig, order: np.random.Generator) -> tuple[np.ndarray, Joints2D]:
-    """The subject in the middle, a second person behind in every view, an onlooker that only view 0 sees; in any
-    order."""
+    """The subject in the middle, a second person behind in every view, an onlooker that only view 0 sees;
+    in any order."""
     points = walk(4)
     subject = pixels(rig, points)
     other = pixels(rig, SKELETON[None] * [0.9, 0.9, 1.05] + np.array([-0.9, 0.7, 0.0]))[0]
@@ -198,13 +198,11 @@ def test_sigma_in_metres_is_projected_and_unknown_depths_take_the_mean() -> None
         [SKELETON @ r[2] + t[2] for r, t in zip(near.rotations, near.world_to_camera[:, :3, 3], strict=True)]
     )
     f = 1.2 * 256 * np.sqrt(1.02)
-    np.testing.assert_allclose(
-        spread(near, sigma=0.1), 0.1 * f / depth / 4, rtol=0.02
-    )  # the tail below 1e-3 is missing
+    # the tail below 1e-3 is missing
+    np.testing.assert_allclose(spread(near, sigma=0.1), 0.1 * f / depth / 4, rtol=0.02)
     np.testing.assert_allclose(spread(near, sigma=8.0, sigma_unit="px"), 2.0, rtol=0.02)
-    np.testing.assert_allclose(
-        spread(far, sigma=0.1), spread(near, sigma=0.1), rtol=0.2
-    )  # twice as far, twice the focal length
+    # twice as far, twice the focal length
+    np.testing.assert_allclose(spread(far, sigma=0.1), spread(near, sigma=0.1), rtol=0.2)
     lonely = pixels(near, SKELETON[None])
     lonely[0, 1:, 9] = 0  # one view alone sees the left wrist
     maps = pose(near, 1, Joints2D.single(lonely), params=PoseParams(sigma=0.1))[2][0].astype(np.float64)

@@ -31,9 +31,8 @@ def test_a_moved_world_moves_the_joints() -> None:
     motion = rigid(np.linalg.qr(rng.normal(size=(3, 3)))[0], np.array([40.0, -25.0, 3.0]))
     moved = Rig(rig.names, rig.intrinsics, rig.distortion, rig.world_to_camera @ np.linalg.inv(motion), rig.size)
     expected = lift(rig, seen)[:, :3] @ motion[:3, :3].T + motion[:3, 3]
-    np.testing.assert_allclose(
-        lift(moved, seen)[:, :3], expected, atol=1e-6
-    )  # Gauss-Newton stops after six steps in either world
+    # Gauss-Newton stops after six steps in either world
+    np.testing.assert_allclose(lift(moved, seen)[:, :3], expected, atol=1e-6)
 
 
 def test_the_result_is_the_minimum_of_the_weighted_reprojection_error() -> None:
@@ -52,9 +51,8 @@ def test_the_result_is_the_minimum_of_the_weighted_reprojection_error() -> None:
         for step in (-1e-3, 1e-3):  # a millimetre to any side is worse
             assert (cost(found + step * axis) > cost(found)).all()
         slope = (cost(found + 1e-5 * axis) - cost(found - 1e-5 * axis)) / 2e-5
-        assert (
-            np.abs(slope).max() < 1.0
-        )  # px^2 per metre, where the curvature is ~1e5 px^2 / m^2: within 10 micrometres
+        # px^2 per metre, where the curvature is ~1e5 px^2 / m^2: within 10 micrometres
+        assert np.abs(slope).max() < 1.0
 
 
 def test_outliers_are_rejected_and_cost_score() -> None:
@@ -91,9 +89,8 @@ def test_one_view_or_two_that_disagree_know_nothing() -> None:
 
 
 def test_rays_that_diverge_meet_behind_the_cameras_and_are_refused() -> None:
-    poses = np.stack(
-        [rigid(np.eye(3), [0.5, 0, 0]), rigid(np.eye(3), [-0.5, 0, 0])]
-    )  # left camera, right camera, both look along z
+    # left camera, right camera, both look along z
+    poses = np.stack([rigid(np.eye(3), [0.5, 0, 0]), rigid(np.eye(3), [-0.5, 0, 0])])
     k = np.tile(np.array([[100.0, 0, 50], [0, 100.0, 50], [0, 0, 1]]), (2, 1, 1))
     rig = Rig(("left", "right"), k, np.zeros((2, 8)), poses, np.full((2, 2), 100))
     apart = np.array([[[30.0, 50.0, 1.0]], [[70.0, 50.0, 1.0]]])

@@ -119,9 +119,8 @@ def test_partitions_change_nothing(person: PersonCapture, spoilt: dict[str, np.n
 def test_a_frame_starts_from_the_one_before_it_only_within_its_group(
     person: PersonCapture, spoilt: dict[str, np.ndarray]
 ) -> None:
-    still = {
-        k: np.repeat(v[:1], FRAMES, axis=0) for k, v in spoilt.items()
-    }  # what one frame learnt fits the next exactly
+    # what one frame learnt fits the next exactly
+    still = {k: np.repeat(v[:1], FRAMES, axis=0) for k, v in spoilt.items()}
     out = refine(person, still, 3, group=3)
     np.testing.assert_array_equal(out[OUTCOME][:, WARM], [0, 1, 1, 0])
     assert out[OUTCOME][1, AFTER] < out[OUTCOME][0, AFTER]

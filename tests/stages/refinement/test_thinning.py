@@ -25,13 +25,14 @@ def test_a_sixth_is_left_everywhere_twice_as_wide_and_nothing_else_changes() -> 
     for rows in np.split(np.arange(96), 4):
         for columns in np.split(np.arange(96), 4):
             part = np.ix_(rows, columns)
-            # 24 x 24 pixels hold 96 places of the lattice, a tenth of them without a Gaussian; an even one misses by a
-            # few
+            # 24 x 24 pixels hold 96 places of the lattice, a tenth of them without a Gaussian;
+            # an even one misses by a few
             assert abs(left[part].sum() - some[part].sum() / EVERY) < 9
     assert set(np.unique(np.asarray(after.opacity))) == {0, np.float16(OPACITY)}
+    # float16
     np.testing.assert_allclose(
         np.asarray(after.scale, np.float32), WIDER * np.asarray(before.scale, np.float32), rtol=1e-3
-    )  # float16
+    )
     for name in ("color", "depth", "normal"):
         assert getattr(after, name) is getattr(before, name)
 

@@ -1,5 +1,5 @@
-"""The mip filter: coarse pictures come near the average of the full one, and a picture as fine as its sources is
-left alone."""
+"""The mip filter: coarse pictures come near the average of the full one,
+and a picture as fine as its sources is left alone."""
 
 from dataclasses import replace
 

@@ -13,20 +13,20 @@ from tests.hard_cases.laws import agree
 from tests.support.gaussian_scenes import camera, cloud, draw, gaussians
 
 KERNELS = (
-    "cpu_tiles.sort_tiles-1.py311.nbi",
-    "cpu_tiles.sort_tiles-1.py311.1.nbc",
-    "cpu_composite.forward-9.py311.nbi",
+    "tiles.sort_tiles-1.py311.nbi",
+    "tiles.sort_tiles-1.py311.1.nbc",
+    "composite.forward-9.py311.nbi",
 )
 
 
 def test_kernels_of_other_sources_are_forgotten_and_nothing_else(tmp_path: Path) -> None:
-    for name in (*KERNELS, "raycast.cast-1.py311.nbi", "cpu_tiles.cpython-311.pyc"):
+    for name in (*KERNELS, "raycast.cast-1.py311.nbi", "tiles.cpython-311.pyc"):
         (tmp_path / name).touch()
     backend.forget_stale_kernels(tmp_path)  # no note: nobody knows what these were made from
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "cpu_tiles.cpython-311.pyc",
         "raycast.cast-1.py311.nbi",
         "renderer.digest",
+        "tiles.cpython-311.pyc",
     ]
     (tmp_path / KERNELS[0]).touch()
     backend.forget_stale_kernels(tmp_path)
@@ -50,7 +50,7 @@ def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(
         assert len(caplog.messages) == 1
         assert "compiling the renderer" in caplog.messages[0]
         (tmp_path / "more").mkdir()
-        (tmp_path / "more" / "cpu_projection.project-154.py311.1.nbc").touch()
+        (tmp_path / "more" / "projection.project-154.py311.1.nbc").touch()
         backend.announce(tmp_path / "more")
     assert len(caplog.messages) == 1
 

@@ -1,5 +1,5 @@
-"""The GPU back end against the reference, on a GPU or, without one, in Triton's interpreter. Hard cases:
-tests/hard_cases."""
+"""The GPU back end against the reference, on a GPU or, without one, in Triton's interpreter.
+Hard cases: tests/hard_cases."""
 
 import dataclasses
 import logging
@@ -49,9 +49,8 @@ def test_pictures_and_gradients_of_a_scene_of_many_tiles_and_chunks() -> None:
     (a, da), (_, db) = drawn(g, cam), drawn(to(g, torch.float64), cam)
     assert a.backend == "gpu"
     for x, y in zip(pictures(a), pictures(draw(g, cam, backend="reference", extras=("depth", "normal"))), strict=True):
-        assert (
-            float((x[0] - y).detach().abs().max()) < 2e-6
-        )  # the same projection in float32: a few roundings of numbers up to 4
+        # the same projection in float32: a few roundings of numbers up to 4
+        assert float((x[0] - y).detach().abs().max()) < 2e-6
     for name, value in db.items():
         assert relative(da[name], value) < 1e-5, name
 
@@ -83,9 +82,8 @@ def test_tiles_and_chunks_change_nothing_but_rounding(shape: backend.Shape, monk
     one, gradients = drawn(g, cam)
     monkeypatch.setattr(backend, "SHAPE", shape)
     other, others = drawn(g, cam)
-    assert all(
-        torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True)
-    )  # depths up to 4
+    # depths up to 4
+    assert all(torch.allclose(a, b, rtol=0, atol=2e-6) for a, b in zip(pictures(one), pictures(other), strict=True))
     assert all(relative(gradients[n], others[n]) < 1e-5 for n in gradients)
 
 
@@ -161,9 +159,8 @@ def test_lists_hold_every_intersection_once_by_tile_and_depth() -> None:
     ]
     assert [ids[a:b].tolist() for a, b in pairwise(starts.tolist())] == expected
     assert sorted(slots.tolist()) == list(range(len(ids)))
-    assert torch.equal(
-        torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long()
-    )  # slots of a Gaussian follow each other
+    # slots of a Gaussian follow each other
+    assert torch.equal(torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long())
 
 
 def test_s12_more_intersections_than_places_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,16 +242,18 @@ COMPILE = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from posegaussian.stages.rendering import gpu, gpu_composite
+from posegaussian.stages.splatting.gpu import backend, composite
 given = {
-    "composite": ["*fp32", "*i32", "*i32", "*fp32", "*fp32", "*fp32", "*i32", "fp32", "fp32", "fp32", "i32", "i32", "i32"],
-    "composite_backward": ["*fp32", "*i32", "*i32", "*i32", "*fp32", "*i32", "*fp32", "*fp32", "*fp32", "fp32", "fp32", "i32", "i32", "i32"],
+    "composite": "*fp32 *i32 *i32 *fp32 *fp32 *fp32 *i32 fp32 fp32 fp32 i32 i32 i32",
+    "composite_backward": "*fp32 *i32 *i32 *i32 *fp32 *i32 *fp32 *fp32 *fp32 fp32 fp32 i32 i32 i32",
 }
 for name, kinds in given.items():
-    kernel = getattr(gpu_composite, name)
-    fixed = {"CHANNELS": 4, "TILE": gpu.SHAPE.tile, "CHUNK": gpu.SHAPE.chunk, **({"TRAINING": True} if name == "composite" else {})}
-    signature = {**dict(zip(kernel.arg_names, kinds)), **dict.fromkeys(fixed, "constexpr")}
-    made = triton.compile(ASTSource(kernel, signature, fixed), target=GPUTarget("cuda", 90, 32), options={"num_warps": gpu.SHAPE.warps, "enable_fp_fusion": True})
+    kernel = getattr(composite, name)
+    fixed = {"CHANNELS": 4, "TILE": backend.SHAPE.tile, "CHUNK": backend.SHAPE.chunk}
+    fixed |= {"TRAINING": True} if name == "composite" else {}
+    signature = {**dict(zip(kernel.arg_names, kinds.split())), **dict.fromkeys(fixed, "constexpr")}
+    options = {"num_warps": backend.SHAPE.warps, "enable_fp_fusion": True}
+    made = triton.compile(ASTSource(kernel, signature, fixed), target=GPUTarget("cuda", 90, 32), options=options)
     assert len(made.asm["cubin"]) > 1000
 """
 

@@ -61,9 +61,8 @@ def test_gradient_of_a_map_equals_finite_differences(name: str) -> None:
     maps = source()
     values = maps[name].clone().requires_grad_()
     (gradient,) = torch.autograd.grad(loss(maps | {name: values}, torch.float64), values)
-    direction = torch.as_tensor(np.random.default_rng(2).normal(size=values.shape)) * (
-        maps[name] != 0
-    )  # no surface appears
+    # no surface appears
+    direction = torch.as_tensor(np.random.default_rng(2).normal(size=values.shape)) * (maps[name] != 0)
     step = 1e-8
     with torch.no_grad():
         numeric = (

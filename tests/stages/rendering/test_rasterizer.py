@@ -1,5 +1,5 @@
-"""Laws of both back ends: the definition as a loop, analytic values, finite differences; threads and tiles. Hard
-cases: tests/hard_cases."""
+"""Laws of both back ends: the definition as a loop, analytic values, finite differences;
+threads and tiles. Hard cases: tests/hard_cases."""
 
 import dataclasses
 
@@ -52,8 +52,8 @@ def test_equals_the_definition_written_as_a_loop(dtype: torch.dtype, bound: floa
 
 
 def test_profile_and_energy_of_one_gaussian() -> None:
-    """Law: alpha = o exp(-d^2 / 2 s^2) with s = f scale / z px, and its sum is 2 pi s^2 o (to the tail cut off at
-    1e-12)."""
+    """Law: alpha = o exp(-d^2 / 2 s^2) with s = f scale / z px,
+    and its sum is 2 pi s^2 o (to the tail cut off at 1e-12)."""
     cam = camera()
     out = draw(gaussians([0, 0, 2.0], scale=0.06, opacity=0.7), cam, NO_CUTS)
     s = 50 * 0.06 / 2

@@ -199,9 +199,8 @@ def test_gaussians_that_are_not_finite_are_left_out_and_spoken_of(
     expected = render(person, without, path)
     assert all(np.array_equal(np.asarray(b.data), expected[b.array]) for b in blocks)
     (said,) = [n for b in blocks for n in b.notes]
-    assert re.fullmatch(
-        "[12] Gaussians of frame 2 were not finite and were left out", said
-    )  # of two views, and of those that face the camera
+    # of two views, and of those that face the camera
+    assert re.fullmatch("[12] Gaussians of frame 2 were not finite and were left out", said)
 
 
 def test_what_was_left_out_is_one_sentence_a_partition() -> None:

@@ -141,8 +141,8 @@ def rendered(c: PersonCapture, color: np.ndarray, on: bool) -> float:
 
 
 def test_views_that_disagree_are_blended_to_a_picture_closer_to_the_truth(person: PersonCapture) -> None:
-    """Every camera sees the body in noise of its own, 30/255; the one that lies in front is chance, the mean of both
-    is not."""
+    """Every camera sees the body in noise of its own, 30/255;
+    the one that lies in front is chance, the mean of both is not."""
     random = np.random.default_rng(0)
     noisy = np.clip(person.color + random.normal(0, 30, person.color.shape), 0, 255).astype(np.uint8)
     noisy[:, 8:] = person.color[:, 8:]

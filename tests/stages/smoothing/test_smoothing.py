@@ -1,5 +1,5 @@
-"""Laws of temporal pose smoothing: identity, bounds, the paper's equation, no ghost limb, partitions, lag and step
-response."""
+"""Laws of temporal pose smoothing: identity, bounds, the paper's equation,
+no ghost limb, partitions, lag and step response."""
 
 from __future__ import annotations
 
@@ -234,9 +234,8 @@ def test_lag_at_constant_speed_is_the_documented_one(omega: float) -> None:
     assert behind["pairwise"] == pytest.approx(1 - omega, abs=0.01)
     assert behind["recurrent"] == pytest.approx(sum((1 - omega) ** k for k in range(1, 5)), abs=0.01)
     calm = 1 - speed / SIGMA
-    assert behind["adaptive"] == pytest.approx(
-        (1 - omega) * calm, abs=0.02
-    )  # sigma is measured from the map, without its tail
+    # sigma is measured from the map, without its tail
+    assert behind["adaptive"] == pytest.approx((1 - omega) * calm, abs=0.02)
 
 
 def test_step_response_is_the_documented_one() -> None:

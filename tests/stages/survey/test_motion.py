@@ -23,8 +23,8 @@ def runs(count: int, noise: float, velocity: float, seed: int = 0) -> np.ndarray
 def test_noise_and_speed_are_told_apart(noise: float, velocity: float) -> None:
     jitter, motion, compared = jitter_and_motion(runs(25, noise, velocity))
     assert compared == 25 * 17
-    # 425 third differences: their median is known to 5 %. The trimmed twentieth of the steps takes up to a tenth of the
-    # speed.
+    # 425 third differences: their median is known to 5 %.
+    # The trimmed twentieth of the steps takes up to a tenth of the speed.
     assert jitter == pytest.approx(noise, rel=0.12)
     assert motion == pytest.approx(velocity, rel=0.12, abs=0.5 * noise)
 

@@ -82,8 +82,8 @@ def test_differences_of_pairs_are_those_of_the_gains(found: np.ndarray) -> None:
     for a, b in ((0, 1), (0, 2), (1, 2)):
         points = found[a, b][(found[a, b] < NONE).all(axis=1)]
         assert len(points) >= FEWEST_POINTS
-        # Colours are averaged over some 10 px that differ between the views by what 12 degrees foreshorten: a few per
-        # cent.
+        # Colours are averaged over some 10 px that differ between the views by what 12 degrees foreshorten:
+        # a few per cent.
         np.testing.assert_allclose(np.median(points, axis=0), STOPS[a] - STOPS[b], atol=0.06)
         assert (found[b, a] == NONE).all(), "a pair is looked at once"
 

@@ -125,8 +125,8 @@ def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(
         camera = found.target
         assert (camera.width, camera.height) == (16, 16)
         place = project(points[-1][None], np.asarray(camera.intrinsics), camera.world_to_camera)[0][0]
-        # Whole px, and within the picture. 64 px and a ball of 0.4 of it: a window of 16 px around the ball always
-        # fits.
+        # Whole px, and within the picture. 64 px and a ball of 0.4 of it:
+        # a window of 16 px around the ball always fits.
         assert np.abs(place - 8).max() <= 0.5 + 1e-6
         for which in (0, 1):
             x0, y0, width, height = found.windows[which]
@@ -204,9 +204,17 @@ def test_a_simulated_frame_holds_what_the_head_of_the_file_says_and_comes_out_th
     config = tiny(cameras=(3,), size=48)
     frame = make_frame(config, 0)
     assert {k: v.shape for k, v in frame.items()} == {
-        "color": (6, 48, 48, 3), "mask": (6, 48, 48), "truth": (6, 48, 48), "depth": (3, 48, 48), "confidence": (3, 48, 48), "joints": (3, 17, 3),
-        "intrinsics": (6, 3, 3), "world_to_camera": (6, 4, 4), "pairs": (3, 3), "about": (4,),
-    }  # fmt: skip
+        "color": (6, 48, 48, 3),
+        "mask": (6, 48, 48),
+        "truth": (6, 48, 48),
+        "depth": (3, 48, 48),
+        "confidence": (3, 48, 48),
+        "joints": (3, 17, 3),
+        "intrinsics": (6, 3, 3),
+        "world_to_camera": (6, 4, 4),
+        "pairs": (3, 3),
+        "about": (4,),
+    }
     assert all(np.isfinite(v).all() for v in frame.values())
     assert frame["pairs"][:, 2].min() >= 3
     inside = frame["mask"][:3] > 127

@@ -72,8 +72,8 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
 
 
 def test_views_that_do_not_fit_teach_no_depth_but_no_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
-    """The same pair beside itself, shown as strange: the learned change has no gradient from it, and less confidence
-    is better."""
+    """The same pair beside itself, shown as strange:
+    the learned change has no gradient from it, and less confidence is better."""
     batch = together([replace(example, strange=True)], torch.device("cpu"))
     assert bool(batch.strange.all())
     learner.zero_grad()

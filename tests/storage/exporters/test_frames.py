@@ -38,9 +38,8 @@ def test_alpha_only_where_asked(tmp_path):
     assert channels == [4, 3]
     back = read_picture(tmp_path / "a" / "000000.png")
     np.testing.assert_array_equal(back[1], straight[1])
-    assert (
-        np.abs(back[2:].astype(int) - straight[2:]).max() <= 1
-    )  # half a count of the premultiplied value at alpha 128
+    # half a count of the premultiplied value at alpha 128
+    assert np.abs(back[2:].astype(int) - straight[2:]).max() <= 1
     assert not back[0].any()
 
 

@@ -1,5 +1,5 @@
-"""The caliscope importer: frame n is one instant in every view, whatever the videos lack, and a sentence for
-everything wrong."""
+"""The caliscope importer: frame n is one instant in every view, whatever the videos lack,
+and a sentence for everything wrong."""
 
 from __future__ import annotations
 
@@ -197,8 +197,8 @@ def test_boards_are_no_joints_and_turned_cameras_are_told(base: Path) -> None:
 def write_landmarks(
     base: Path, tracker: str, joints: int, first: int = 0, index: int = 0, columns: str = "cam_id,point_id"
 ) -> None:
-    """Landmark j of video frame k of a camera at (10 j + camera, k); instants are numbered from `first`, frames from
-    `index`."""
+    """Landmark j of video frame k of a camera at (10 j + camera, k);
+    instants are numbered from `first`, frames from `index`."""
     camera, point = columns.split(",")
     rows = [f"sync_index,{camera},frame_index,frame_time,{point},img_loc_x,img_loc_y"]
     for c, found in SEEN.items():

@@ -1,5 +1,5 @@
-"""Depth maps of the user's: apart from a simulator's truth, in metres, of the picture's field; a sentence for
-everything else."""
+"""Depth maps of the user's: apart from a simulator's truth, in metres, of the picture's field;
+a sentence for everything else."""
 
 from __future__ import annotations
 

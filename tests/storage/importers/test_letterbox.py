@@ -1,5 +1,5 @@
-"""Pictures of another size than their calibration: what bars and shapes tell is found, what they leave open is
-refused."""
+"""Pictures of another size than their calibration:
+what bars and shapes tell is found, what they leave open is refused."""
 
 from __future__ import annotations
 
@@ -151,8 +151,8 @@ def test_what_is_refused_is_printed_with_settings_to_copy(tmp_path: Path) -> Non
     with pytest.raises(
         CalibrationError,
         match=(
-            "camera cam2: pictures are 60x48 px, the calibration is for 64x48 px; that is another shape, and there are"
-            " no black bars"
+            "camera cam2: pictures are 60x48 px, the calibration is for 64x48 px;"
+            " that is another shape, and there are no black bars"
         ),
     ) as refused:
         capture_of(tmp_path, (60, 48), (0, 0, 60, 48))

@@ -156,7 +156,10 @@ def test_trc_is_taken_when_there_is_one(base):
     names = JOINT_SETS["trc21"].names
     world = np.arange(63).reshape(21, 3) * 0.01
     row = "\t".join(str(x) for p in world for x in (p[1] * 1000, p[2] * 1000, p[0] * 1000))
-    header = f"PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumMarkers\tUnits\n30\t21\tmm\nFrame#\tTime\t{(chr(9) * 3).join(names)}\n\t\tX1\n"
+    header = (
+        "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumMarkers\tUnits\n30\t21\tmm\n"
+        f"Frame#\tTime\t{(chr(9) * 3).join(names)}\n\t\tX1\n"
+    )
     (base / "a.trc").write_text(f"{header}1\t0.0\t{row}\n2\t0.1\t\n")
     capture = find(base)
     joints = open_source(capture, "joints3d")

@@ -22,8 +22,8 @@ CORNER = (10, 5)
 
 
 def camera(rig: Rig, v: int, **changes: str) -> str:
-    """One camera element, by the format's own words: place and axes in the world, x right, y up, z backwards, mm and
-    1/64 px."""
+    """One camera element, by the format's own words:
+    place and axes in the world, x right, y up, z backwards, mm and 1/64 px."""
     right, down, forward = rig.rotations[v]
     axes = {f"r{i}{j}": value for i, row in enumerate((right, -down, -forward), 1) for j, value in enumerate(row, 1)}
     place = dict(zip("xyz", 1000 * rig.centres[v], strict=True))
