@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -90,8 +91,13 @@ def reshard(
 
 
 def accept(
-    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    stage: Annotated[str, typer.Argument(help="Name of the stage whose outputs are kept as they are.")],
+    sequence: Annotated[str, typer.Argument(help="Name of the sequence; a pattern such as '*' takes several.")],
+    stage: Annotated[
+        str,
+        typer.Argument(
+            help="Name of the stage whose outputs are kept as they are; all: every stage, after another version."
+        ),
+    ],
     reason: Annotated[str, typer.Option("--reason", help="Why the change cannot matter; kept in the receipts.")],
     archive: ArchiveOption = None,
     config: ConfigOption = None,
@@ -100,9 +106,17 @@ def accept(
     """Keep a stage's outputs after a harmless change of its code, version or settings, instead of computing them again.
 
     Example: posegaussian accept balance depth --reason "renamed a variable"
+
+    Example: posegaussian accept "*" all --reason "the modules moved, no result changed"
     """
+    from posegaussian.dags.maintenance.accept import EVERY, accept_every
     from posegaussian.dags.maintenance.accept import accept as keep
 
     session = open_session(config, assignments, archive)
-    selected([stage], None, None)
-    say(keep(session.plan(session.names([sequence])[0], Selection()), stage, reason))
+    if stage != EVERY:
+        selected([stage], None, None)
+    for name in session.names([sequence]):
+        if stage == EVERY:
+            say(accept_every(partial(session.plan, name, Selection()), reason))
+        else:
+            say(keep(session.plan(name, Selection()), stage, reason))

@@ -8,6 +8,7 @@ same, and its shards must be there: nobody can vouch for those.
 from __future__ import annotations
 
 import getpass
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -15,15 +16,38 @@ from posegaussian.dags.planning.fingerprint import reasons
 from posegaussian.dags.planning.plan import Plan, State, judge
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task, dependencies
+from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, write_receipt
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.model.spec import digest
 
 HARMLESS = ("version", "code", "params")
 """Fingerprint parts whose change may be accepted."""
+OF_THE_PROGRAM = ("version", "code")
+"""Those of them that no setting changes: what may be accepted of all stages at once."""
+EVERY = "all"
+"""Stands for every stage."""
 
 
-def accept(plan: Plan, stage: str, reason: str) -> list[str]:
+def accept_every(plan_of: Callable[[], Plan], reason: str) -> list[str]:
+    """`accept` for every stage that has outputs, in the order of flow, after another version of the program.
+
+    Args:
+        plan_of: makes the plan anew: once a stage is accepted, those behind it can be judged.
+        reason: why the change cannot matter.
+
+    Raises:
+        UserError: as `accept` does, and for settings that changed; what was accepted until then stays so.
+    """
+    said = []
+    for stage in STAGES:
+        plan = plan_of()
+        if stage.name not in plan.unneeded and any(t.stage == stage.name for t in plan.book.receipts):
+            said += accept(plan, stage.name, reason, OF_THE_PROGRAM)
+    return said
+
+
+def accept(plan: Plan, stage: str, reason: str, harmless: tuple[str, ...] = HARMLESS) -> list[str]:
     """Re-key the receipts of a stage's stale tasks; returns sentences about what was done.
 
     Nothing is written before every task was looked at. Tasks that were never made stay so.
@@ -42,7 +66,7 @@ def accept(plan: Plan, stage: str, reason: str) -> list[str]:
     if not stale:
         return [f"{name}: {stage} is fresh, there is nothing to accept"]
     made = [t for t in stale if t in plan.book.receipts]
-    keyed = [_keyed(plan, task, settled, reason.strip()) for task in made]
+    keyed = [_keyed(plan, task, settled, reason.strip(), harmless) for task in made]
     for task, (receipt, _) in zip(made, keyed, strict=True):
         if read_receipt(plan.context.sequence, ReceiptKey(*task[1:])) != plan.book.receipts[task]:
             raise UserError(
@@ -69,7 +93,9 @@ def _settled(plan: Plan) -> set[Task]:
     return settled
 
 
-def _keyed(plan: Plan, task: Task, settled: set[Task], reason: str) -> tuple[Receipt, list[str]]:
+def _keyed(
+    plan: Plan, task: Task, settled: set[Task], reason: str, harmless: tuple[str, ...]
+) -> tuple[Receipt, list[str]]:
     """The receipt under today's fingerprint, and what changed since it was written.
     Raises UserError when that may matter."""
     name, old = plan.context.sequence.name, plan.book.receipts[task]
@@ -86,11 +112,11 @@ def _keyed(plan: Plan, task: Task, settled: set[Task], reason: str) -> tuple[Rec
             f" (`posegaussian why {name} {task.stage}`)"
         )
     _, _, parts = judge(plan.book, task, Selection(), digests)
-    other = [k for k in sorted({*old.parts, *parts}) if k not in HARMLESS and old.parts.get(k) != parts.get(k)]
+    other = [k for k in sorted({*old.parts, *parts}) if k not in harmless and old.parts.get(k) != parts.get(k)]
     changed = reasons(old.parts, parts)
     if other:
         raise UserError(
-            f"{label}: {', '.join(other)} changed, not only {', '.join(HARMLESS)} ({'; '.join(changed)});"
+            f"{label}: {', '.join(other)} changed, not only {', '.join(harmless)} ({'; '.join(changed)});"
             " run it instead"
         )
     note = {

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from posegaussian.dags.maintenance.accept import accept
+from posegaussian.dags.maintenance.accept import accept, accept_every
 from posegaussian.dags.planning import fingerprint
 from posegaussian.dags.planning.explain import why
 from posegaussian.dags.planning.plan import State
+from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
 from posegaussian.storage.model.errors import UserError
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
@@ -144,3 +145,21 @@ def test_a_reason_is_asked_for_and_fresh_or_unneeded_stages_are_left_alone(archi
     with pytest.raises(UserError, match="does not need survey"):
         accept(archive.plan(), "survey", "x")
     assert "nothing to accept" in accept(archive.plan(), "depth", "x")[0]
+
+
+def test_another_version_is_accepted_at_once_in_the_order_of_flow(
+    archive: Pipeline, finished: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The code of every stage is another one: each plan sees what was accepted before, and no byte is made anew."""
+    monkeypatch.setattr(fingerprint, "code_digest", lambda run: "e" * 32)
+    said = accept_every(archive.plan, "the modules moved")
+    stages = [line.split(" outputs of ")[1].partition(":")[0] for line in said]
+    assert stages == [s.name for s in STAGES if s.name in stages]
+    assert "depth" in stages
+    assert archive.plan().all_fresh
+    assert_same_content(content(archive), content(finished))
+
+
+def test_settings_are_not_accepted_of_all_stages_at_once(archive: Pipeline) -> None:
+    with pytest.raises(UserError, match=r"params changed, not only version, code"):
+        accept_every(archive.with_settings("depth.pairs=1").plan, "whatever")
