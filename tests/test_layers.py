@@ -21,7 +21,13 @@ MODEL = "storage.model"
 SCHEDULERS = {"dask", "distributed"}
 LIBRARIES = ("geometry", "silhouettes", "camera_paths", "imaging", "matching", "splatting", "estimators")
 """Folders of stages that are no stage: what several stages compute with."""
-ONE_KIND = ("storage/importers", "stages/simulator/effects")
+ONE_KIND = (
+    "storage/importers",
+    "stages/simulator/effects",
+    "stages/depth/methods",
+    "stages/metrics/measures",
+    "stages/survey/measures",
+)
 """Folders of one registered kind, where every file is another one of it: they may hold any number."""
 MOST_MODULES = 15
 
@@ -112,6 +118,18 @@ def test_libraries_of_stages_know_no_stage() -> None:
         if top(i) == "stages" and not any(inside(i, a) for a in allowed)
     ]
     assert not wrong
+
+
+def test_planning_and_runtime_know_of_stages_what_these_declare() -> None:
+    """What generic code asks of a single stage, the stage's declaration answers."""
+    files = [f for f in of("dags") if inside(dotted(f), "dags.planning") or inside(dotted(f), "dags.runtime")]
+    assert len(files) > 25
+    assert not [
+        f"{name(f)} imports {i}"
+        for f in files
+        for i in sorted(imports(f))
+        if inside(i, "stages") and not (inside(i, "stages.contract") or i == "stages.registry")
+    ]
 
 
 def test_no_folder_and_no_file_is_part_of_a_circle() -> None:

@@ -31,7 +31,7 @@ from benchmarks.report import publish
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.simulation.simulated_run import run_capture
-from posegaussian.stages.depth.relief import relief
+from posegaussian.stages.depth.algorithms.relief import relief
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.simulator.quality_scenes import benchmark_scene

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 
 from benchmarks.report import publish
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry
+from posegaussian.stages.depth.algorithms.sweeping import sweep_open
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry
-from posegaussian.stages.depth.sweeping import sweep_open
 from posegaussian.storage.model.cameras import Rig, from_integer_centres
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "motorcycle"

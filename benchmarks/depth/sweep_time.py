@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 import torch
 
-import posegaussian.stages.depth.sweeping as sweeping
+import posegaussian.stages.depth.algorithms.sweeping as sweeping
 import posegaussian.stages.matching.sweep as sweep
 from benchmarks.depth.plain_cost_volume import cost_volume as plain
 from benchmarks.report import publish
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry
 from posegaussian.stages.matching.cost import FORBIDDEN
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 

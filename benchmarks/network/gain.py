@@ -31,11 +31,11 @@ from benchmarks.network.picture import draw
 from benchmarks.quality.cells import Cell, film_cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.report import publish, show
-from posegaussian.dags.assets.network_weights import card_of, shipped, weights_digest
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.simulation.simulated_run import depths, run_capture
+from posegaussian.stages.network.asset import card_of, shipped, weights_digest
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
 

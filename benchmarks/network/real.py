@@ -29,7 +29,6 @@ from benchmarks.network.picture import difference, glowing, nearer
 from benchmarks.pose.real import CROPS, without_keypoints
 from benchmarks.quality.picture import around, tile
 from benchmarks.report import publish, show
-from posegaussian.dags.assets.network_weights import card_of, shipped
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.planning.results import Results
@@ -42,6 +41,7 @@ from posegaussian.dags.session.session import Session
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.pairs import pair_report
+from posegaussian.stages.network.asset import card_of, shipped
 from posegaussian.stages.network.params import NetworkParams, depth_array
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS
 from posegaussian.storage.archive.store import Archive

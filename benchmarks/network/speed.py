@@ -27,10 +27,10 @@ import numpy as np
 import torch
 
 from benchmarks.report import publish
-from posegaussian.dags.assets.network_weights import SHIPPED
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.network.asset import SHIPPED
 from posegaussian.stages.network.card import read_card
 from posegaussian.stages.network.inference import learned_of, predict
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction

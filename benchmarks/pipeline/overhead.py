@@ -51,9 +51,9 @@ REAL = posegaussian.dags.runtime.worker.execute
 
 def outputs(stage: Stage, order: Order) -> Iterator[Block]:
     """An empty block for everything a task would write."""
-    for spec in stage.writes_for(order.facts):
-        every = isinstance(spec, ArraySpec) and spec.per_view and order.view is None
-        for view in range(len(order.rig)) if every else [order.view]:
+    for spec in stage.writes_for(order.scope.facts):
+        every = isinstance(spec, ArraySpec) and spec.per_view and order.scope.view is None
+        for view in range(len(order.scope.rig)) if every else [order.scope.view]:
             yield Block(spec.name, None, view)
 
 

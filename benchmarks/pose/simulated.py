@@ -31,10 +31,10 @@ import numpy as np
 
 from benchmarks.pose.joints import CLEAN, NAMES, SPOILS, constant_of, offsets, spoilt, without_offset
 from benchmarks.report import publish, show
-from posegaussian.dags.assets.estimator import blazepose_is_here
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.simulation.simulated_run import CAPTURE, film_capture, run_capture
+from posegaussian.stages.detection.asset import blazepose_is_here
 from posegaussian.stages.pose.jitter import in_space, measures, off_heatmaps
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.exporters.images_layout import write_capture

@@ -23,10 +23,11 @@ import numpy as np
 import torch
 
 from benchmarks.report import publish
-from posegaussian.stages.metrics.lpips import STACKS, Stack
-from posegaussian.stages.metrics.params import LPIPS, MetricsParams
+from posegaussian.stages.metrics.measures.lpips import FILES
+from posegaussian.stages.metrics.measures.lpips_network import STACKS, Stack
+from posegaussian.stages.metrics.measures.registry import METRICS
+from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
-from posegaussian.stages.metrics.stage import BYTES
 
 
 def picture(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,10 +59,10 @@ def weights(folder: Path, stack: Stack) -> dict[str, tuple[str, str]]:
 
 def settings(name: str, folder: Path) -> MetricsParams:
     """Settings that ask for one measure."""
-    if name not in LPIPS:
+    if name not in FILES:
         return MetricsParams.model_validate({"measures": [name]})
     (folder / name).mkdir()
-    files = dict(zip(LPIPS[name], weights(folder / name, STACKS[name]).values(), strict=True))
+    files = dict(zip(FILES[name], weights(folder / name, STACKS[name]).values(), strict=True))
     return MetricsParams.model_validate(
         {
             "measures": [name],
@@ -89,7 +90,7 @@ def row(name: str, size: int, params: MetricsParams, repeats: int) -> dict[str, 
         measure(*pictures, params)
         seconds.append(time.perf_counter() - start)
     peak = max(0, memory("VmHWM") - before)
-    declared = BYTES[name] * size * size
+    declared = METRICS[name].bytes_a_pixel * size * size
     return {
         "measure": name,
         "px": size,
@@ -109,7 +110,7 @@ def main() -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as folder:
-        asked = {name: settings(name, Path(folder)) for name in BYTES if name != "delta_ssim"}
+        asked = {name: settings(name, Path(folder)) for name, m in METRICS.items() if m.change_of is None}
         rows = [
             row(name, size, params, arguments.repeats) for size in arguments.sizes for name, params in asked.items()
         ]

@@ -19,10 +19,10 @@ import numpy as np
 
 from posegaussian.dags.ablation.cells import RESULT, Cell, as_json, cell
 from posegaussian.dags.ablation.groups import Group, Row
-from posegaussian.dags.assets.network_weights import card_of, weights_digest
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.runtime.signals import interruptible
 from posegaussian.dags.training.run_folder import RunFolder, locked
+from posegaussian.stages.network.asset import card_of, weights_digest
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.training.config import TrainingConfig

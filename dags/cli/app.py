@@ -19,7 +19,7 @@ from posegaussian.dags.cli.models import models
 from posegaussian.dags.cli.options import Commands, errors
 from posegaussian.dags.cli.results import export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
-from posegaussian.dags.cli.sequences import demo, import_capture, simulate
+from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, simulate
 from posegaussian.dags.cli.train import train
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import UserError
@@ -33,7 +33,7 @@ app = typer.Typer(
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
 )
 app.add_typer(models, name="models")
-app.command("import")(import_capture)
+app.command("import", cls=ImportCommand)(import_capture)
 app.command()(simulate)
 app.command()(plan)
 app.command()(run)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperArgument, TyperCommand
 
 from posegaussian.dags.cli.options import (
     ArchiveOption,
@@ -19,12 +21,26 @@ from posegaussian.dags.cli.options import (
 )
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.simulation.shipped import shipped_scenes
+
+
+class ImportCommand(TyperCommand):
+    """`import`, whose help names the layouts; the importers are loaded only to show it, as that takes a while."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """The help with one line a layout."""
+        from posegaussian.storage.importers.find import AUTO
+        from posegaussian.storage.importers.registry import IMPORTERS
+
+        (layout,) = (p for p in self.params if isinstance(p, TyperArgument) and p.name == "layout")
+        layout.help = f"{', '.join(IMPORTERS)}, or {AUTO} for the one that fits."
+        known = "\n\n".join(f"{i.name}: {i.summary}" for i in IMPORTERS.values())
+        self.help = f"{inspect.getdoc(import_capture)}\n\n{known}"
+        super().format_help(ctx, formatter)
 
 
 def import_capture(
-    layout: Annotated[
-        str, typer.Argument(help="pose2sim, caliscope, easymocap, images, or auto for the one that fits.")
-    ],
+    layout: Annotated[str, typer.Argument(help="Layout of the capture.")],
     source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     sequence: Annotated[
         str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")
@@ -72,12 +88,7 @@ def import_capture(
 def simulate(
     scene: Annotated[
         str,
-        typer.Argument(
-            help=(
-                "Scene file, or the name of one that ships: demo, plain, fast_motion, self_occlusion, messy, sparse_6,"
-                " dense_16, single_pair, two_people."
-            )
-        ),
+        typer.Argument(help=f"Scene file, or the name of one that ships: {', '.join(shipped_scenes())}."),
     ],
     sequence: Annotated[
         str | None, typer.Option("--sequence", help="Name of the sequence; default: the scene's.")
@@ -103,7 +114,7 @@ def simulate(
 
     Example: posegaussian simulate messy --archive ./archive --sequence messy
     """
-    from posegaussian.dags.simulation.simulate import scene_file
+    from posegaussian.dags.simulation.shipped import scene_file
     from posegaussian.dags.simulation.simulate import simulate as film_scene
 
     if output is not None:

@@ -19,10 +19,10 @@ import numpy as np
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
-from posegaussian.stages.survey.params import PLATE
 from posegaussian.storage.model.cameras import CameraPath, camera_centre
 from posegaussian.storage.model.errors import ConfigError
 
+PLATE = "survey/plate"
 SAME_PLACE = 1e-3
 """Metres between two cameras' centres up to which they see the same background:
 0.3 px at 3 m and a focal length of 1000 px."""

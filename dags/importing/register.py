@@ -17,7 +17,7 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.store import SOURCES, Archive, Sequence
 from posegaussian.storage.files.names import check_camera_names, refuse_links
 from posegaussian.storage.files.write import whole_file
-from posegaussian.storage.importers import registry
+from posegaussian.storage.importers import find
 from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import ConfigError, NotWritten, SourceError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
@@ -39,7 +39,7 @@ def find_capture(layout: str, source: Path, assignments: list[str], settings: An
         if not separator:
             raise ConfigError(f"--option {text}: write it as key=value, for example frame_rate=30")
         options[key.strip()] = parse_value(value)
-    return registry.find_capture(layout, source, options)
+    return find.find_capture(layout, source, options)
 
 
 def partition_length(capture: Capture, settings: Any) -> int:

@@ -17,8 +17,8 @@ from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.matching import Matched
 from posegaussian.stages.inspection.report import Report
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.survey.joints import SCORE
-from posegaussian.stages.survey.silhouettes import masks_of
+from posegaussian.stages.survey.algorithms.joints import SCORE
+from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 from posegaussian.storage.model.joint_sets import joint_set
 from posegaussian.storage.model.masks import foreground

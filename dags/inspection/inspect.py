@@ -14,15 +14,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from posegaussian.dags.assets.estimator import blazepose_is_here, estimator_of
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.depth.params import resolve_method
+from posegaussian.stages.detection.asset import blazepose_is_here, estimator_of
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
 from posegaussian.stages.frames.params import matte_choice
 from posegaussian.stages.imaging.camera_mapping import frames_size
 from posegaussian.stages.inspection.cameras import of_sizes, size_unexplained
 from posegaussian.stages.inspection.finding import Finding, Verdict, worst_first
-from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.report import Report, inspect
@@ -115,15 +115,12 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     captured = np.array([s.size for s in streams])
     return (
         Footage(
-            rig,
-            source_rig,
-            crops,
+            scope_of(rig, source_rig, crops, frozenset(facts[k] for k in readers if k in facts)),
             joint_crops,
             captured,
             numbers,
             capture.frame_rate,
             readers,
-            frozenset(facts[k] for k in readers if k in facts),
         ),
         sizes,
     )
@@ -132,7 +129,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
 def planned_of(context: Context) -> Planned:
     """What a run under these settings will make of the capture: by the same functions that decide it there."""
     settings, facts = context.settings, context.capture_facts
-    depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts)})
+    depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts).name})
     matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
     return Planned(context.rig, context.active_views, context.views.sources, depth, matte, estimator, facts)
 

@@ -9,22 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.assets.estimator import blazepose_is_here, named_joint_set
 from posegaussian.dags.planning.effects import Verdict, judged, refusals
-from posegaussian.stages.camera_paths.paths import make_path
-from posegaussian.stages.camera_paths.stretch import best_stretch
 from posegaussian.stages.contract.declaration import Evidence, Facts, Stage
-from posegaussian.stages.contract.facts import BLAZEPOSE, ESTIMATED, GIVEN_DEPTH, GIVEN_JOINTS, SEGMENTED, SINGLE_SOURCE
+from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.detection.params import DetectionParams, estimator_choice
-from posegaussian.stages.frames.params import wants_segmentation
-from posegaussian.stages.imaging.camera_mapping import captured_to_calibrated, frames_rig
-from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import ASSETS, PATHS, STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Sequence
 from posegaussian.storage.files.names import check_camera_names
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.crop import captured_to_calibrated
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.timegrid import TimeGrid, select
@@ -114,18 +109,16 @@ class Context:
     @cached_property
     def rig(self) -> Rig:
         """Cameras of `frames/*`."""
-        return frames_rig(self.capture.rig, self.settings.frames.size)
+        return self.rig_of(stage_named("frames"))
 
     def rig_of(self, stage: Stage) -> Rig:
-        """Cameras as a stage sees them: those of `frames/*`, or of a size of its own."""
-        if stage.longest is None:
-            return self.rig
-        return frames_rig(self.capture.rig, stage.longest)
+        """Cameras as a stage sees them: those of `frames/*`, or its own."""
+        return self.rig if stage.cameras is None else stage.cameras(self.capture.rig, self.params(stage))
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
         """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""
-        return captured_to_calibrated(self.capture.rig, {**self.capture.crops, **self.settings.frames.crop})
+        return captured_to_calibrated(self.capture.rig.names, {**self.capture.crops, **self.settings.frames.crop})
 
     @cached_property
     def source_frames(self) -> np.ndarray:
@@ -167,46 +160,18 @@ class Context:
 
     @cached_property
     def capture_facts(self) -> Facts:
-        """What the capture has, as far as it decides which stages and inputs count."""
-        capture, sources = self.capture, self.views.sources
+        """What the capture has, as far as it decides which stages and inputs count: the roles of its cameras, and what
+        each stage tells of it, in the order of flow."""
+        roles = {SINGLE_SOURCE: len(self.views.sources) == 1, HELD_OUT: bool(self.views.held_out)}
+        known = frozenset(name for name, holds in roles.items() if holds)
+        for s in STAGES:
+            known |= frozenset(s.facts(self.capture, self.views, self.params(s), known))
+        return known
 
-        def every(kind: str) -> bool:
-            streams = capture.streams(kind)
-            return bool(streams) and all(streams[v] is not None for v in self.active_views)
-
-        streams, here = capture.joints, capture.joints3d is not None
-        given = any(streams[v] is not None for v in sources) if streams else False
-        known = frozenset(
-            k for k, present in {GIVEN_JOINTS: given or here, BLAZEPOSE: blazepose_is_here()}.items() if present
-        )
-        estimator = estimator_choice(self.settings.detection, known)[0]
-        facts = {
-            **dict.fromkeys(known, True),
-            ESTIMATED: estimator in ("blazepose", "onnx"),
-            "joints2d": estimator in ("blazepose", "onnx") or (given and estimator == "files"),
-            "joints3d": here and estimator != "none",
-            "masks": every("masks"),
-            "truth_depth": every("depth"),
-            GIVEN_DEPTH: bool(capture.depth_maps) and all(capture.depth_maps[v] is not None for v in sources),
-            SINGLE_SOURCE: len(sources) == 1,
-            "held_out": bool(self.views.held_out),
-            "several_frames": len(capture.numbers) > 1,
-            "linear_light": any(f.path.lower().endswith(".exr") for v in sources for f in capture.pictures[v].files),
-        }
-        found = frozenset(k for k, present in facts.items() if present)
-        return (
-            found | {SEGMENTED}
-            if estimator == "blazepose" or (BLAZEPOSE in found and wants_segmentation(self.settings.frames, found))
-            else found
-        )
-
-    @property
-    def estimator(self) -> DetectionParams:
-        """The settings of detection, with `auto` resolved; BlazePose where it only segments the person whose joints
-        were given."""
-        params, facts = self.settings.detection, self.capture_facts
-        answer = "blazepose" if SEGMENTED in facts and ESTIMATED not in facts else estimator_choice(params, facts)[0]
-        return params.model_copy(update={"estimator": answer})
+    def asset_settings(self, name: str) -> Any:
+        """The settings that say which models or weights an asset is, `auto` resolved."""
+        stage, asset = ASSETS[name]
+        return asset.settled(self.params(stage), self.capture_facts)
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -281,9 +246,8 @@ class Context:
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
         """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
-        depth, frames = self.settings.depth, self.source_frames
-        limits = (depth.subject_distance, depth.max_angle)
-        made = {t: make_path(t, self.rig, self.views, frames, *limits) for t in self.path_texts}
+        given = self.rig, self.views, self.source_frames, self.settings
+        made = {text: PATHS.make(text, *given) for text in self.path_texts}
         for path in made.values():
             check_camera_names(path.names)
         return made
@@ -294,17 +258,19 @@ class Context:
 
     @cached_property
     def joint_set(self) -> str | None:
-        """Joint set of `pose/*`: the estimator's, else of the source views' 2D joints, else of the 3D joints; None
-        without any."""
-        if ESTIMATED in self.capture_facts:
-            return named_joint_set(self.estimator)
-        if not {"joints2d", "joints3d"} & self.capture_facts:
-            return None
-        kind = "joints2d" if "joints2d" in self.capture_facts else "joints3d"
-        streams = (
-            [self.capture.joints[v] for v in self.views.sources] if kind == "joints2d" else [self.capture.joints3d]
-        )
-        return next((s.options["joint_set"] for s in streams if s is not None), None)
+        """Id of the joint set of `pose/*`; None without joints."""
+        told = [
+            s.joint_set(self.capture, self.views, self.params(s), self.capture_facts) for s in STAGES if s.joint_set
+        ]
+        return next((name for name in told if name is not None), None)
+
+    @cached_property
+    def _declared_lengths(self) -> dict[str, int]:
+        """Lengths of dimensions that follow from settings, as the stages declare them."""
+        lengths = {} if self.joint_set is None else {"joint": len(JOINT_SETS[self.joint_set].names)}
+        for stage in STAGES:
+            lengths |= stage.dimensions(self.params(stage), self.capture_facts)
+        return lengths
 
     def shape(self, path: str | None = None) -> dict[str, int]:
         """Length of every dimension; of the cameras of one path where it is given."""
@@ -317,13 +283,8 @@ class Context:
             "x": int(self.rig.size[:, 0].max()),
             "source_y": int(captured[:, 1].max()),
             "source_x": int(captured[:, 0].max()),
-            "sample": self.settings.survey.sample,
-            "person": self.settings.detection.people,
+            **self._declared_lengths,
         }
-        if self.joint_set is not None:
-            shape["joint"] = len(JOINT_SETS[self.joint_set].names)
-        if self.capture_facts & {ESTIMATED, SEGMENTED}:
-            shape["found_joint"] = len(JOINT_SETS[named_joint_set(self.estimator)].names)
         if path is not None:
             size = self.paths[path].size
             shape |= {"camera": len(size), "camera_y": int(size[:, 1].max()), "camera_x": int(size[:, 0].max())}
@@ -364,18 +325,6 @@ class Context:
         return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
 
 
-def default_path(context: Context) -> str:
-    """What is rendered unless something else is asked for: the held-out cameras, else between source cameras that
-    depth can match, else near one."""
-    if context.views.held_out:
-        return "held_out"
-    return (
-        "sway"
-        if best_stretch(context.rig, context.views.sources, context.settings.depth.max_angle) is None
-        else "between"
-    )
-
-
 def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
     """The context of a sequence; `paths` are rendered instead of the settings' ones.
 
@@ -383,7 +332,7 @@ def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ())
     """
     context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
-        context = replace(context, path_texts=(default_path(context),))
+        context = replace(context, path_texts=(PATHS.default(context.rig, context.views, settings),))
     refusals = context.refusals()
     if refusals:
         raise ConfigError("\n".join(refusals))

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from posegaussian.dags.assets.estimator import estimator_digest
-from posegaussian.dags.assets.network_weights import weights_digest
+from posegaussian.dags.assets.digest import asset_digest
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.tasks import Product, Task, inputs, path_frames, selected_views
 from posegaussian.dags.provenance.code_digest import code_digest
 from posegaussian.dags.provenance.once import once
 from posegaussian.stages.contract.declaration import Read, Stage
-from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.registry import ASSETS
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.model.spec import digest
+
+
+class PlannedAsset(NamedTuple):
+    """Models or weights as a run was planned with them."""
+
+    settings: Any
+    """The settings that say which."""
+    digest: str
+    """Of what a kernel gets."""
 
 
 def own_parts(context: Context, task: Task) -> dict[str, Any]:
@@ -82,7 +90,8 @@ def _bounds(context: Context, task: Task) -> list[Any]:
 def _cameras(context: Context, task: Task) -> str:
     """Digest of the cameras and roles a task may look at; of its own camera alone where it runs over views and time."""
     if task.path is None:
-        key = ("cameras", task.view, task.partition is None, stage_named(task.stage).longest)
+        stage = stage_named(task.stage)
+        key = ("cameras", task.view, task.partition is None, stage.name if stage.cameras else None)
         if key not in context.memo:
             context.memo[key] = digest(_camera_parts(context, task))
         return context.memo[key]
@@ -118,19 +127,22 @@ def _source_reads(context: Context, stage: Stage) -> list[Read]:
     return context.memo[key]
 
 
-def models(context: Context, stage: Stage) -> dict[str, str]:
-    """{source: digest} of the models and weights that a stage opens, which are no files of the capture."""
-    key = ("models", stage.name)
+def assets(context: Context, stage: Stage) -> dict[str, PlannedAsset]:
+    """{source: what is planned with} of the models and weights that a stage opens, which are no files of the
+    capture."""
+    key = ("assets", stage.name)
     if key not in context.memo:
-        asked = {r.array for r in _source_reads(context, stage)}
-        found = {"estimator": estimator_digest(context.estimator)} if "estimator" in asked else {}
-        context.memo[key] = found | ({NETWORK: weights_digest(context.settings.network)} if NETWORK in asked else {})
+        asked = [r.array for r in _source_reads(context, stage) if r.array in ASSETS]
+        settings = {name: context.asset_settings(name) for name in asked}
+        context.memo[key] = {
+            name: PlannedAsset(given, asset_digest(ASSETS[name][1], given)) for name, given in settings.items()
+        }
     return context.memo[key]
 
 
 def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
     """Digest of the source files a task may open, by kind and camera."""
-    found = models(context, stage).copy()
+    found = {name: planned.digest for name, planned in assets(context, stage).items()}
     for read in _source_reads(context, stage):
         if read.array in found:
             continue

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.assets import network_weights
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.effects import Verdict as EffectVerdict
 from posegaussian.dags.planning.effects import noted
@@ -24,14 +23,7 @@ from posegaussian.dags.planning.fingerprint import all_parts, own_parts, reasons
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, deciding, dependencies, tasks
-from posegaussian.stages.camera_paths.stretch import stretch_notes
 from posegaussian.stages.contract.declaration import Stage
-from posegaussian.stages.depth.params import resolve_method
-from posegaussian.stages.frames.params import better_matte
-from posegaussian.stages.geometry.cone import cone_notes
-from posegaussian.stages.geometry.pairs import pair_notes
-from posegaussian.stages.geometry.subject import subject_distance
-from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import set_aside
@@ -278,8 +270,8 @@ def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterab
 
 
 def _notes(context: Context, book: Book) -> tuple[str, ...]:
-    """Sequence-wide constants that were taken from other files than the capture has now, and views that are not
-    matched."""
+    """Sequence-wide constants that were taken from other files than the capture has now, cameras of paths that are
+    left out, and what each stage says of these settings."""
     found = []
     for s in STAGES:
         if not s.sequence_wide:
@@ -300,21 +292,10 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
                 f"camera path {path.name}: {', '.join(idle)} serve no frame of"
                 f" {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range"
             )
-    found += [why] if (why := better_matte(context.settings.frames, context.facts)) is not None else []
-    if "depth" not in context.unneeded() and resolve_method(context.settings.depth, context.facts) == "sgbm":
-        found += pair_notes(context.rig, context.views.sources, context.settings.depth.max_angle)
-    if "depth" not in context.unneeded() and len(context.views.sources) == 1:
-        (view,), depth = context.views.sources, context.settings.depth
-        found += cone_notes(
-            context.rig,
-            view,
-            subject_distance(context.rig, view, depth.subject_distance),
-            resolve_method(depth, context.facts),
-            context.paths,
-        )
-    found += stretch_notes(context.rig, context.views.sources, context.settings.depth.max_angle, context.paths)
-    if NETWORK not in context.unneeded():
-        found += network_weights.notes(context.settings.network)
+    gone = context.unneeded()
+    for s in STAGES:
+        if s.name not in gone:
+            found += s.notes(context.evidence(s.name))
     return tuple(found)
 
 

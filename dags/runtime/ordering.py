@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.fingerprint import models
+from posegaussian.dags.planning.fingerprint import assets
 from posegaussian.dags.planning.plan import Plan, State, survey_sources
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.task_cost import load, needs_of
 from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans
 from posegaussian.dags.runtime.work_order import Order, Promise, Reading
-from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
+from posegaussian.stages.contract.io import TaskScope
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
@@ -24,9 +24,7 @@ from posegaussian.storage.model.spec import ArraySpec
 
 def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> Order:
     """The order of one task whose inputs are all there."""
-    stage = stage_named(task.stage)
-    frames = context.grid.bounds(task.partition) if task.partition is not None else range(0)
-    own = slice(frames.start, frames.stop)
+    stage, scope = stage_named(task.stage), scope_of(context, task)
     readings, promises = {}, []
     for i in inputs(context, task):
         files: dict[int | None, tuple[ShardFile, ...]] = dict.fromkeys(i.views, ())
@@ -46,39 +44,48 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
             )
         readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
     spans = source_spans(context, task)
-    every = [frames, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
+    every = [scope.partition, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
     first, last = min(s.start for s in every), max(s.stop for s in every)
     return Order(
         root=context.sequence.root,
         stage=stage.name,
         params=context.params(stage),
         partition=task.partition,
-        view=task.view,
         path_name=task.path,
-        frames=frames,
-        source_frames=context.source_frames[own],
-        time=context.time[own],
-        valid=context.valid[own],
-        views=context.views,
-        rig=context.rig_of(stage),
-        captured_to_calibrated=context.captured_to_calibrated,
+        scope=scope,
         late=context.late,
-        path=_path(context, task),
         path_text=context.path_text(task.path) if task.path is not None else None,
-        facts=context.facts,
-        joint_set=context.joint_set,
         readings=readings,
         parts=parts,
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
-        estimator=context.estimator if context.facts & {ESTIMATED, SEGMENTED} else None,
-        models=models(context, stage),
+        assets=assets(context, stage),
         survey_sources=survey_sources(context, task) if stage.sequence_wide else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,
         load=load(context, task),
         promises=tuple(promises),
         seen=old.facts.get("token") if (old := book.receipts.get(task)) else None,
+    )
+
+
+def scope_of(context: Context, task: Task) -> TaskScope:
+    """What a task is about."""
+    frames = context.grid.bounds(task.partition) if task.partition is not None else range(0)
+    own = slice(frames.start, frames.stop)
+    return TaskScope(
+        partition=frames,
+        source_frames=context.source_frames[own],
+        time=context.time[own],
+        valid=context.valid[own],
+        views=context.views,
+        view=task.view,
+        rig=context.rig_of(stage_named(task.stage)),
+        source_rig=context.capture.rig,
+        captured_to_calibrated=context.captured_to_calibrated,
+        path=_path(context, task),
+        facts=context.facts,
+        joint_set=context.joint_set,
     )
 
 

@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.dags.planning.fingerprint import PlannedAsset
 from posegaussian.dags.planning.task_cost import Load
-from posegaussian.stages.contract.declaration import Facts
-from posegaussian.stages.contract.io import Views
-from posegaussian.stages.detection.params import DetectionParams
+from posegaussian.stages.contract.io import TaskScope
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
-from posegaussian.storage.model.cameras import CameraPath, Rig
 
 
 @dataclass(frozen=True)
@@ -59,22 +57,13 @@ class Order:
     stage: str
     params: Any
     partition: int | None
-    view: int | None
     path_name: str | None
-    frames: range
-    source_frames: np.ndarray
-    time: np.ndarray
-    valid: np.ndarray
-    views: Views
-    rig: Rig
-    captured_to_calibrated: np.ndarray
+    scope: TaskScope
+    """What the kernel is told."""
     late: tuple[int, ...]
     """Frames by which each view is late."""
-    path: CameraPath | None
     path_text: str | None
     """What the path was asked for as."""
-    facts: Facts
-    joint_set: str | None
     readings: dict[str, Reading]
     """By declared name."""
     parts: dict[str, Any]
@@ -84,11 +73,8 @@ class Order:
     footage: tuple[int, np.ndarray, np.ndarray]
     """First frame index of all spans, and from there on the source frame numbers [n] and which views have a picture
     of them [n, V]."""
-    estimator: DetectionParams | None
-    """Whose pose estimator a stage that declares it gets."""
-    models: dict[str, str]
-    """Digest of the models or weights of each source that is no file of the capture, as the run was planned with
-    them."""
+    assets: dict[str, PlannedAsset]
+    """Models and weights that the task may open, by source."""
     survey_sources: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int
@@ -106,4 +92,4 @@ class Order:
     @property
     def key(self) -> ReceiptKey:
         """Which receipt it leads to."""
-        return ReceiptKey(self.stage, self.partition, self.view, self.path_name)
+        return ReceiptKey(self.stage, self.partition, self.scope.view, self.path_name)

@@ -12,6 +12,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -19,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.assets.estimator import estimator_digest, estimator_of
-from posegaussian.dags.assets.network_weights import network_of, weights_digest
+from posegaussian.dags.assets.digest import asset_digest
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import here_is
 from posegaussian.dags.runtime import threads
@@ -29,7 +29,8 @@ from posegaussian.dags.runtime.timeout import overran, time_limit
 from posegaussian.dags.runtime.work_order import Order, Reading
 from posegaussian.stages.contract.declaration import Stage, resolve
 from posegaussian.stages.contract.io import Block
-from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.contract.timing import TimedInputs
+from posegaussian.stages.registry import ASSETS
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import (
@@ -54,26 +55,15 @@ def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
     return Sequence(root).capture.in_step(late)
 
 
-class StoreInputs:
-    """`posegaussian.stages.contract.timing.TimedInputs` over an archive."""
+class StoreInputs(TimedInputs):
+    """What a task sees of an archive."""
 
     def __init__(self, order: Order) -> None:
         """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
+        super().__init__(order.scope)
         self._order = order
         self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
-        self.partition = order.frames
-        self.source_frames = order.source_frames
-        self.time = order.time
-        self.valid = order.valid
-        self.views = order.views
-        self.view = order.view
-        self.rig = order.rig
-        self.source_rig = self._capture.rig
-        self.captured_to_calibrated = order.captured_to_calibrated
-        self.path = order.path
-        self.facts = order.facts
-        self.joint_set = order.joint_set
-        self.timed = Stopwatch()
+        self._stopwatch = Stopwatch()
 
     def _reading(self, array: str) -> Reading:
         if array not in self._order.readings:
@@ -105,6 +95,15 @@ class StoreInputs:
             )
         return read_array(Sequence(self._order.root), r.name, r.dims, r.span, view, r.files[view])
 
+    def timed(self, module: str) -> AbstractContextManager[None]:
+        """Wall time within counts for a module of the kernel."""
+        return self._stopwatch(module)
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall time of each module so far."""
+        return self._stopwatch.seconds
+
     def source(self, kind: str) -> Any:
         """The lazy reader of a declared source."""
         stage = stage_named(self._order.stage)
@@ -113,21 +112,19 @@ class StoreInputs:
             raise KeyError(
                 f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}"
             )
-        if kind == "estimator" and self._order.estimator is not None:
-            self._as_planned(kind, estimator_digest(self._order.estimator))
-            return estimator_of(self._order.estimator)
-        if kind == NETWORK:
-            self._as_planned(kind, weights_digest(self._order.params))
-            return network_of(self._order.params)
+        if kind in self._order.assets:
+            return self._asset(kind)
         return open_source(self._capture, kind)
 
-    def _as_planned(self, kind: str, found: str) -> None:
-        """Raise OtherCode where the models or weights of this machine are not those the run was planned with."""
-        if found != self._order.models[kind]:
+    def _asset(self, name: str) -> Any:
+        """Models or weights. Raises OtherCode where those of this machine are not what the run was planned with."""
+        (_, asset), planned = ASSETS[name], self._order.assets[name]
+        if asset_digest(asset, planned.settings) != planned.digest:
             raise OtherCode(
-                f"the {kind} of {here_is()} has other models or weights than this run was planned with; put the same"
+                f"the {name} of {here_is()} has other models or weights than this run was planned with; put the same"
                 " files there, then run again"
             )
+        return asset.open(planned.settings)
 
 
 def execute(order: Order) -> Receipt:
@@ -174,7 +171,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     threads.limit(order.threads)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
     lease.check()
-    remove_receipt(sequence, order.stage, order.partition, order.view, order.path_name)
+    remove_receipt(sequence, order.stage, order.partition, order.scope.view, order.path_name)
     warnings: list[str] = []
     noted: dict[str, Any] = {}
     inputs = StoreInputs(order)
@@ -193,12 +190,12 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
         "work": order.load.work,
     }
     facts |= {"noted": noted} if noted else {}
-    facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.timed.seconds) else {}
+    facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.seconds) else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(
         order.stage,
         order.partition,
-        order.view,
+        order.scope.view,
         order.path_name,
         digest(order.parts),
         order.parts,
@@ -229,7 +226,7 @@ def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list
     """The kernel's blocks, each past the stage's check; the check's warnings and the kernel's own notes are kept."""
     check = resolve(stage.check) if stage.check else None
     for block in blocks:
-        prefix = "" if block.view is None else f"{order.views.names[block.view]}: "
+        prefix = "" if block.view is None else f"{order.scope.views.names[block.view]}: "
         found = check(block, order.params) if check is not None else []
         warnings += [prefix + w.removeprefix(f"view {block.view}: ") for w in (*block.notes, *found)]
         yield block
@@ -246,26 +243,27 @@ def _noting(stage: Stage, blocks: Iterator[Block], noted: dict[str, Any]) -> Ite
 
 def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: Lease) -> Output:
     """Write one block whole, as long as the lease is ours."""
-    spec = next((w for w in stage.writes_for(order.facts) if w.name == block.array), None)
+    spec = next((w for w in stage.writes_for(order.scope.facts) if w.name == block.array), None)
     if spec is None:
         raise ValueError(f"{stage.name} yields {block.array}, which it does not declare")
     path = order.path_name or ""
     if isinstance(spec, TableSpec):
         return write_table(sequence, spec, path, order.partition, block.data, lease.check)
     return write_array(
-        sequence, spec, path, order.frames, order.partition, block.view, np.asarray(block.data), lease.check
+        sequence, spec, path, order.scope.partition, order.partition, block.view, np.asarray(block.data), lease.check
     )
 
 
 def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
     """Raise when the kernel left out a declared output: an absent shard would read as zeros."""
-    got = {(o.array, o.view) for o in outputs}
-    for spec in stage.writes_for(order.facts):
+    got, scope = {(o.array, o.view) for o in outputs}, order.scope
+    own = [scope.view] if scope.view is not None else range(len(scope.rig))
+    for spec in stage.writes_for(order.scope.facts):
         name = spec.name.format(path=order.path_name or "")
         if not isinstance(spec, ArraySpec) or not spec.per_view:
             wanted: set[tuple[str, int | None]] = {(name, None)}
         else:
-            wanted = {(name, v) for v in ([order.view] if order.view is not None else range(len(order.rig)))}
+            wanted = {(name, v) for v in own}
         if wanted - got:
             missing = sorted(f"{a} view {v}" for a, v in wanted - got)
             raise ValueError(f"{stage.name} did not yield {', '.join(missing)}")

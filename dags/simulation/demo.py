@@ -25,7 +25,8 @@ NAME = "demo"
 
 def film(folder: Path, size: int, frames: int, console: Console) -> None:
     """Write the capture of the scene `demo` as an `images` folder: pictures, masks, joints, true depth, cameras."""
-    from posegaussian.dags.simulation.simulate import effects_plan, read_scene, scene_file, stage_scene
+    from posegaussian.dags.simulation.shipped import scene_file
+    from posegaussian.dags.simulation.simulate import effects_plan, read_scene, stage_scene
     from posegaussian.dags.simulation.simulate import film as film_scene
     from posegaussian.stages.simulator.scene import Listed
 

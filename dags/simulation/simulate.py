@@ -36,25 +36,8 @@ if TYPE_CHECKING:
     from posegaussian.stages.simulator.setup import Staged
     from posegaussian.stages.simulator.take import Shot
 
-SCENES = Path(__file__).with_name("scenes")
-"""Scene files that ship; a scene may be named without folder and suffix."""
-
 SHOTS_AT_ONCE = 32
 """Pictures of one camera held in memory."""
-
-
-def scene_file(text: str) -> Path:
-    """The file of a scene given by path, or by the name of one that ships. Raises ConfigError."""
-    given = Path(text)
-    if given.is_file():
-        return given
-    shipped = SCENES / f"{text}.yaml"
-    if shipped.is_file():
-        return shipped
-    raise ConfigError(
-        f"there is no scene {text}: neither a file nor one of those that ship,"
-        f" {', '.join(sorted(f.stem for f in SCENES.glob('*.yaml')))}"
-    )
 
 
 def read_scene(path: Path) -> Scene:

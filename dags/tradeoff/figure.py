@@ -10,17 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
 from posegaussian.dags.charts.style import FAINT, GREY, GRID, INK, RED, chart, heading, name_points, seconds_axis
-from posegaussian.dags.tradeoff.pareto import Level, front
+from posegaussian.dags.tradeoff.pareto import QUALITIES, Level, front
 
-TITLES = {
-    "psnr box": ("PSNR in the mask's box", "PSNR, dB", "higher"),
-    "ssim box": ("SSIM in the mask's box", "SSIM", "higher"),
-    "epe": ("EPE of the depth", "EPE, px", "lower"),
-}
-"""{measure: (its name, that of its axis with the unit, what is better)} of the panels, in order.
-
-One whose measure is missing is left out.
-"""
+PANELS = [name for name, q in QUALITIES.items() if q.drawn]
+"""Measures that have a panel, in order; one whose measure is missing is left out."""
 WIDTH, PANEL, HEAD, LINE, LETTER = 4.2, 3.9, 0.7, 0.23, 0.085
 """Inches: width and height of a panel, height of the title and of a line of the table, width of a letter."""
 
@@ -30,7 +23,7 @@ def draw(file: Path, levels: Sequence[Level], what: str, where: str) -> None:
 
     `what` and `where` are the two lines of the title: sequence and machine. Raises NotWritten.
     """
-    measures = [m for m in TITLES if all(m in level.quality for level in levels)]
+    measures = [m for m in PANELS if all(m in level.quality for level in levels)]
     fronts = {m: front(levels, m) for m in measures}
     heights = [HEAD + PANEL, LINE * (len(levels) + 1.6)]
     needed = LETTER * sum(len(knob) + 4 for knob in levels[0].values) + 4
@@ -60,17 +53,17 @@ def _panel(axes: Axes, levels: Sequence[Level], measure: str, on_front: Sequence
     axes.plot(*zip(*kept, strict=True), "o-", color=RED, markeredgecolor="white", markersize=8, zorder=3)
     if others:
         axes.plot(*zip(*others, strict=True), "o", color=GREY, markeredgecolor="white", markersize=8, zorder=2)
-    name, unit, better = TITLES[measure]
-    axes.set_title(name)
+    quality = QUALITIES[measure]
+    axes.set_title(quality.title)
     seconds_axis(axes, "seconds a frame, all stages", [level.total for level in levels])
-    axes.set_ylabel(f"{unit} ({better} is better)")
+    axes.set_ylabel(f"{quality.axis} ({quality.better} is better)")
     axes.margins(0.09)
 
 
 def _table(axes: Axes, levels: Sequence[Level], fronts: dict[str, list[bool]]) -> None:
     """The levels by number; a measure is red where its level is on that measure's front."""
     knobs = list(levels[0].values)
-    heads = ["", *knobs, "s a frame", *(TITLES[m][1] for m in fronts)]
+    heads = ["", *knobs, "s a frame", *(QUALITIES[m].axis for m in fronts)]
     cells = [
         [
             str(i + 1),

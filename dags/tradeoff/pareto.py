@@ -4,9 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from posegaussian.dags.planning.context import Context
+from posegaussian.stages.metrics.measures.registry import METRICS
+
+
+class Quality(NamedTuple):
+    """What seconds are weighed against."""
+
+    unit: str
+    """"1" where there is none."""
+    better: Literal["higher", "lower"]
+    """Which values are good."""
+    title: str
+    """Its name, and of its panel in the figure."""
+    axis: str
+    """Of its axis, with the unit."""
+    drawn: bool
+    """Whether it has one."""
+
+
+def _named(title: str, unit: str, better: Literal["higher", "lower"], drawn: bool = True) -> Quality:
+    axis = title.split()[0] + ("" if unit == "1" else f", {unit}")
+    return Quality(unit, better, title, axis, drawn)
+
+
+QUALITIES = {
+    f"{m.name} {region}": _named(f"{m.title} {where}", m.unit, m.better, drawn=region == "box")
+    for m in METRICS.values()
+    if m.traded
+    for region, where in (("box", "in the mask's box"), ("full", "of the full picture"))
+} | {"epe": _named("EPE of the depth", "px", "lower")}
+"""In the order they are shown."""
 
 
 @dataclass
@@ -46,5 +76,5 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
 
 def front(levels: Sequence[Level], measure: str) -> list[bool]:
     """Which levels are on the Pareto front of seconds a frame against a measure."""
-    sign = 1.0 if measure == "epe" else -1.0
+    sign = 1.0 if QUALITIES[measure].better == "lower" else -1.0
     return pareto([(level.total, sign * level.quality[measure]) for level in levels])

@@ -24,7 +24,7 @@ def held_out_path(context: Context) -> CameraPath:
 
 
 def quality(context: Context, reference: Context) -> dict[str, float]:
-    """{"psnr full": dB, "psnr box": dB, "ssim full": 1, "ssim box": 1, "epe": px} as means over pictures.
+    """{name: value} of `posegaussian.dags.tradeoff.pareto.QUALITIES`, as means over pictures.
 
     Both contexts have the same sequence, frames, views and partitions and finished outputs. `epe` is there where the
     reference has true depth of its source views; definitions as in stages/metrics.
@@ -37,10 +37,11 @@ def quality(context: Context, reference: Context) -> dict[str, float]:
 
 
 def _pictures(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
-    from posegaussian.stages.metrics.params import MetricsParams
+    from posegaussian.stages.metrics.measures.registry import METRICS
     from posegaussian.stages.metrics.run import measure
 
-    wanted = MetricsParams(measures=["psnr", "ssim"], psnr_cap=context.settings.metrics.psnr_cap)
+    traded = [m.name for m in METRICS.values() if m.traded]
+    wanted = context.settings.metrics.model_copy(update={"measures": traded})
     results, truths = Results(context), Results(reference)
     path, large = held_out_path(context), held_out_path(reference)
     rendered = results.read(f"rendering/{path.name}/color", frames)

@@ -30,7 +30,7 @@ from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.planning.variants import others, share, variant
 from posegaussian.dags.runtime import threads
 from posegaussian.dags.session.session import Session
-from posegaussian.dags.tradeoff.pareto import Level, front
+from posegaussian.dags.tradeoff.pareto import QUALITIES, Level, front
 from posegaussian.stages.contract.declaration import extra
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import ledger
@@ -43,8 +43,6 @@ from posegaussian.storage.model.spec import digest
 PATH = ("held_out",)
 MEASURES = "metrics"
 """The stage that measures and makes nothing: its seconds are no cost of the pictures."""
-QUALITIES = {"psnr box": "dB", "psnr full": "dB", "ssim box": "1", "ssim full": "1", "epe": "px"}
-"""Measures in the order they are shown, with their units; `epe` is better when lower, the others when higher."""
 
 
 def declared_knobs() -> dict[str, list[Any]]:
@@ -260,7 +258,7 @@ def rows(levels: Sequence[Level]) -> list[dict[str, Any]]:
     for level, on_front in zip(levels, front(levels, "psnr box"), strict=True):
         seconds = {f"{stage} s/frame": level.seconds.get(stage, 0.0) for stage in stages}
         knobs: dict[str, Any] = {k: "full" if v is None else str(v) for k, v in level.values.items()}
-        values = {q if QUALITIES[q] == "1" else f"{q} {QUALITIES[q]}": level.quality[q] for q in names}
+        values = {q if QUALITIES[q].unit == "1" else f"{q} {QUALITIES[q].unit}": level.quality[q] for q in names}
         out.append({**knobs, **seconds, "total s/frame": level.total, **values, "front": on_front})
     return out
 

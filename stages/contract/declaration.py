@@ -6,16 +6,20 @@ Declarations import numpy and pydantic and nothing heavier: a kernel is a dotted
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
+from posegaussian.stages.contract.io import Views
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.spec import ArraySpec, Shape, TableSpec
+
+if TYPE_CHECKING:
+    from posegaussian.storage.model.capture import Capture
 
 Axis = Literal["sequence", "time", "view", "path"]
 ViewSelection = Literal["own", "sources", "held_out", "all"]
@@ -220,6 +224,34 @@ def needed(params: Any, facts: Facts) -> str | None:
 
 
 @dataclass(frozen=True)
+class Asset:
+    """Models or weights, which are no files of the capture: a stage reads them as a source of that name."""
+
+    name: str
+    """Of the source."""
+    digest: Callable[[Any], str]
+    """Of their contents, from the settled settings. Raises ConfigError where they are not there."""
+    open: Callable[[Any], Any]
+    """What a kernel gets, made once in a process, from the settled settings. It alone imports what is heavy."""
+    settled: Callable[[Any, Facts], Any] = lambda params, facts: params
+    """(params of the stage that declares it, facts of the capture) -> the settings that say which, `auto` resolved."""
+    code: Callable[[Any], str] | None = None
+    """The module, by dotted name, whose code counts with the contents; None: the stages' kernels import it all."""
+
+
+@dataclass(frozen=True)
+class Paths:
+    """How texts become camera paths. What a path needs to know of other stages' settings it is given with all of
+    them: where pictures lie between cameras depends on what depth can match."""
+
+    make: Callable[[str, Rig, Views, np.ndarray, Any], CameraPath]
+    """(text, cameras of `frames/*`, their roles, source frame numbers [F], settings of all stages) -> the target
+    cameras. Raises UserError for a text that names no path."""
+    default: Callable[[Rig, Views, Any], str]
+    """(cameras of `frames/*`, their roles, settings of all stages) -> the text that is taken where none is set."""
+
+
+@dataclass(frozen=True)
 class Stage:
     """The declaration of one stage."""
 
@@ -260,8 +292,21 @@ class Stage:
     """Constants of a whole sequence: each made only where a needed stage reads it or an effect asks for it, and kept,
     whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than
     half. An output made only when asked for has `when` = its name, one made with it that name, too."""
-    longest: int | None = None
-    """Longer side, px, of the cameras it sees, whatever `frames.size` says; None: those of `frames/*`."""
+    cameras: Callable[[Rig, Any], Rig] | None = None
+    """(cameras as calibrated, params) -> the cameras it sees; None: those of `frames/*`, as their stage declares."""
+    facts: Callable[[Capture, Views, Any, Facts], Iterable[str]] = lambda capture, views, params, facts: ()
+    """Facts that it can tell of a capture: (capture, roles of the cameras, params, facts told by the stages before)."""
+    joint_set: Callable[[Capture, Views, Any, Facts], str | None] | None = None
+    """Of the stage that finds joints or takes given ones: (capture, roles, params, facts of the capture) -> the id of
+    the joint set of `pose/*`, or None without joints."""
+    dimensions: Callable[[Any, Facts], Mapping[str, int]] = lambda params, facts: {}
+    """(params, facts of the capture) -> the lengths of dimensions that follow from its settings."""
+    notes: Callable[[Evidence], Iterable[str]] = lambda evidence: ()
+    """Sentences for the plan on what these settings give with this capture; asked only of a stage that is needed."""
+    assets: tuple[Asset, ...] = ()
+    """Models or weights that its settings name, for itself and for other stages."""
+    paths: Paths | None = None
+    """Of the stage that renders: how its paths are made."""
 
     def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
         """The inputs that count under these params and facts."""

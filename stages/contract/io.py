@@ -6,8 +6,9 @@ block a shard, so that a partition of many views never lies in memory as a whole
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -101,9 +102,9 @@ class DepthMapReader(DepthReader, Protocol):
         """[n] int: the source frame numbers with a map, ascending; none of a view without maps."""
 
 
-class Inputs(Protocol):
-    """Everything one task may see. Arrays are read through the store's digests, so what is read is what is
-    fingerprinted."""
+@dataclass(frozen=True, eq=False)
+class TaskScope:
+    """What a task is about, apart from what it reads: frames, cameras, and what is known of the capture."""
 
     partition: range
     """Frame indices (of the sequence) this task produces; empty for stages that do not run over time."""
@@ -127,25 +128,36 @@ class Inputs(Protocol):
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what
     it reads."""
     facts: frozenset[str]
-    """What the capture has (joints3d, masks, truth_depth, given_depth, held_out, single_source, several_frames,
-    linear_light; joints2d: given or estimated, `detected`: estimated, `segmented`: the estimator segments people),
-    the names of the effects that are on and of the optional stages that are needed, and of a sequence-wide stage's
-    outputs those that are asked for."""
+    """What the capture has, the names of the effects that are on and of the optional stages that are needed, and of a
+    sequence-wide stage's outputs those that are asked for (`posegaussian.stages.contract.facts`)."""
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`posegaussian.storage.model.joint_sets`); None where the
     capture has no joints."""
 
+
+class Inputs(TaskScope, ABC):
+    """Everything one task may see: its scope, and what it reads. Arrays are read through the store's digests, so what
+    is read is what is fingerprinted."""
+
+    def __init__(self, scope: TaskScope) -> None:
+        """Of a task of that scope."""
+        super().__init__(**{f.name: getattr(scope, f.name) for f in fields(TaskScope)})
+
+    @abstractmethod
     def span(self, array: str) -> range:
         """Frame indices that `read(array)` covers: the partition and its halo, clipped to the sequence; of a source
         those that may be asked for."""
 
+    @abstractmethod
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views."""
 
+    @abstractmethod
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
         """(source frame numbers [n], whether each view has a picture of them [n, V]) of the frames `span(array)`, of
         an array or a source."""
 
+    @abstractmethod
     def source(self, kind: str) -> Any:
         """The lazy reader of a source: "pictures", "masks", "joints", "joints3d", "depth" or "depth_maps"; or the
         pose "estimator"."""

@@ -6,15 +6,16 @@ Apart from the other inputs, so that taking times is no part of any stage's code
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from contextlib import AbstractContextManager
-from typing import Protocol
 
 from posegaussian.stages.contract.io import Inputs
 
 
-class TimedInputs(Inputs, Protocol):
+class TimedInputs(Inputs):
     """Inputs of a kernel that says what its modules take."""
 
+    @abstractmethod
     def timed(self, module: str) -> AbstractContextManager[None]:
         """Wall time within counts for a module of the kernel, by name; where modules are nested, for the innermost
         alone.

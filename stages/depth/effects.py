@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
-from posegaussian.stages.depth.params import MATCHING, SEVERAL, resolve_method
+from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.geometry.subject import PERSON_RADIUS, look_at_point
 
 
@@ -42,7 +42,7 @@ def _nothing_matched(evidence: Evidence) -> str | None:
     if len(evidence.sources) < 2:
         return "there is a single source view: nothing is matched"
     method = resolve_method(evidence.params, evidence.facts)
-    return None if method in MATCHING else f"depth.method is {method}: nothing is matched"
+    return None if method.matches else f"depth.method is {method.name}: nothing is matched"
 
 
 def _check(evidence: Evidence, bound: float) -> Decision:
@@ -108,8 +108,8 @@ def _no_limbs(evidence: Evidence) -> str | None:
     if len(evidence.sources) < 2:
         return "there is a single source view: no search that limbs could bound"
     method = resolve_method(evidence.params, evidence.facts)
-    if method not in SEVERAL:
-        return f"depth.method is {method}: nothing is searched"
+    if not method.several:
+        return f"depth.method is {method.name}: nothing is searched"
     return None if {"joints2d", "joints3d"} & evidence.facts else "the capture has no joints"
 
 

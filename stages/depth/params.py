@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import field_validator
 
 from posegaussian.stages.contract.declaration import Facts, Params, setting
-from posegaussian.stages.contract.facts import GIVEN_DEPTH, SINGLE_SOURCE
+from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.depth.methods.declaration import DepthMethod
+from posegaussian.stages.depth.methods.registry import METHODS
 
-Method = Literal["given", "sgbm", "sweep", "hull", "relief", "truth"]
-MATCHING, SEVERAL = ("sgbm", "sweep"), ("sgbm", "sweep", "hull")
-"""Methods that compare pictures, and those that take several source views."""
+AUTO = "auto"
+"""In place of a method's name: the one that suits the capture."""
 
 
 class DepthParams(Params):
     """Which geometry, and how much of it."""
 
-    method: Literal["auto", Method] = setting(
-        "auto",
-        "given: depth maps that came with the capture; sweep: offsets from the visual hull, compared with several"
-        " neighbours at once; sgbm: semi-global matching of rectified pairs, bounded by the hull; hull: the hull's"
-        " surface alone; relief: a single view's silhouette, rounded; truth: the simulator's depth, a diagnostic; auto:"
-        " given, else relief for a single source view, else sgbm.",
-        quality_levels=["hull", "sgbm", "sweep"],
+    method: str = setting(
+        AUTO,
+        "; ".join(f"{m.name}: {m.sentence}" for m in METHODS.values())
+        + f"; {AUTO}: given, else relief for a single source view, else sgbm.",
+        quality_levels=[
+            m.name for m in sorted(METHODS.values(), key=lambda m: m.quality or 0) if m.quality is not None
+        ],
     )
     pairs: int = setting(2, "Neighbouring views each view is compared with.", quality_levels=[1, 2], ge=1, le=4)
     max_angle: float = setting(
@@ -47,6 +46,13 @@ class DepthParams(Params):
         lt=1e4,
     )
 
+    @field_validator("method")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in (AUTO, *METHODS):
+            raise ValueError(f"there is no depth method {value!r}; there are {', '.join((AUTO, *METHODS))}")
+        return value
+
     @field_validator("depth_range")
     @classmethod
     def _ascending(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
@@ -55,51 +61,29 @@ class DepthParams(Params):
         return value
 
 
-def method_choice(params: DepthParams, facts: Facts) -> tuple[Method, str]:
+def method_choice(params: DepthParams, facts: Facts) -> tuple[str, str]:
     """The method and one sentence that says why; for the table of effects."""
-    if params.method != "auto":
+    if params.method != AUTO:
         return params.method, f"depth.method is {params.method}"
-    if GIVEN_DEPTH in facts:
-        return "given", "the capture came with depth maps of every source view" + (
-            "" if SINGLE_SOURCE in facts else "; depth.method: sgbm would match the views instead"
-        )
-    if SINGLE_SOURCE in facts:
-        return (
-            "relief",
-            (
-                "a single source view and no depth maps: its silhouette, rounded, at an assumed distance"
-                " (depth.subject_distance)"
-            ),
-        )
-    return "sgbm", "no depth maps came with the capture, and pairs of source views can be matched"
+    return next((m.name, why) for m in METHODS.values() if (why := m.auto(facts)) is not None)
 
 
-def resolve_method(params: DepthParams, facts: Facts) -> Method:
+def resolve_method(params: DepthParams, facts: Facts) -> DepthMethod:
     """What `auto` means for this capture."""
-    return method_choice(params, facts)[0]
+    return METHODS[method_choice(params, facts)[0]]
 
 
 def refusal(params: DepthParams, facts: Facts) -> str | None:
-    """True depth exists for simulated captures only, given depth where it came with every source view; a single view
-    compares with nothing."""
-    if params.method == "truth" and "truth_depth" not in facts:
+    """Why this capture cannot be served by the method that is asked for, or None: what the method itself lacks, and a
+    single view, which compares with nothing."""
+    if params.method == AUTO:
+        return None
+    method = METHODS[params.method]
+    if (lacking := method.lacks(facts)) is not None:
+        return f"depth.method is {method.name}, but {lacking}"
+    if method.several and SINGLE_SOURCE in facts:
         return (
-            "depth.method is truth, but the capture has no true depth for every source view (only simulated captures"
-            " have); use auto"
-        )
-    if params.method == "given" and GIVEN_DEPTH not in facts:
-        return (
-            "depth.method is given, but not every source view has depth maps (layout images:"
-            " depth_maps/CAMERA/000000.exr); import them, leave the others out of views.sources, or use auto"
-        )
-    if params.method in SEVERAL and SINGLE_SOURCE in facts:
-        return (
-            f"depth.method is {params.method}, but there is a single source view, which nothing can be compared with;"
+            f"depth.method is {method.name}, but there is a single source view, which nothing can be compared with;"
             " use auto (depth maps if the capture has them, else a relief of the silhouette)"
-        )
-    if params.method == "relief" and SINGLE_SOURCE not in facts:
-        return (
-            "depth.method is relief, but there are several source views, whose reliefs would contradict each other; use"
-            " auto"
         )
     return None

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 
 from posegaussian.stages.contract.facts import SINGLE_SOURCE
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.depth.given_depth import given_depth
-from posegaussian.stages.depth.params import MATCHING, DepthParams, refusal, resolve_method
-from posegaussian.stages.depth.pose_prior import limbs_of
-from posegaussian.stages.depth.relief import relief
-from posegaussian.stages.depth.scene import Frame, Geometry, Maps, has_silhouettes, hull_only
-from posegaussian.stages.depth.stereo import estimate, estimate_open
-from posegaussian.stages.depth.sweeping import sweep_hull, sweep_open
+from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes
+from posegaussian.stages.depth.methods.declaration import DepthMethod, OfFrame, OfView
+from posegaussian.stages.depth.params import DepthParams, refusal, resolve_method
 from posegaussian.stages.geometry.subject import STATURE, subject_distance
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import UserError
@@ -38,47 +35,37 @@ def run(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
     reason = refusal(params, inputs.facts)
     if reason:
         raise UserError(reason)
-    params = params.model_copy(update={"method": resolve_method(params, inputs.facts)})
-    by_view = {"truth": _true, "given": _given, "relief": _relief}
-    if params.method in by_view:
-        yield from _alone(inputs, params, by_view[params.method])
+    method = resolve_method(params, inputs.facts)
+    if method.of_view is not None:
+        yield from _alone(inputs, params, method, method.of_view)
     else:
-        yield from _together(inputs, params)
+        assert method.of_frame is not None, f"depth method {method.name} computes nothing"
+        yield from _together(inputs, params, method, method.of_frame)
 
 
-def _together(inputs: Inputs, params: DepthParams) -> Iterator[Block]:
+def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame: OfFrame) -> Iterator[Block]:
     """Blocks of all views, each compared with the others."""
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
-    colors = {v: inputs.read("frames/color", v) for v in sources} if params.method != "hull" else {}
+    colors = {v: inputs.read("frames/color", v) for v in sources} if "frames/color" in method.reads else {}
     shape, limbs = _shape(inputs), _limbs(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
 
     @cache
-    def geometry(valid: tuple[int, ...], enlarge: bool) -> Geometry:
-        return Geometry.of(inputs.rig, valid, params, enlarge)
+    def geometry(valid: tuple[int, ...], silhouettes: bool) -> Geometry:
+        return Geometry.of(inputs.rig, valid, params, silhouettes)
 
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
         frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
-        for v, (z, c) in _depth(geometry, frame, params, inputs.rig, "left_right_check" in inputs.facts).items():
+        known = geometry(valid, has_silhouettes(inputs.rig, frame.masks))
+        for v, (z, c) in of_frame(known, frame, params, "left_right_check" in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
         sure = confidence.get(v, np.zeros(shape, np.float16))
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
-        yield Block("depth/confidence", sure, v, notes=matched_note(sure) if params.method in MATCHING else ())
-
-
-def _depth(
-    geometry: Callable[[tuple[int, ...], bool], Geometry], frame: Frame, params: DepthParams, rig: Rig, checked: bool
-) -> Maps:
-    """Depth and confidence of one frame, by what there is to go by."""
-    views, silhouettes = tuple(frame.masks), has_silhouettes(rig, frame.masks)
-    if params.method == "hull":
-        return hull_only(geometry(views, False), frame)
-    kernels = {"sgbm": (estimate, estimate_open), "sweep": (sweep_hull, sweep_open)}[params.method]
-    return kernels[not silhouettes](geometry(views, silhouettes), frame, params, checked)
+        yield Block("depth/confidence", sure, v, notes=matched_note(sure) if method.matches else ())
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:
@@ -94,45 +81,18 @@ def _limbs(inputs: Inputs) -> list[np.ndarray]:
     return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 
 
-def _alone(
-    inputs: Inputs, params: DepthParams, found: Callable[[Inputs, DepthParams, int], tuple[np.ndarray, np.ndarray]]
-) -> Iterator[Block]:
+def _alone(inputs: Inputs, params: DepthParams, method: DepthMethod, of_view: OfView) -> Iterator[Block]:
     """Blocks of all views, each from its own maps alone; zeros in frames without a picture."""
     for v in range(len(inputs.rig)):
         depth, confidence = np.zeros(_shape(inputs), np.float32), np.zeros(_shape(inputs), np.float16)
         notes: tuple[str, ...] = ()
         if v in inputs.views.sources:
             valid = inputs.valid[:, v]
-            depth[valid], confidence[valid] = (a[valid] for a in found(inputs, params, v))
-            if SINGLE_SOURCE in inputs.facts and params.method != "truth":
-                notes = distance_note(inputs.rig, v, depth, inputs.read("frames/mask", v), params)
+            depth[valid], confidence[valid] = (a[valid] for a in of_view(inputs, params, v))
+            if SINGLE_SOURCE in inputs.facts and method.distance != "known":
+                notes = distance_note(inputs.rig, v, depth, inputs.read("frames/mask", v), params, method)
         yield Block("depth/depth", depth, v, notes=notes)
         yield Block("depth/confidence", confidence, v)
-
-
-def _true(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and confidence [F, h, w] of one view; so below."""
-    depth = inputs.read("truth/depth", view)
-    return depth, depth > 0
-
-
-def _given(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
-    focal = float(inputs.rig.intrinsics[view, 0, 0])
-    found = [given_depth(z, focal, params.depth_range) for z in inputs.read("frames/depth", view)]
-    return np.stack([z for z, _ in found]), np.stack([c for _, c in found])
-
-
-def _relief(inputs: Inputs, params: DepthParams, view: int) -> tuple[np.ndarray, np.ndarray]:
-    distance, focal = (
-        subject_distance(inputs.rig, view, params.subject_distance),
-        float(inputs.rig.intrinsics[view, 0, 0]),
-    )
-    masks = inputs.read("frames/mask", view)
-    depth, confidence = np.zeros(masks.shape, np.float32), np.zeros(masks.shape, np.float32)
-    width, height = inputs.rig.size[view]
-    for f in np.flatnonzero(inputs.valid[:, view]):
-        depth[f, :height, :width], confidence[f, :height, :width] = relief(masks[f, :height, :width], distance, focal)
-    return depth, confidence
 
 
 def check(block: Block, params: DepthParams) -> list[str]:
@@ -163,15 +123,17 @@ def matched_note(confidence: np.ndarray) -> tuple[str, ...]:
     )
 
 
-def distance_note(rig: Rig, view: int, depth: np.ndarray, masks: np.ndarray, params: DepthParams) -> tuple[str, ...]:
-    """A sentence where the subject of a single view is elsewhere than assumed: given depth says so, or the height of
-    the silhouettes [F, h, w]."""
+def distance_note(
+    rig: Rig, view: int, depth: np.ndarray, masks: np.ndarray, params: DepthParams, method: DepthMethod
+) -> tuple[str, ...]:
+    """A sentence where the subject of a single view is elsewhere than assumed: measured depth says so, or the height
+    of the silhouettes [F, h, w]."""
     assumed = subject_distance(rig, view, params.subject_distance)
     inside = foreground(masks)
-    if params.method == "given":
+    if method.distance == "measured":
         seen = depth[inside & (depth > 0)]
         likely = float(np.median(seen)) if seen.size else assumed
-        says = "the given depth of the subject"
+        says = f"the {method.name} depth of the subject"
     else:
         if params.subject_distance is not None or not inside.any() or inside.all():
             return ()
@@ -180,5 +142,5 @@ def distance_note(rig: Rig, view: int, depth: np.ndarray, masks: np.ndarray, par
         says = f"the silhouette, if of a standing person of {STATURE:g} m,"
     if 1 / OFF <= likely / assumed <= OFF:
         return ()
-    turns = "the relief lies at" if params.method == "relief" else "`sway` turns about a point at"
+    turns = f"the {method.name} lies at" if method.distance == "assumed" else "`sway` turns about a point at"
     return (f"{says} is at {likely:.2g} m and {turns} {assumed:.2g} m; set depth.subject_distance: {likely:.2g}",)

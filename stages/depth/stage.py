@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
 from posegaussian.stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
-from posegaussian.stages.depth.params import MATCHING, DepthParams, method_choice, refusal, resolve_method
+from posegaussian.stages.depth.methods.registry import METHODS
+from posegaussian.stages.depth.notes import notes
+from posegaussian.stages.depth.params import AUTO, DepthParams, method_choice, refusal, resolve_method
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: DepthParams) -> Resources:
-    """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and one pair
-    being matched (600; measured: half)."""
+    """Pictures, masks and results of all views (10 bytes a pixel), one frame's hulls and matches (64) and what the
+    method works in."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 10 + shape["view"] * 64 + 600))
+    working = max(m.working for m in METHODS.values() if params.method in (AUTO, m.name))
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 10 + shape["view"] * 64 + working))
+
+
+def _of_method(array: str) -> Read:
+    """An array that only some methods read."""
+
+    def when(params: DepthParams, facts: Facts) -> bool:
+        return array in resolve_method(params, facts).reads
+
+    return Read(array, when=when)
 
 
 STAGE = Stage(
@@ -22,11 +34,9 @@ STAGE = Stage(
     run="posegaussian.stages.depth.run:run",
     check="posegaussian.stages.depth.run:check",
     reads=(
-        Read("frames/color", when=lambda p, f: resolve_method(p, f) in MATCHING),
         Read("frames/mask"),
-        Read("frames/depth", when=lambda p, f: resolve_method(p, f) == "given"),
         Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f and bool({"joints2d", "joints3d"} & f)),
-        Read("truth/depth", when=lambda p, f: p.method == "truth"),
+        *(_of_method(a) for a in dict.fromkeys(a for m in METHODS.values() for a in m.reads)),
     ),
     writes=(
         ArraySpec(
@@ -44,4 +54,5 @@ STAGE = Stage(
     refusal=refusal,
     effects=(LEFT_RIGHT_CHECK, LIMB_BOUNDS),
     choices=(Choice("method", method_choice),),
+    notes=notes,
 )

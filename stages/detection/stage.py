@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
+from posegaussian.stages.detection.asset import ESTIMATOR, joint_set, named_joint_set, settled, told_facts
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
+from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -18,6 +20,14 @@ def needs(shape: Shape, params: DetectionParams) -> Resources:
 def unneeded(params: DetectionParams, facts: Facts) -> str | None:
     """Joints that came with the capture, or none at all, and no matte that a segmentation would help."""
     return None if facts & {ESTIMATED, SEGMENTED} else estimator_choice(params, facts)[1]
+
+
+def dimensions(params: DetectionParams, facts: Facts) -> dict[str, int]:
+    """How many people are kept, and the joints of who finds them."""
+    found = {"person": params.people}
+    if facts & {ESTIMATED, SEGMENTED}:
+        found["found_joint"] = len(JOINT_SETS[named_joint_set(settled(params, facts))].names)
+    return found
 
 
 STAGE = Stage(
@@ -68,4 +78,8 @@ STAGE = Stage(
     refusal=refusal,
     effects=(UNDISTORTION, CROP_SCALE),
     choices=(Choice("estimator", estimator_choice),),
+    facts=told_facts,
+    joint_set=joint_set,
+    dimensions=dimensions,
+    assets=(ESTIMATOR,),
 )

@@ -6,8 +6,9 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.imaging import exposure
-from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
 
+SURFACE, OUTLINES, LIGHT = "survey/surface", "survey/outlines", "survey/light"
+"""What the survey measures for them."""
 NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface points, dark and bright ones"
 """Why gains cannot be told."""
 FEWEST_POINTS = 200

@@ -19,7 +19,6 @@ from posegaussian.stages.imaging.color import gain_table, to_display, tone_mappe
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.imaging.outline import moved
 from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.masks import foreground
 
@@ -60,7 +59,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     matched = "exposure_matching" in inputs.facts and view in inputs.views.sources
     if maps_tones:
         white, gain = (
-            white_point(np.stack([inputs.read(LIGHT, v) for v in inputs.views.sources])),
+            white_point(np.stack([inputs.read("survey/light", v) for v in inputs.views.sources])),
             (_gain(inputs, view) if matched else np.ones(3)),
         )
         for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
@@ -158,13 +157,13 @@ def _offset(inputs: Inputs) -> float:
     view = inputs.view
     if "outline_correction" not in inputs.facts or view not in inputs.views.sources:
         return 0.0
-    return float(proven_offsets(inputs.read(OUTLINES, view)[None])[0])
+    return float(proven_offsets(inputs.read("survey/outlines", view)[None])[0])
 
 
 def _gain(inputs: Inputs, view: int) -> np.ndarray:
     """[3] factor on the light of one source view, from what the survey saw of all of them."""
     sources = inputs.views.sources
-    found = match(np.stack([inputs.read(SURFACE, v) for v in sources])[:, list(sources)])
+    found = match(np.stack([inputs.read("survey/surface", v) for v in sources])[:, list(sources)])
     if found is None:
         raise SourceError(f"effects.exposure_matching is on, but {NO_LINK}; set it to auto or off")
     return found.gains[sources.index(view)]

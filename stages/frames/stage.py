@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
-from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEGMENTED
+from collections.abc import Iterator
+
+from posegaussian.stages.contract.declaration import Choice, Evidence, Facts, Read, Resources, Stage
+from posegaussian.stages.contract.facts import (
+    BLAZEPOSE,
+    GIVEN_DEPTH,
+    LINEAR_LIGHT,
+    MASKS,
+    SEGMENTED,
+    SEVERAL_FRAMES,
+    TRUTH_DEPTH,
+)
+from posegaussian.stages.contract.io import Views
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
-from posegaussian.stages.frames.params import FramesParams, matte_choice, resolve_matte
+from posegaussian.stages.frames.params import (
+    FramesParams,
+    better_matte,
+    matte_choice,
+    resolve_matte,
+    wants_segmentation,
+)
+from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
-from posegaussian.stages.survey.params import LIGHT, OUTLINES, SURFACE
+from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -74,6 +92,35 @@ def refusal(params: FramesParams, facts: Facts) -> str | None:
     return None
 
 
+def told_facts(capture: Capture, views: Views, params: FramesParams, known: Facts) -> Iterator[str]:
+    """What the pictures are and came with, and whether an estimator segments the person in them."""
+    worked = (*views.sources, *views.held_out)
+
+    def every(kind: str) -> bool:
+        streams = capture.streams(kind)
+        return bool(streams) and all(streams[v] is not None for v in worked)
+
+    exr = any(f.path.lower().endswith(".exr") for v in views.sources for f in capture.pictures[v].files)
+    given = bool(capture.depth_maps) and all(capture.depth_maps[v] is not None for v in views.sources)
+    holds = {
+        MASKS: every("masks"),
+        TRUTH_DEPTH: every("depth"),
+        GIVEN_DEPTH: given,
+        SEVERAL_FRAMES: len(capture.numbers) > 1,
+        LINEAR_LIGHT: exr,
+    }
+    found = {name for name, held in holds.items() if held}
+    yield from found
+    if BLAZEPOSE in known and wants_segmentation(params, known | found):
+        yield SEGMENTED
+
+
+def notes(evidence: Evidence) -> list[str]:
+    """What would make a better matte."""
+    better = better_matte(evidence.params, evidence.facts)
+    return [] if better is None else [better]
+
+
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
@@ -92,9 +139,9 @@ STAGE = Stage(
         Read("pose/chosen", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
-        Read(SURFACE, views="sources", when=_matched),
-        Read(OUTLINES, views="own", when=_corrected),
-        Read(LIGHT, views="sources", when=_tone_mapped),
+        Read("survey/surface", views="sources", when=_matched),
+        Read("survey/outlines", views="own", when=_corrected),
+        Read("survey/light", views="sources", when=_tone_mapped),
     ),
     writes=(
         ArraySpec(
@@ -136,4 +183,7 @@ STAGE = Stage(
     refusal=refusal,
     effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING),
     choices=(Choice("matte", matte_choice),),
+    cameras=lambda rig, params: frames_rig(rig, params.size),
+    facts=told_facts,
+    notes=notes,
 )

@@ -9,13 +9,10 @@ import numpy as np
 from posegaussian.stages.geometry.pairs import angle_at
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
-USEFUL = {"relief": 10.0, "given": 20.0}
-"""Degrees at the subject, by kind of depth: see docs/measurements/monocular.md for what is left there."""
-OTHERWISE = 20.0
-"""Of any other depth."""
 
-
-def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping[str, CameraPath]) -> list[str]:
+def cone_notes(
+    rig: Rig, view: int, distance: float, what: str, useful: float, paths: Mapping[str, CameraPath]
+) -> list[str]:
     """Sentences for the plan of a sequence with a single source view: what its depth can give, and which paths leave
     what is useful.
 
@@ -23,17 +20,11 @@ def cone_notes(rig: Rig, view: int, distance: float, method: str, paths: Mapping
         rig: cameras of the frames grid.
         view: the source view.
         distance: metres along its axis to the subject.
-        method: the kind of depth, none of those that compare views.
+        what: what its depth is, as part of a sentence.
+        useful: degrees at the subject up to which pictures are worth looking at.
         paths: camera paths that are rendered.
     """
-    name, useful = rig.names[view], USEFUL.get(method, OTHERWISE)
-    what = {
-        "relief": (
-            f"its depth is the silhouette, rounded, {distance:.2g} m away by assumption: sizes are known up to scale,"
-            " limbs in front of the body are flat"
-        ),
-        "given": "its depth is that of the maps given",
-    }.get(method, f"its depth is {method}")
+    name = rig.names[view]
     alone = (
         f"{name} is the only source view, so nothing is matched; {what}; the side that faces away stays empty, and"
         f" novel views are worth looking at up to {useful:g} degrees from it"

@@ -6,30 +6,12 @@ measured in; captured x is calibrated scale x + offset) and *frames* (calibrated
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Facts
 from posegaussian.storage.model.cameras import Rig
-from posegaussian.storage.model.crop import Crop
-from posegaussian.storage.model.errors import ConfigError
-
-
-def captured_to_calibrated(source_rig: Rig, crops: Mapping[str, Crop]) -> np.ndarray:
-    """[V, 3] (scale, dx, dy) of every camera: a captured pixel x is the calibrated pixel scale x + (dx, dy).
-
-    Raises ConfigError for a crop of a camera that the rig does not have.
-    """
-    for name in crops:
-        if name not in source_rig.names:
-            raise ConfigError(f"frames.crop: no camera named {name!r}; the rig has {', '.join(source_rig.names)}")
-    out = np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))
-    for v, name in enumerate(source_rig.names):
-        if name in crops:
-            out[v] = crops[name].scale, *crops[name].offset
-    return out
 
 
 def switched(source_rig: Rig, crops: np.ndarray, facts: Facts) -> tuple[Rig, np.ndarray]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.contract.io import Inputs, Views
+from posegaussian.stages.contract.io import Inputs, TaskScope, Views
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.inspection.joint_fit import joint_offsets
-from posegaussian.stages.survey.joints import RESIDUAL, SCORE, seen_joints
+from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, seen_joints
 from posegaussian.storage.model.cameras import Rig
 
 PICTURES = 12
@@ -28,16 +28,60 @@ LOOSE = 0.1
 step is to be measured, not left out."""
 
 
+class _ReaderInputs(Inputs):
+    """What the survey's measures of pictures, masks and joints ask for: readers, and no arrays."""
+
+    def __init__(self, scope: TaskScope, readers: Mapping[str, Any]) -> None:
+        super().__init__(scope)
+        self._readers = readers
+
+    def source(self, kind: str) -> Any:
+        """A reader."""
+        return self._readers[kind]
+
+    def span(self, array: str) -> range:
+        """Raise: an inspection has no arrays."""
+        raise KeyError(f"an inspection looks at files alone; there is no {array}")
+
+    def read(self, array: str, view: int | None = None) -> np.ndarray:
+        """Raise: an inspection has no arrays."""
+        raise KeyError(f"an inspection looks at files alone; there is no {array}")
+
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        """Raise: an inspection has no arrays."""
+        raise KeyError(f"an inspection looks at files alone; there is no {array}")
+
+
+def scope_of(rig: Rig, source_rig: Rig, captured_to_calibrated: np.ndarray, facts: frozenset[str]) -> TaskScope:
+    """That of a whole capture whose cameras are all sources.
+
+    `rig`: cameras of the pictures that are looked at, without lens, reduced; `captured_to_calibrated` [V, 3] (scale,
+    dx, dy) as used; `facts`: joints2d, joints3d and masks, as far as there are any.
+    """
+    views = Views(rig.names, tuple(range(len(rig))), ())
+    none, valid = np.zeros(0), np.zeros((0, len(rig)), bool)
+    return TaskScope(
+        partition=range(0),
+        source_frames=none.astype(np.int64),
+        time=none,
+        valid=valid,
+        views=views,
+        view=None,
+        rig=rig,
+        source_rig=source_rig,
+        captured_to_calibrated=captured_to_calibrated,
+        path=None,
+        facts=facts,
+        joint_set=None,
+    )
+
+
 @dataclass(eq=False)
 class Footage:
-    """A capture as an inspection sees it: all cameras are sources. It serves as `Inputs` of the survey's measures."""
+    """A capture as an inspection sees it: all cameras are sources."""
 
-    rig: Rig
-    """Cameras of the pictures that are looked at: without lens, reduced."""
-    source_rig: Rig
-    """Cameras as calibrated."""
-    captured_to_calibrated: np.ndarray
-    """[V, 3] (scale, dx, dy) as used."""
+    scope: TaskScope
+    """Its cameras, and what is known of it."""
     joint_crops: np.ndarray
     """[V, 3] the same for the pixels that joints refer to."""
     captured: np.ndarray
@@ -48,45 +92,47 @@ class Footage:
     """Frames a second."""
     readers: Mapping[str, Any]
     """Readers by kind: pictures always; masks of all views, joints and joints3d where there are any."""
-    facts: frozenset[str]
-    """joints2d, joints3d, masks, as far as there are any."""
     pictures: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     """(view, number) -> [h, w, 3] uint8 without lens, as far as they were read."""
+
+    @property
+    def rig(self) -> Rig:
+        """Cameras of the pictures that are looked at."""
+        return self.scope.rig
+
+    @property
+    def source_rig(self) -> Rig:
+        """Cameras as calibrated."""
+        return self.scope.source_rig
+
+    @property
+    def captured_to_calibrated(self) -> np.ndarray:
+        """[V, 3] (scale, dx, dy) as used."""
+        return self.scope.captured_to_calibrated
+
+    @property
+    def facts(self) -> frozenset[str]:
+        """joints2d, joints3d and masks, as far as there are any."""
+        return self.scope.facts
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the cameras."""
         return self.rig.names
 
-    @property
-    def views(self) -> Views:
-        """All are sources."""
-        return Views(self.rig.names, tuple(range(len(self.rig))), ())
-
     def source(self, kind: str) -> Any:
         """A reader."""
         return self.readers[kind]
 
-    @property
+    @cached_property
     def inputs(self) -> Inputs:
-        """For the survey's measures of pictures and masks; they ask for no arrays."""
-        return cast(Inputs, self)
+        """For the survey's measures of pictures and masks."""
+        return _ReaderInputs(self.scope, self.readers)
 
     @cached_property
     def joint_inputs(self) -> Inputs:
         """The same with the pixels that joints refer to."""
-        other = Footage(
-            self.rig,
-            self.source_rig,
-            self.joint_crops,
-            self.joint_crops,
-            self.captured,
-            self.numbers,
-            self.frame_rate,
-            self.readers,
-            self.facts,
-        )
-        return cast(Inputs, other)
+        return _ReaderInputs(replace(self.scope, captured_to_calibrated=self.joint_crops), self.readers)
 
     @cached_property
     def px(self) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE, match
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
-from posegaussian.stages.survey.surface import surface_stops
+from posegaussian.stages.survey.algorithms.surface import surface_stops
 
 LIGHT = (0.5, 2.0)
 """Stops: half a stop is visible, but effects.exposure_matching evens it out without loss; two leave 6 of 8 bits."""

@@ -13,7 +13,7 @@ from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.survey.joints import SCORE
+from posegaussian.stages.survey.algorithms.joints import SCORE
 
 SEVERAL = (0.05, 1.0)
 """Share of the pictures that show more than one person: now and then a passer-by is left out by the views'

@@ -7,7 +7,9 @@ from functools import cached_property
 
 from posegaussian.stages.camera_paths.stretch import Stretch, best_stretch
 from posegaussian.stages.contract.declaration import Facts
-from posegaussian.stages.depth.params import MATCHING, DepthParams
+from posegaussian.stages.depth.methods.declaration import DepthMethod
+from posegaussian.stages.depth.methods.registry import METHODS
+from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.geometry.pairs import PairReport, Verdict, choose_pairs, pair_report
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.sweep import nearest
@@ -34,9 +36,14 @@ class Planned:
     """What the capture has."""
 
     @property
+    def method(self) -> DepthMethod:
+        """The depth method of the run."""
+        return METHODS[self.depth.method]
+
+    @property
     def matches(self) -> bool:
         """Whether pictures are compared with each other at all."""
-        return self.depth.method in MATCHING and len(self.sources) > 1
+        return self.method.matches and len(self.sources) > 1
 
     @cached_property
     def reports(self) -> list[PairReport]:
@@ -51,17 +58,15 @@ class Planned:
     @cached_property
     def partners(self) -> dict[int, list[int]]:
         """With which views each source view is compared; as the depth stage takes them."""
-        if self.depth.method == "sweep":
+        if not self.matches:
+            return {v: [] for v in self.sources}
+        if not self.method.rectifies:
             centre = look_at_point(self.rig.subset(self.sources))
             return {
                 v: list(nearest(self.rig, v, self.sources, self.depth.pairs, self.depth.max_angle, centre))
                 for v in self.sources
             }
-        return (
-            choose_pairs(self.rig, self.sources, self.depth.pairs, self.depth.max_angle)
-            if self.matches
-            else {v: [] for v in self.sources}
-        )
+        return choose_pairs(self.rig, self.sources, self.depth.pairs, self.depth.max_angle)
 
     @cached_property
     def matched(self) -> frozenset[tuple[int, int]]:
@@ -70,9 +75,9 @@ class Planned:
 
     @cached_property
     def refused(self) -> list[PairReport]:
-        """Pairs of sources that cannot be matched, with the reason;
-        sweeping asks for no rows and no rectified pictures."""
-        no_row_needed = self.depth.method == "sweep"
+        """Pairs of sources that cannot be matched, with the reason; a method that compares pictures without
+        rectifying them asks for no rows."""
+        no_row_needed = self.method.matches and not self.method.rectifies
         barred = [r for r in self.source_reports if not r.usable and tuple(sorted(r.views)) not in self.matched]
         return [
             r for r in barred if not no_row_needed or r.angle > self.depth.max_angle or r.verdict is Verdict.COINCIDENT

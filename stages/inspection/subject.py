@@ -15,8 +15,8 @@ from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import LOOSE, Footage
 from posegaussian.stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
 from posegaussian.stages.inspection.sharpness import edge_width
-from posegaussian.stages.survey.joints import SCORE
-from posegaussian.stages.survey.silhouettes import agreeing_share, masks_of
+from posegaussian.stages.survey.algorithms.joints import SCORE
+from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share, masks_of
 
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""

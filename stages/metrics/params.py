@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
 from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.metrics.measures.declaration import WeightFile
+from posegaussian.stages.metrics.measures.registry import METRICS
 
-Measure = Literal["psnr", "ssim", "delta_ssim", "ms_ssim", "flip", "lpips_alex", "lpips_vgg"]
-WeightFile = Literal["alex", "alex_linear", "vgg", "vgg_linear"]
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
-DEFAULT: list[Measure] = ["psnr", "ssim", "delta_ssim"]
+DEFAULT = ["psnr", "ssim", "delta_ssim"]
 """Measures that cost milliseconds and need nothing."""
-LPIPS: dict[str, tuple[WeightFile, WeightFile]] = {
-    "lpips_alex": ("alex", "alex_linear"),
-    "lpips_vgg": ("vgg", "vgg_linear"),
-}
-"""{measure: files of its network and of its linear layers}."""
 
 
 class MetricsParams(Params):
     """What is measured."""
 
-    measures: list[Measure] = setting(
+    measures: list[str] = setting(
         DEFAULT,
-        "What is measured; each runs only when named here.",
+        f"What is measured, of {', '.join(METRICS)}; each runs only when named here.",
         quality_levels=[["psnr"], DEFAULT, [*DEFAULT, "ms_ssim"]],
         min_length=1,
     )
@@ -50,12 +45,20 @@ class MetricsParams(Params):
 
     @field_validator("measures")
     @classmethod
-    def _each_once(cls, value: list[Measure]) -> list[Measure]:
+    def _known_and_each_once(cls, value: list[str]) -> list[str]:
+        if unknown := [m for m in value if m not in METRICS]:
+            raise ValueError(f"there is no measure {unknown[0]!r}; there are {', '.join(METRICS)}")
         if twice := sorted({m for m in value if value.count(m) > 1}):
             raise ValueError(f"{', '.join(twice)} named twice; name each measure once")
         return value
 
     @property
+    def before(self) -> MetricsParams:
+        """What is measured of a frame that only the next one is compared with."""
+        changing = dict.fromkeys(c for m in self.measures if (c := METRICS[m].change_of))
+        return self.model_copy(update={"measures": list(changing)})
+
+    @property
     def of_neighbours(self) -> bool:
         """Whether a frame is compared with the one before."""
-        return "delta_ssim" in self.measures
+        return any(METRICS[m].change_of for m in self.measures)

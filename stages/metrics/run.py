@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.metrics.optional_metrics import UNAVAILABLE, Regions, Unavailable, definitions, further
+from posegaussian.stages.metrics.measures.declaration import Metric, Pictures, Unavailable, Value
+from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
-from posegaussian.stages.metrics.psnr import psnr
-from posegaussian.stages.metrics.ssim import ssim_map
 from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
-SSIM = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"
 BOX = f"; box = bounding box of the view's own mask > {FOREGROUND}"
 DATA_RANGE = 255.0
-Values = dict[tuple[str, str], float | Unavailable]
+UNAVAILABLE = "not available: "
+"""How the definition of a row without a value begins."""
+Regions = Mapping[str, tuple[slice, slice]]
+"""{name: rows and columns}."""
+Values = dict[tuple[str, str], Value]
 """{(region, measure): value}."""
 
 
@@ -26,8 +28,8 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     """Yield one table: the measures asked for of every held-out camera and frame, regions full and box.
 
     Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background
-    is the same in both and carries no error. A box value of SSIM is the mean of the full picture's map over the box.
-    delta_ssim = abs(SSIM_t - SSIM_{t-1}) with the previous frame of the sequence. Frames that a camera does not serve
+    is the same in both and carries no error. A box value of a map is the mean of the full picture's map over the box;
+    a change is that from the previous frame of the sequence. Frames that a camera does not serve
     or that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has
     rows without a value, whose definition says what.
     """
@@ -46,7 +48,7 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
             usable = bool(path.served[j, c]) and (j < halo or bool(inputs.valid[j - halo, view]))
             now: Values = {}
             if usable:
-                wanted = params if j >= halo else ONLY_SSIM  # a frame of the halo is there for its SSIM alone
+                wanted = params if j >= halo else params.before  # a frame of the halo is compared with alone
                 now = measure(rendered[:, c][crop], truth[crop], mask[crop], wanted)
             if j >= halo:
                 _append(table, path.names[c], frame, now, before, params)
@@ -55,11 +57,8 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     yield Block("metrics/{path}", table)
 
 
-ONLY_SSIM = MetricsParams(measures=["ssim"])
-
-
 def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: MetricsParams) -> Values:
-    """{(region, measure): value} of one picture; delta_ssim, which takes two, is there as ssim.
+    """{(region, measure): value} of one picture; a change, which takes two, is there as what changes.
 
     rendered [h, w, 3] uint8 premultiplied on black; truth [h, w, 3] uint8 as filmed; mask [h, w] uint8 0..255.
     """
@@ -72,40 +71,42 @@ def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: M
             **regions,
             "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)),
         }
+    pictures = Pictures(picture, reference, DATA_RANGE)
     values: Values = {}
-    if "psnr" in params.measures:
-        values |= {
-            (name, "psnr"): psnr(picture[region], reference[region], DATA_RANGE, params.psnr_cap)
-            for name, region in regions.items()
-        }
-    if {"ssim", "delta_ssim"} & set(params.measures):
-        similarity = ssim_map(picture, reference, DATA_RANGE)
-        values |= {(name, "ssim"): float(similarity[region].mean()) for name, region in regions.items()}
-    return values | further(picture, reference, regions, DATA_RANGE, params)
+    for metric in dict.fromkeys(METRICS[METRICS[m].change_of or m] for m in params.measures):
+        values |= {(region, metric.name): v for region, v in _by_region(metric, pictures, regions, params).items()}
+    return values
+
+
+def _by_region(metric: Metric, pictures: Pictures, regions: Regions, params: MetricsParams) -> dict[str, Value]:
+    """{region: value} of one metric."""
+    if metric.of_pixels is not None:
+        seen = metric.of_pixels(pictures, params)
+        return {name: float(seen[at].astype(np.float64, copy=False).mean()) for name, at in regions.items()}
+    assert metric.of_region is not None, f"metric {metric.name} measures nothing"
+    picture, truth, data_range = pictures
+    return {
+        name: metric.of_region(Pictures(picture[at], truth[at], data_range), params) for name, at in regions.items()
+    }
 
 
 def _append(
     table: dict[str, list[Any]], camera: str, frame: int, now: Values, before: Values, params: MetricsParams
 ) -> None:
     """Add the rows of one picture."""
-    said = {
-        "psnr": f"10 log10(255^2 / MSE) over RGB, at most {params.psnr_cap:g} dB",
-        "ssim": SSIM,
-        "delta_ssim": "abs(SSIM of this frame - SSIM of the previous frame); " + SSIM,
-        **definitions(params),
-    }
-    rows = dict(now)
-    for (region, name), value in now.items():
-        earlier = before.get((region, "ssim"))
-        if name == "ssim" and isinstance(value, float) and isinstance(earlier, float):
-            rows[region, "delta_ssim"] = abs(value - earlier)
+    rows: Values = {}
+    for metric in (METRICS[m] for m in params.measures):
+        for region, name in [key for key in now if key[1] == (metric.change_of or metric.name)]:
+            value, earlier = now[region, name], before.get((region, name))
+            if metric.change_of is None:
+                rows[region, metric.name] = value
+            elif isinstance(value, float) and isinstance(earlier, float):
+                rows[region, metric.name] = abs(value - earlier)
     for (region, name), value in sorted(rows.items(), key=lambda row: row[0]):
-        if name not in params.measures:
-            continue
         if isinstance(value, Unavailable):
             number, definition = None, UNAVAILABLE + value.reason
         else:
-            number, definition = float(value), said[name] + (BOX if region == "box" else "")
+            number, definition = float(value), METRICS[name].definition(params) + (BOX if region == "box" else "")
         for column, entry in zip(COLUMNS, (camera, int(frame), region, name, number, "black", definition), strict=True):
             table[column].append(entry)
 

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
-from posegaussian.stages.metrics.flip import missing
-from posegaussian.stages.metrics.optional_metrics import without_weights
+from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.storage.model.spec import Shape, TableSpec
-
-BYTES = {"psnr": 100, "ssim": 288, "delta_ssim": 288, "ms_ssim": 340, "flip": 210, "lpips_alex": 200, "lpips_vgg": 1800}
-"""Bytes of working memory a pixel, by measure, as `benchmarks/quality/metrics_time.py` finds them; one is taken
-after the other."""
-WEIGHTS = {"lpips_alex": 260 * 10**6, "lpips_vgg": 620 * 10**6}
-"""Bytes of the weight files, which are read as a whole, and of what is kept of them."""
 
 
 def needs(shape: Shape, params: MetricsParams) -> Resources:
     """Two pictures of one camera per frame, the working memory of the dearest measure, and the weights of networks."""
     pixels = shape["y"] * shape["x"]
-    working = max(BYTES[m] for m in (*params.measures, "ssim"))
-    weights = sum(WEIGHTS[m] for m in params.measures if m in WEIGHTS and not without_weights(m, params))
-    return Resources(cpu=1, ram=shape["frame"] * pixels * 8 + pixels * working + weights)
+    working = max(METRICS[m].bytes_a_pixel for m in (*params.measures, "ssim"))
+    kept = sum(METRICS[m].kept_bytes(params) for m in params.measures)
+    return Resources(cpu=1, ram=shape["frame"] * pixels * 8 + pixels * working + kept)
 
 
 def halo(params: MetricsParams) -> tuple[int, int]:
@@ -34,9 +27,10 @@ def unneeded(params: MetricsParams, facts: Facts) -> str | None:
 
 
 def refusal(params: MetricsParams, facts: Facts) -> str | None:
-    """FLIP without its package, and weights of LPIPS without their sha256 or the other way round."""
-    if "flip" in params.measures and (sentence := missing()) is not None:
-        return sentence
+    """A measure that cannot be taken here, and weights of LPIPS without their sha256 or the other way round."""
+    for name in params.measures:
+        if (sentence := METRICS[name].refusal(params)) is not None:
+            return sentence
     for there, other in (("lpips_weights", "lpips_sha256"), ("lpips_sha256", "lpips_weights")):
         if left := [name for name in getattr(params, there) if name not in getattr(params, other)]:
             what = "the sha256 that `sha256sum FILE` prints" if other == "lpips_sha256" else "the path of the file"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
 from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.network.asset import TRAINED
+from posegaussian.stages.network.asset import notes as weights_notes
 from posegaussian.stages.network.params import NETWORK, NetworkParams
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -78,4 +80,6 @@ STAGE = Stage(
     unneeded=unneeded,
     effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
     optional=True,
+    notes=lambda evidence: weights_notes(evidence.params),
+    assets=(TRAINED,),
 )

@@ -9,9 +9,10 @@ from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import SEGMENTED
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
-from posegaussian.stages.survey.disagreement import FEWEST, disagreement
-from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
+from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 
+COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
+"""What the survey measures for `view_dependent_color`."""
 TRUSTED = 0.98
 """Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1
 px too small: 0.98; calibration off by 1 px: 0.84 to 0.97."""

@@ -6,6 +6,7 @@ from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.network.params import depth_reads
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
@@ -58,4 +59,5 @@ STAGE = Stage(
     params=RenderingParams,
     needs=needs,
     effects=(VIEW_DEPENDENT_COLOR, SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
+    paths=PATHS,
 )

@@ -2,28 +2,9 @@
 
 from posegaussian.stages.contract.declaration import Params, setting
 
-PLATE, SPREAD, COLORS, MOTION, SILHOUETTES, OUTLINES, JOINT_FIT, NOISE, LIGHT, SURFACE = (
-    "survey/plate",
-    "survey/spread",
-    "survey/colors",
-    "survey/motion",
-    "survey/silhouettes",
-    "survey/outlines",
-    "survey/joint_fit",
-    "survey/noise",
-    "survey/light",
-    "survey/surface",
-)
-"""Outputs that are made only when asked for."""
-BACKGROUND = "survey/background"
-"""The plate's frames, written with it."""
-
 LONGEST = 512
 """Longer side, px, of the cameras in which masks and joints are compared, whatever `frames.size` says: results do
 not hang on it."""
-
-KEPT_PICTURES = 24
-"""Pictures whose features a process keeps for its other views' tasks, some 3 MB each."""
 
 
 class SurveyParams(Params):

@@ -15,10 +15,10 @@ import inspect
 
 import numpy as np
 
-from posegaussian.stages.depth import stereo, sweeping
+from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry
+from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.pose_prior import limbs_of
-from posegaussian.stages.depth.scene import Frame, Geometry
 from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.take import Shot
@@ -76,8 +76,9 @@ def _start(rig: Rig, shots: list[Shot], method: str, limbs: bool) -> tuple[np.nd
         limbs_of(np.column_stack([joints, np.ones(len(joints))])) if limbs and joints is not None else np.zeros((0, 7))
     )
     frame = Frame({v: s.color for v, s in enumerate(shots)}, {v: s.mask for v, s in enumerate(shots)}, capsules)
-    kernel = {"sgbm": stereo.estimate, "sweep": sweeping.sweep_hull}[method]
-    maps = kernel(geometry, frame, params)
+    of_frame = METHODS[method].of_frame
+    assert of_frame is not None, f"{method} takes views one by one"
+    maps = of_frame(geometry, frame, params, True)
     return np.stack([maps[v][0] for v in views]), np.stack([maps[v][1] for v in views])
 
 

@@ -21,6 +21,7 @@ from posegaussian.storage.importers.caliscope_joints import tracked_joints
 from posegaussian.storage.importers.caliscope_times import Instants, instants
 from posegaussian.storage.importers.cameras import build_rig, rig_notes
 from posegaussian.storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
+from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -192,3 +193,15 @@ def _turned(tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _left_out(base: Path) -> list[str]:
     found = [base / name for name in _BOARD if (base / name).is_file()]
     return [f"corners of the calibration board are no joints and are left out: {shown(base, found)}"] if found else []
+
+
+IMPORTER = Importer(
+    "caliscope",
+    "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.",
+    CaliscopeOptions,
+    find,
+    (
+        Trait("videos cam_N.mp4", lambda base: or_broken(lambda: recordings(base))),
+        Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda base: bool(calibration_files(base))),
+    ),
+)

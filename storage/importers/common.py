@@ -110,6 +110,13 @@ def subfolders(path: Path) -> list[Path]:
     return sorted((p for p in path.iterdir() if p.is_dir()), key=lambda p: natural(p.name)) if path.is_dir() else []
 
 
+def has_pictures(base: Path) -> bool:
+    """Whether a folder has `images/NAME/` with a picture in it."""
+    return any(
+        p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir()
+    )
+
+
 def videos_in(path: Path) -> dict[str, Path]:
     """{stem: video} of one folder in natural order. Raises SourceError for two videos of one name."""
     out: dict[str, Path] = {}

@@ -20,6 +20,7 @@ from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
+    has_pictures,
     image_stream,
     mask_streams,
     numbered,
@@ -28,6 +29,7 @@ from posegaussian.storage.importers.common import (
     video_streams,
     videos_in,
 )
+from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.joint_streams import picture_joints
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import shortened
@@ -167,3 +169,19 @@ def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> Ra
         numbers(_node(extri, [f"T_{name}"], "extri.yml", name), name, f"T_{name}", [(3,)]),
         size,
     )
+
+
+IMPORTER = Importer(
+    "easymocap",
+    "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.",
+    EasyMocapOptions,
+    find,
+    (
+        Trait("intri.yml", lambda base: (base / "intri.yml").is_file()),
+        Trait("extri.yml", lambda base: (base / "extri.yml").is_file()),
+        Trait(
+            "images/NAME/000000.jpg or videos/NAME.mp4",
+            lambda base: has_pictures(base) or or_broken(lambda: videos_in(base / "videos")),
+        ),
+    ),
+)

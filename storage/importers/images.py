@@ -27,12 +27,14 @@ from posegaussian.storage.importers.common import (
     file_stream,
     folder,
     gap_notes,
+    has_pictures,
     image_stream,
     mask_streams,
     numbered,
     picture_gaps,
     subfolders,
 )
+from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_map_streams
 from posegaussian.storage.importers.joint_streams import coco_joints, picture_joints
 from posegaussian.storage.model.capture import Capture, Stream
@@ -189,3 +191,22 @@ def _depth(base: Path, names: Sequence[str], pictures: Sequence[Stream]) -> tupl
         return (), []
     without = [f"camera {n} has no true depth" for n, s in zip(names, streams, strict=True) if s is None]
     return tuple(streams), without + gap_notes(names, streams, [np.asarray(s.numbers) for s in pictures], "true depth")
+
+
+def _has_cameras_json(base: Path) -> bool:
+    if not (base / "cameras.json").is_file():
+        return False
+    data: Any = read_json(base / "cameras.json")
+    return isinstance(data, dict) and "cameras" in data
+
+
+IMPORTER = Importer(
+    "images",
+    "Folders of pictures and one cameras.json, optionally masks, joints, depth maps and true depth.",
+    ImagesOptions,
+    find,
+    (
+        Trait("cameras.json that lists cameras", lambda base: or_broken(lambda: _has_cameras_json(base))),
+        Trait("pictures images/NAME/<number>.png, .jpg or .exr", has_pictures),
+    ),
+)

@@ -28,6 +28,7 @@ from posegaussian.storage.importers.common import (
     video_streams,
     videos_in,
 )
+from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.joint_streams import picture_joints, trc_joints
 from posegaussian.storage.importers.qualisys import is_qualisys, qualisys_tables
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
@@ -200,3 +201,28 @@ def _joints3d(base: Path, options: Pose2SimOptions) -> tuple[Stream | None, list
             raise
         return None, [f"3D joints are left out: {e}"]
     return stream, [f"3D joints: {path.name}, joint set {stream.options['joint_set']}"]
+
+
+def _has_camera_tables(base: Path) -> bool:
+    return any(
+        is_qualisys(p) or (p.suffix == ".toml" and or_broken(lambda p=p: toml_tables(p)))  # type: ignore[misc]
+        for p in base.rglob("*")
+        if p.is_file()
+    )
+
+
+def _has_videos(base: Path) -> bool:
+    return or_broken(lambda: any(videos_in(f) for f in (base, *(p for p in base.rglob("*") if p.is_dir()))))
+
+
+IMPORTER = Importer(
+    "pose2sim",
+    "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.",
+    Pose2SimOptions,
+    find,
+    (
+        Trait("calibration *.toml with a camera's matrix, or *.qca.txt of Qualisys", _has_camera_tables),
+        Trait("videos in the folder or below", _has_videos),
+    ),
+    general=True,  # what Caliscope leaves, this importer could read, too
+)

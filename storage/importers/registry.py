@@ -1,112 +1,14 @@
-"""The importers by name: one declaration from which the command line and its help follow."""
+"""The importers by name. A further one is a file of this folder and its entry here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
 
-from pydantic import ValidationError
+from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
+from posegaussian.storage.importers.declaration import Importer
+from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
+from posegaussian.storage.importers.images import IMPORTER as IMAGES
+from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 
-from posegaussian.storage.importers import caliscope, easymocap, images, pose2sim
-from posegaussian.storage.importers.common import ImportOptions
-from posegaussian.storage.importers.letterbox import fitted
-from posegaussian.storage.importers.recognise import explained, fitting, recognised
-from posegaussian.storage.model.capture import Capture
-from posegaussian.storage.model.errors import SourceError, UserError
-
-
-@dataclass(frozen=True)
-class Importer:
-    """One layout that captures come in."""
-
-    name: str
-    """As in `import NAME SOURCE`."""
-    summary: str
-    """One sentence for the help."""
-    options: type[ImportOptions]
-    """What the user may choose."""
-    find: Callable[[Path, Any], Capture]
-    """`find(source, options)`; raises a UserError."""
-
-
-_ALL = (
-    Importer(
-        "pose2sim",
-        "Videos, a TOML or Qualisys calibration and OpenPose joints, as Pose2Sim has them.",
-        pose2sim.Pose2SimOptions,
-        pose2sim.find,
-    ),
-    Importer(
-        "caliscope",
-        "Videos cam_N.mp4, timestamps.csv and camera_array.toml, as Caliscope leaves them.",
-        caliscope.CaliscopeOptions,
-        caliscope.find,
-    ),
-    Importer(
-        "easymocap",
-        "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.",
-        easymocap.EasyMocapOptions,
-        easymocap.find,
-    ),
-    Importer(
-        "images",
-        "Folders of pictures and one cameras.json, optionally masks, joints, depth maps and true depth.",
-        images.ImagesOptions,
-        images.find,
-    ),
-)
-
-IMPORTERS: Mapping[str, Importer] = {i.name: i for i in _ALL}
-"""All importers by name."""
-
-
-AUTO = "auto"
-"""In place of a layout's name: the one that fits the folder."""
-
-
-def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) -> Capture:
-    """Find a capture with options as plain values.
-
-    Raises SourceError for an unknown layout or option, and what `find` raises, with the layout that fits where this one
-    does not.
-    """
-    base = Path(source).resolve()
-    if layout != AUTO and layout not in IMPORTERS:
-        fits = fitting(base)
-        raise SourceError(
-            f"unknown layout {layout!r}; known are {', '.join(IMPORTERS)}, and {AUTO}, which takes the one that fits"
-            + (f": here {fits[0]}" if fits else "")
-        )
-    importer = IMPORTERS[recognised(base) if layout == AUTO else layout]
-    try:
-        checked = importer.options.model_validate(dict(options))
-    except ValidationError as e:
-        faults = [f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors()]
-        raise SourceError(
-            f"options of {importer.name}: {'; '.join(faults)}; known are {', '.join(importer.options.model_fields)}"
-        ) from e
-    try:
-        capture = importer.find(base, checked)
-    except UserError as e:
-        if why := explained(importer.name, base):
-            raise type(e)(f"{e}\n{why}") from e
-        raise
-    if layout == AUTO:
-        capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
-    return _with_roles(fitted(capture, checked.crops), checked.held_out)
-
-
-def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:
-    """The capture with the cameras held out that the option names,
-    else those that the layout marks. Raises SourceError."""
-    names = capture.rig.names
-    for name in held_out or ():
-        if name not in names:
-            raise SourceError(f"option held_out: there is no camera {name}; there are {', '.join(names)}")
-    chosen = tuple(n for n in names if n in (capture.held_out if held_out is None else held_out))
-    if len(chosen) == len(names):
-        raise SourceError("option held_out: no camera is left as a source; hold fewer out")
-    notes = [f"held out, for metrics alone: {', '.join(chosen)}; views.held_out overrules it"] if chosen else []
-    return replace(capture, held_out=chosen, notes=(*capture.notes, *notes))
+IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES)}
+"""In the order in which sentences name them."""

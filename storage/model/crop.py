@@ -7,7 +7,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
+
+from posegaussian.storage.model.errors import ConfigError
 
 Offset = Annotated[float, Field(ge=-1e5, le=1e5)]
 
@@ -19,6 +22,21 @@ class Crop(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     scale: float = Field(1.0, ge=1e-3, le=1e3, description="Calibrated pixels per captured pixel.")
     offset: tuple[Offset, Offset] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+
+
+def captured_to_calibrated(names: Sequence[str], crops: Mapping[str, Crop]) -> np.ndarray:
+    """[V, 3] (scale, dx, dy) of every camera: a captured pixel x is the calibrated pixel scale x + (dx, dy).
+
+    Raises ConfigError for a crop of a camera that is not among the names.
+    """
+    for name in crops:
+        if name not in names:
+            raise ConfigError(f"frames.crop: no camera named {name!r}; the rig has {', '.join(names)}")
+    out = np.tile([1.0, 0.0, 0.0], (len(names), 1))
+    for v, name in enumerate(names):
+        if name in crops:
+            out[v] = crops[name].scale, *crops[name].offset
+    return out
 
 
 def crop_settings(choices: Mapping[str, Sequence[tuple[Crop, str]]]) -> list[str]:

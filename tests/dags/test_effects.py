@@ -223,7 +223,7 @@ def test_a_failed_survey_blocks_what_waits_for_it(fresh: Pipeline, monkeypatch: 
     def fail(*args: object) -> None:
         raise RuntimeError("no light")
 
-    monkeypatch.setattr("posegaussian.stages.survey.run.jitter_and_motion", fail)
+    monkeypatch.setattr("posegaussian.stages.survey.algorithms.motion.jitter_and_motion", fail)
     events = fresh.run(expect_failure=True)
     blocked = {e.task.stage for e in events if type(e).__name__ == "TaskBlocked"}
     assert {"frames", "smoothing"} <= blocked

@@ -20,7 +20,8 @@ from posegaussian.dags.maintenance import garbage_collection
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import RunEnded, RunStarted
 from posegaussian.dags.session.session import Session
-from posegaussian.dags.simulation.simulate import film, read_scene, scene_file, stage_scene
+from posegaussian.dags.simulation.shipped import scene_file
+from posegaussian.dags.simulation.simulate import film, read_scene, stage_scene
 from posegaussian.storage.archive import lease
 from posegaussian.storage.archive.deletion import folder_bytes
 from posegaussian.storage.archive.receipts import missing_files, scan_receipts

@@ -260,7 +260,7 @@ def test_what_is_predicted_is_what_the_plan_says(tmp_path: Path) -> None:
     assert [plan.matte] == [
         c.resolve(context.settings.frames, context.capture_facts) for c in stage_named("frames").choices
     ]
-    assert plan.depth.method == resolve_method(context.settings.depth, context.facts)
+    assert plan.depth.method == resolve_method(context.settings.depth, context.facts).name
     assert plan.sources == context.views.sources
     told = measure(*footage_of(context), plan).outlook
     assert any(f"of {len(plan.source_reports)} pairs" in line for line in told)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from posegaussian.dags.planning.fingerprint import models
+from posegaussian.dags.planning.fingerprint import assets
 from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import stage
@@ -34,7 +34,7 @@ def matte(pipeline: Pipeline) -> str:
 def test_with_given_joints_blazepose_segments_where_it_is_here(
     captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.stages.detection.asset.blazepose_is_here", lambda: True)
     plan = captures["joints"].plan()
     assert plan.context.joint_set == "coco17", "the joints are the given ones"
     assert matte(captures["joints"]) == "person"
@@ -59,7 +59,7 @@ def test_with_given_joints_blazepose_segments_where_it_is_here(
 def test_the_estimator_does_not_run_where_nothing_reads_it(
     captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch, capture: str, setting: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.stages.detection.asset.blazepose_is_here", lambda: True)
     plan = captures[capture].with_settings(*setting).plan()
     assert "detection" in plan.unneeded
     assert not plan.counts("detection")
@@ -68,7 +68,7 @@ def test_the_estimator_does_not_run_where_nothing_reads_it(
 def test_without_blazepose_the_given_joints_tell_alone_and_the_plan_says_what_would_be_better(
     captures: dict[str, Pipeline], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: False)
+    monkeypatch.setattr("posegaussian.stages.detection.asset.blazepose_is_here", lambda: False)
     plan = captures["joints"].plan()
     assert matte(captures["joints"]) == "person"
     assert "detection" in plan.unneeded
@@ -81,7 +81,7 @@ def test_every_task_that_opens_models_is_told_which_the_plan_means(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The survey's fingerprint names no sources, yet it looks at pictures through the estimator, too."""
-    monkeypatch.setattr("posegaussian.dags.planning.context.blazepose_is_here", lambda: True)
+    monkeypatch.setattr("posegaussian.stages.detection.asset.blazepose_is_here", lambda: True)
     film(tmp_path / "capture", size=32, frames=2, masks=False, joints=False)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture").with_settings("network.weights=fast")
     pipeline.register()
@@ -89,5 +89,5 @@ def test_every_task_that_opens_models_is_told_which_the_plan_means(
     for task in plan.verdicts:
         declared = stage(task.stage)
         asked = {r.array for r in declared.reads_for(plan.context.params(declared), plan.context.facts) if r.is_source}
-        assert set(models(plan.context, declared)) == asked & {"estimator", NETWORK}, task.stage
-    assert "estimator" in models(plan.context, stage("survey"))
+        assert set(assets(plan.context, declared)) == asked & {"estimator", NETWORK}, task.stage
+    assert "estimator" in assets(plan.context, stage("survey"))

@@ -11,12 +11,11 @@ from rich.console import Console
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.planning.effects import judged
 from posegaussian.dags.session.session import Session
+from posegaussian.dags.simulation.shipped import SCENES, scene_file
 from posegaussian.dags.simulation.simulate import (
-    SCENES,
     effects_plan,
     film,
     read_scene,
-    scene_file,
     simulate,
     stage_scene,
 )

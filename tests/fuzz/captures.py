@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from posegaussian.storage.importers.cameras import rotation_matrix
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
 from tests.support import import_capture

@@ -75,7 +75,7 @@ def weights(base: Path) -> None:
 
 
 def read_weights(folder: Path, out: Path) -> None:
-    from posegaussian.dags.assets.network_weights import network_of, notes
+    from posegaussian.stages.network.asset import network_of, notes
     from posegaussian.stages.network.params import NetworkParams
 
     params = NetworkParams(weights=str(folder / "tiny.safetensors"))

@@ -27,7 +27,6 @@ import safetensors.torch  # noqa: F401
 import zarr  # noqa: F401
 
 import posegaussian.dags.assets.downloads
-import posegaussian.dags.assets.network_weights
 import posegaussian.dags.cli.app
 import posegaussian.dags.importing.register
 import posegaussian.dags.simulation.simulate
@@ -35,6 +34,7 @@ import posegaussian.dags.training.config
 import posegaussian.dags.training.state
 import posegaussian.stages.camera_paths.path_file
 import posegaussian.stages.estimators.onnx
+import posegaussian.stages.network.asset
 import posegaussian.stages.network.model.network
 import posegaussian.stages.silhouettes.agreement
 import posegaussian.stages.splatting.splat_scene  # noqa: F401

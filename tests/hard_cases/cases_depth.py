@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import torch
 
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry, hull_only
 from posegaussian.stages.geometry.pairs import classify
 from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
@@ -22,7 +22,8 @@ from posegaussian.stages.matching.fuse import complete, transfer
 from posegaussian.stages.matching.sampling import disagreement, fill, sample
 from posegaussian.stages.matching.sgbm import match
 from posegaussian.stages.metrics.depth_error import depth_error
-from posegaussian.stages.metrics.run import ONLY_SSIM, measure
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.rendering.lift import Maps, lift
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.masks import foreground
@@ -157,7 +158,8 @@ def empty_mask_error() -> float:
         *hull[0],
     ]
     assert depth_error(nothing, nothing, nothing.astype(np.uint8), rig, 0, range(8)) is None
-    assert {region for region, _ in measure(picture, picture, nothing.astype(np.uint8), ONLY_SSIM)} == {"full"}
+    only_ssim = MetricsParams(measures=["ssim"])
+    assert {region for region, _ in measure(picture, picture, nothing.astype(np.uint8), only_ssim)} == {"full"}
     return worst(apart(f, 0) for f in found)
 
 

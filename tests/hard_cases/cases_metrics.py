@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.metrics.depth_error import depth_error, nearest_pair
-from posegaussian.stages.metrics.lpips import ALEX, Network
-from posegaussian.stages.metrics.ms_ssim import WEIGHTS, ms_ssim
-from posegaussian.stages.metrics.psnr import psnr
-from posegaussian.stages.metrics.ssim import ssim_map
+from posegaussian.stages.metrics.measures.lpips_network import ALEX, Network
+from posegaussian.stages.metrics.measures.ms_ssim import WEIGHTS, ms_ssim
+from posegaussian.stages.metrics.measures.psnr import psnr
+from posegaussian.stages.metrics.measures.ssim import ssim_map
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.stages.metrics.test_lpips import by_hand, made_weights
 from tests.support.known_geometry import ring, sphere_depth

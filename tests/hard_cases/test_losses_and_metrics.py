@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.metrics.depth_error import depth_error, disparity_error, nearest_pair
-from posegaussian.stages.metrics.ms_ssim import ms_ssim
-from posegaussian.stages.metrics.psnr import psnr
-from posegaussian.stages.metrics.run import ONLY_SSIM, measure
-from posegaussian.stages.metrics.ssim import ssim_map
+from posegaussian.stages.metrics.measures.ms_ssim import ms_ssim
+from posegaussian.stages.metrics.measures.psnr import psnr
+from posegaussian.stages.metrics.measures.ssim import ssim_map
+from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.metrics.run import measure
 from tests.hard_cases.cases_metrics import depths, nearly_constant, network, noisy_pair, picture
 from tests.support.known_geometry import ring
 
@@ -45,7 +46,7 @@ def test_l3_lpips_is_no_less_than_0_and_refuses_what_is_too_small() -> None:
 def test_l4_the_range_is_part_of_the_measure() -> None:
     """8-bit pictures enter as 0..255 with that range, whatever they hold: dark pictures are not stretched."""
     dark = np.full((16, 16, 3), 3, np.uint8)
-    values = measure(dark, np.zeros_like(dark), np.full((16, 16), 255, np.uint8), ONLY_SSIM)
+    values = measure(dark, np.zeros_like(dark), np.full((16, 16), 255, np.uint8), MetricsParams(measures=["ssim"]))
     assert values["full", "ssim"] == pytest.approx(2.55**2 / (9 + 2.55**2))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.cameras import to_integer_centres
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop

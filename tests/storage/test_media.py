@@ -124,7 +124,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
 def test_importing_is_cheap():
     code = (
         "import posegaussian.storage.readers.images, posegaussian.storage.readers.video,"
-        " posegaussian.storage.readers.sources, posegaussian.storage.importers.registry, sys; print([m for m in ('av',"
+        " posegaussian.storage.readers.sources, posegaussian.storage.importers.find, sys; print([m for m in ('av',"
         " 'OpenImageIO', 'cv2', 'torch', 'numba') if m in sys.modules])"
     )
     assert (

@@ -3,66 +3,90 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Params, Stage, resolve
-from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.contract.io import Block, TaskScope, Views
+from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.spec import ArraySpec
 
+TIME_INVARIANT = frozenset(
+    {
+        "survey/plate",
+        "survey/spread",
+        "survey/sample",
+        "survey/colors",
+        "survey/motion",
+        "survey/outlines",
+        "survey/noise",
+        "survey/light",
+    }
+)
+NEEDING_THE_SURVEY = {
+    "exposure_matching",
+    "outline_correction",
+    "limb_bounds",
+    "view_dependent_color",
+    "tone_mapping",
+}
+"""Effects that read an array of the survey."""
 
-@dataclass
-class MemoryInputs:
+
+class MemoryInputs(TimedInputs):
     """Arrays are whole sequences, [F, V, ...] or [F, ...]; the partition and halo are cut here as the runner does."""
 
-    stage: Stage
-    params: Params
-    arrays: dict[str, np.ndarray]
-    rig: Rig
-    views: Views
-    partition: range
-    frames: int
-    view: int | None = None
-    path: CameraPath | None = None
-    sources: dict[str, Any] = field(default_factory=dict)
-    facts: frozenset[str] = frozenset({"several_frames"})
-    joint_set: str | None = "coco17"
-    source_rig: Rig = None  # type: ignore[assignment]
-    valid_all: np.ndarray | None = None
-    captured_to_calibrated: np.ndarray = None  # type: ignore[assignment]
-    time_invariant: frozenset[str] = frozenset(
-        {
-            "survey/plate",
-            "survey/spread",
-            "survey/sample",
-            "survey/colors",
-            "survey/motion",
-            "survey/outlines",
-            "survey/noise",
-            "survey/light",
-        }
-    )
-    effects: frozenset[str] | None = None
-    """Effects that are on; None: all the stage declares that need no array of the survey."""
-
-    def __post_init__(self) -> None:
-        on = (
-            {e.name for e in self.stage.effects}
-            - {"exposure_matching", "outline_correction", "limb_bounds", "view_dependent_color", "tone_mapping"}
-            if self.effects is None
-            else self.effects
+    def __init__(
+        self,
+        stage: Stage,
+        params: Params,
+        arrays: dict[str, np.ndarray],
+        rig: Rig,
+        views: Views,
+        partition: range,
+        frames: int,
+        view: int | None = None,
+        path: CameraPath | None = None,
+        sources: dict[str, Any] | None = None,
+        facts: frozenset[str] = frozenset({"several_frames"}),
+        joint_set: str | None = "coco17",
+        source_rig: Rig | None = None,
+        valid_all: np.ndarray | None = None,
+        captured_to_calibrated: np.ndarray | None = None,
+        effects: frozenset[str] | None = None,
+    ) -> None:
+        """Of one task. `effects`: those that are on; None: all the stage declares that need no array of the survey."""
+        on = {e.name for e in stage.effects} - NEEDING_THE_SURVEY if effects is None else effects
+        crops = np.tile([1.0, 0.0, 0.0], (len(rig), 1)) if captured_to_calibrated is None else captured_to_calibrated
+        self.stage, self.params, self.arrays, self.frames, self.sources = stage, params, arrays, frames, sources or {}
+        self.valid_all = np.ones((frames, len(rig)), bool) if valid_all is None else valid_all
+        numbers, valid = np.asarray(partition), self.valid_all[list(partition)]
+        super().__init__(
+            TaskScope(
+                partition=partition,
+                source_frames=numbers,
+                time=numbers / 30.0,
+                valid=valid,
+                views=views,
+                view=view,
+                rig=rig,
+                source_rig=source_rig or rig,
+                captured_to_calibrated=crops,
+                path=path,
+                facts=facts | on,
+                joint_set=joint_set,
+            )
         )
-        self.facts = self.facts | on
-        self.source_rig = self.source_rig or self.rig
-        if self.captured_to_calibrated is None:
-            self.captured_to_calibrated = np.tile([1.0, 0.0, 0.0], (len(self.rig), 1))
-        valid = self.valid_all if self.valid_all is not None else np.ones((self.frames, len(self.rig)), bool)
-        self.valid = valid[list(self.partition)]
-        self.source_frames = np.asarray(self.partition)
-        self.time = np.asarray(self.partition) / 30.0
+
+    def but(self, **scope: Any) -> MemoryInputs:
+        """The same with another scope."""
+        other = copy(self)
+        TaskScope.__init__(other, **{f.name: scope.get(f.name, getattr(self, f.name)) for f in fields(TaskScope)})
+        return other
 
     def span(self, array: str) -> range:
         before, after = next((r.halo_for(self.params) for r in self.stage.reads if r.array == array), (0, 0))
@@ -70,12 +94,11 @@ class MemoryInputs:
 
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
         span = self.span(array)
-        valid = self.valid_all if self.valid_all is not None else np.ones((self.frames, len(self.rig)), bool)
-        return np.asarray(span), valid[span.start : span.stop]
+        return np.asarray(span), self.valid_all[span.start : span.stop]
 
     def read(self, array: str, view: int | None = None) -> np.ndarray:
         data = self.arrays[array]
-        if array in self.time_invariant:
+        if array in TIME_INVARIANT:
             return data if view is None else data[view]
         s = self.span(array)
         data = data[s.start : s.stop]

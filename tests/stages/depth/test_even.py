@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.depth.smooth_disparity import JUMP, RADIUS, even
+from posegaussian.stages.depth.algorithms.smooth_disparity import JUMP, RADIUS, even
 
 PIXEL = 0.002
 """1/metres a px of disparity."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.depth.given_depth import EDGE, given_depth, pixel_noise
+from posegaussian.stages.depth.algorithms.given_depth import EDGE, given_depth, pixel_noise
 
 FOCAL = 100.0
 

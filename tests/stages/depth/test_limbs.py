@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from posegaussian.stages.depth.algorithms.pose_prior import FARTHEST, MARGIN, bounded, limbs_of
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hulls
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.pose_prior import FARTHEST, MARGIN, bounded, limbs_of
-from posegaussian.stages.depth.scene import Frame, Geometry, hulls
 from posegaussian.stages.depth.stage import STAGE
 from posegaussian.stages.geometry.projection import project, rays, unproject
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person

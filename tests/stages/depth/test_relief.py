@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.depth.relief import GUESSED, relief
+from posegaussian.stages.depth.algorithms.relief import GUESSED, relief
 
 FOCAL, FAR = 400.0, 2.0
 

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from benchmarks.depth.plain_cost_volume import cost_volume as plain
-from posegaussian.stages.depth.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only
+from posegaussian.stages.depth.algorithms.sweeping import doubted, sweep_hull
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry, hull_only
-from posegaussian.stages.depth.sweeping import doubted, sweep_hull
 from posegaussian.stages.matching.aggregate import aggregate, minimum
 from posegaussian.stages.matching.bounds import Bounds
 from posegaussian.stages.matching.cost import FORBIDDEN, WORST, cost_volume

@@ -9,11 +9,11 @@ from posegaussian.stages.frames.params import FramesParams
 from posegaussian.stages.frames.run import check
 from posegaussian.stages.frames.stage import STAGE
 from posegaussian.stages.geometry.projection import pixel_centres
-from posegaussian.stages.imaging.camera_mapping import captured_to_calibrated, frames_rig
+from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
-from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.crop import Crop, captured_to_calibrated
 from posegaussian.storage.model.errors import SourceError
 from tests.support.frame_readers import Pictures
 from tests.support.memory_inputs import run_stage
@@ -50,7 +50,7 @@ def _run(
             view=view,
             source_rig=rig,
             sources={"pictures": pictures, **(sources or {})},
-            captured_to_calibrated=captured_to_calibrated(rig, params.crop),
+            captured_to_calibrated=captured_to_calibrated(rig.names, params.crop),
             **{k: v for k, v in more.items() if k != "arrays"},
         )
         for name, data in part.items():

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from posegaussian.stages.frames.params import FramesParams
 from posegaussian.stages.imaging.camera_mapping import (
     captured_positions,
-    captured_to_calibrated,
     distort,
     frames_positions,
     frames_rig,
@@ -18,7 +17,7 @@ from posegaussian.stages.imaging.camera_mapping import (
     undistort,
 )
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, rigid, to_integer_centres
-from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.crop import Crop, captured_to_calibrated
 from posegaussian.storage.model.errors import ConfigError
 
 LENS = np.array([-0.21, 0.08, 0.0011, -0.0007, 0.004, 0.02, -0.01, 0.002])
@@ -48,7 +47,7 @@ def test_projection_through_the_frames_rig_is_the_warped_captured_position(
     size: int, scale: float, offset: float, x: float, y: float, z: float
 ) -> None:
     source, params = _rig(), FramesParams(size=size, crop={"a": Crop(scale=scale, offset=(offset, -offset / 2))})
-    rig, crop = frames_rig(source, params.size), captured_to_calibrated(source, params.crop)
+    rig, crop = frames_rig(source, params.size), captured_to_calibrated(source.names, params.crop)
     point = np.array([x, y, z])
     camera = source.world_to_camera[0, :3, :3] @ point + source.world_to_camera[0, :3, 3]
     # What the camera captures, by OpenCV, in the calibrated picture; the video pixel follows by the inverse crop.
@@ -117,4 +116,4 @@ def test_a_lens_that_folds_back_has_no_picture_beyond_the_fold() -> None:
 
 def test_a_crop_of_an_unknown_camera_is_an_error() -> None:
     with pytest.raises(ConfigError, match=r"'c'.*a, b"):
-        captured_to_calibrated(_rig(), {"c": Crop(scale=2.0)})
+        captured_to_calibrated(_rig().names, {"c": Crop(scale=2.0)})

@@ -9,7 +9,7 @@ from posegaussian.stages.frames.plate_matte import plate_distance, plate_matte
 from posegaussian.stages.frames.run import check
 from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.simulator.subjects.capsule_person import ring
-from posegaussian.stages.survey.params import PLATE, SPREAD, SurveyParams
+from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE as SURVEY
 from tests.support.frame_readers import Joints, Pictures, film, overlap, wall
 from tests.support.memory_inputs import run_stage
@@ -29,7 +29,15 @@ def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.n
     )
     facts = frozenset({"several_frames"} if joints is None else {"several_frames", "joints2d"})
     survey = run_stage(
-        SURVEY, SurveyParams(), {}, rig, views, 1, view=0, sources=sources, facts=facts | {PLATE, SPREAD}
+        SURVEY,
+        SurveyParams(),
+        {},
+        rig,
+        views,
+        1,
+        view=0,
+        sources=sources,
+        facts=facts | {"survey/plate", "survey/spread"},
     )
     out = run_stage(
         FRAMES, FramesParams(matte="plate"), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hulls
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry, hulls
 from posegaussian.stages.geometry.projection import unproject
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius

@@ -11,7 +11,7 @@ import pytest
 from posegaussian.stages.imaging.exposure import NONE, match
 from posegaussian.stages.inspection.finding import Verdict
 from posegaussian.stages.inspection.light import of_light
-from posegaussian.stages.survey.surface import colors_at
+from posegaussian.stages.survey.algorithms.surface import colors_at
 
 STOPS = np.array([[0.0, 0, 0], [1.0, 1.2, 0.8], [0.0, 0, 0], [0, 0, 0]])
 

@@ -10,7 +10,7 @@ import pytest
 
 from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.inspection.finding import Verdict
-from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import SURE, Finder, of_people, people
 from tests.support.inspection_plans import planned
 from tests.support.known_geometry import ring
@@ -42,15 +42,12 @@ class Joints:
 def footage(**readers: Any) -> Footage:
     facts = frozenset({"joints2d"} if "joints" in readers else ())
     return Footage(
-        RIG,
-        RIG,
-        np.tile([1.0, 0, 0], (4, 1)),
+        scope_of(RIG, RIG, np.tile([1.0, 0, 0], (4, 1)), facts),
         np.tile([1.0, 0, 0], (4, 1)),
         RIG.size,
         [np.arange(20)] * 4,
         25.0,
         readers,
-        facts,
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posegaussian.stages.metrics.flip import flip_map, missing
+from posegaussian.stages.metrics.measures.flip import flip_map, missing
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "flip"
 PPD = 67.02064

@@ -9,14 +9,14 @@ import pytest
 from pydantic import ValidationError
 
 from posegaussian.stages.contract.io import Block
-from posegaussian.stages.metrics import flip
-from posegaussian.stages.metrics.lpips import ALEX
-from posegaussian.stages.metrics.lpips_weights import load_network
-from posegaussian.stages.metrics.ms_ssim import ms_ssim
-from posegaussian.stages.metrics.optional_metrics import UNAVAILABLE, Unavailable
+from posegaussian.stages.metrics.measures import flip
+from posegaussian.stages.metrics.measures.declaration import Unavailable
+from posegaussian.stages.metrics.measures.lpips_network import ALEX
+from posegaussian.stages.metrics.measures.lpips_weights import load_network
+from posegaussian.stages.metrics.measures.ms_ssim import ms_ssim
+from posegaussian.stages.metrics.measures.registry import METRICS as MEASURES
 from posegaussian.stages.metrics.params import MetricsParams
-from posegaussian.stages.metrics.run import check, measure
-from posegaussian.stages.metrics.stage import BYTES, WEIGHTS
+from posegaussian.stages.metrics.run import UNAVAILABLE, check, measure
 from posegaussian.stages.registry import stage
 from tests.stages.metrics.test_lpips import made_weights, saved
 from tests.stages.metrics.test_run import F, world
@@ -52,10 +52,12 @@ def test_what_is_not_asked_for_is_not_there_and_the_rest_is_unchanged(names: lis
 
 
 def test_nothing_is_computed_that_was_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    import posegaussian.stages.metrics.run as kernel
-
-    monkeypatch.setattr(kernel, "ssim_map", None)
-    for module in ("posegaussian.stages.metrics.lpips", "posegaussian.stages.metrics.lpips_weights", "flip_evaluator"):
+    monkeypatch.setattr("posegaussian.stages.metrics.measures.ssim.ssim_map", None)
+    for module in (
+        "posegaussian.stages.metrics.measures.lpips_network",
+        "posegaussian.stages.metrics.measures.lpips_weights",
+        "flip_evaluator",
+    ):
         monkeypatch.setitem(sys.modules, module, None)  # importing it would raise
     assert set(measure(*scene(), MetricsParams(measures=["psnr"]))) == {("full", "psnr"), ("box", "psnr")}
     table(MetricsParams(measures=["psnr"]))
@@ -119,10 +121,9 @@ def test_lpips_of_the_files_in_the_settings(tmp_path: Path) -> None:
     }
     assert "lpips_weights" not in params.hashed()  # where the files lie cannot change a result; what they are can
     assert params.hashed()["lpips_sha256"] == {"alex": sha, "alex_linear": heads_sha}
-    assert (
-        METRICS.needs(SHAPE, params).ram
-        >= METRICS.needs(SHAPE, MetricsParams(measures=["lpips_alex"])).ram + WEIGHTS["lpips_alex"]
-    )
+    assert METRICS.needs(SHAPE, params).ram >= METRICS.needs(
+        SHAPE, MetricsParams(measures=["lpips_alex"])
+    ).ram + MEASURES["lpips_alex"].kept_bytes(params)
     small = {name: values[:14, :14] for name, values in (("rendered", rendered), ("truth", truth), ("mask", mask))}
     assert isinstance(measure(*small.values(), params)["full", "lpips_alex"], Unavailable)
 
@@ -166,6 +167,6 @@ def test_settings_that_cannot_be_served_are_refused_in_a_sentence(monkeypatch: p
 
 
 def test_memory_is_projected_for_the_dearest_measure() -> None:
-    ram = {name: METRICS.needs(SHAPE, MetricsParams(measures=[name])).ram for name in BYTES}
+    ram = {name: METRICS.needs(SHAPE, MetricsParams(measures=[name])).ram for name in MEASURES}
     assert ram["psnr"] == ram["ssim"] <= ram["ms_ssim"] < ram["lpips_vgg"]
     assert METRICS.needs(SHAPE, MetricsParams(measures=["psnr", "lpips_vgg"])).ram == ram["lpips_vgg"]

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from posegaussian.stages.metrics.lpips import ALEX, STACKS, VGG, Stack
-from posegaussian.stages.metrics.lpips_weights import load_network
+from posegaussian.stages.metrics.measures.lpips_network import ALEX, STACKS, VGG, Stack
+from posegaussian.stages.metrics.measures.lpips_weights import load_network
 from posegaussian.storage.model.errors import SourceError
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "lpips"

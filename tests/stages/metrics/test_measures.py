@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posegaussian.stages.metrics.psnr import psnr
-from posegaussian.stages.metrics.ssim import ssim_map
+from posegaussian.stages.metrics.measures.psnr import psnr
+from posegaussian.stages.metrics.measures.ssim import ssim_map
 
 REFERENCE = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "ssim"
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.metrics.ms_ssim import SMALLEST, ms_ssim
+from posegaussian.stages.metrics.measures.ms_ssim import SMALLEST, ms_ssim
 
 PUBLISHED = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
@@ -64,7 +64,7 @@ def test_scaling_picture_and_range_together_changes_nothing() -> None:
 def test_an_odd_side_is_a_picture_whose_last_row_is_repeated() -> None:
     """The finest scale sees one row of windows more; with equal pictures there, the coarser scales are the same."""
     x, y = pair(177, 177)
-    from posegaussian.stages.metrics.ms_ssim import _halved
+    from posegaussian.stages.metrics.measures.ms_ssim import _halved
 
     for p in (x, y):
         np.testing.assert_array_equal(_halved(p[..., None]), _halved(np.pad(p, (0, 1), mode="edge")[..., None]))

@@ -57,7 +57,7 @@ def table(
         part = range(start, min(start + length, F))
         inputs = MemoryInputs(stage("metrics"), MetricsParams(), given, rig, views, part, F, **more)  # type: ignore[arg-type]
         span = inputs.span("rendering/{path}/color")
-        inputs.path = path.slice(slice(span.start, span.stop))
+        inputs = inputs.but(path=path.slice(slice(span.start, span.stop)))
         for block in resolve(stage("metrics").run)(inputs, MetricsParams()):
             columns = ("camera", "frame", "region", "measure", "value")
             for *key, value in zip(*(block.data[c] for c in columns), strict=True):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from posegaussian.stages.metrics.ssim import ssim_map as measured
+from posegaussian.stages.metrics.measures.ssim import ssim_map as measured
 from posegaussian.stages.network.losses import (
     FAINT,
     PoseFusion,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from posegaussian.dags.assets.network_weights import card_of, network_of, notes, shipped
+from posegaussian.stages.network.asset import card_of, network_of, notes, shipped
 from posegaussian.stages.network.model.presets import PRESETS, Preset
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.weights import sha256

@@ -268,7 +268,7 @@ def test_sides_are_put_right_and_hidden_joints_bridged_and_the_report_says_so() 
         sources={"joints": given},
         facts=frozenset({"joints2d"}),
     )
-    inputs.source_frames = np.arange(40, 58, 2)
+    inputs = inputs.but(source_frames=np.arange(40, 58, 2))
     (note,) = next(iter(run(inputs, PoseParams()))).notes
     assert (
         note == "joints2d: left and right were exchanged, and put back, in 3 of 9 frames, first in frame 42 (frames by"

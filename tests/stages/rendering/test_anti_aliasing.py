@@ -10,7 +10,7 @@ import torch
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.run import prior
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.measures.psnr import psnr
 from posegaussian.stages.rendering.lift import Maps, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person

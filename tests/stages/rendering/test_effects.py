@@ -7,7 +7,7 @@ import pytest
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.silhouettes import agreeing_share
+from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share
 from posegaussian.storage.model.cameras import CameraPath
 
 

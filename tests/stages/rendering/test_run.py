@@ -10,7 +10,7 @@ import torch
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.measures.psnr import psnr
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.run import check, masked_note, quantise, run

@@ -9,7 +9,7 @@ import torch
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.imaging.exposure import NONE
-from posegaussian.stages.metrics.psnr import psnr
+from posegaussian.stages.metrics.measures.psnr import psnr
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.effects import VIEW_DEPENDENT_COLOR
 from posegaussian.stages.rendering.lift import Lifted, Maps, lift
@@ -17,7 +17,6 @@ from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.splatting.definition.scene import Camera
-from posegaussian.stages.survey.params import COLORS, NOISE, SURFACE
 from tests.support.memory_inputs import run_stage
 
 SIZE, COLOR = 96, "rendering/{path}/color"
@@ -153,7 +152,7 @@ def evidence(colors: np.ndarray, noise: float, *facts: str, sources: int = 2) ->
     """The first camera is brighter by as much at 40 surface points as on all patches of the body."""
     surface = np.full((len(colors), len(colors), 64, 3), NONE)
     surface[0, 1, :40] = np.log2(np.maximum(colors[0], 1e-3) / np.maximum(colors[1], 1e-3)).mean(axis=0)
-    noted = {COLORS: colors, NOISE: np.full((len(colors), 1), noise), SURFACE: surface}
+    noted = {"survey/colors": colors, "survey/noise": np.full((len(colors), 1), noise), "survey/surface": surface}
     return SimpleNamespace(
         params=RenderingParams(sources=sources),
         facts=frozenset({"joints3d", *facts}),

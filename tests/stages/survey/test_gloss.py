@@ -16,8 +16,7 @@ from posegaussian.stages.imaging.color import to_linear, to_srgb
 from posegaussian.stages.imaging.exposure import Matching, match
 from posegaussian.stages.simulator.subjects.capsule_person import render, ring
 from posegaussian.stages.simulator.subjects.motion import pose
-from posegaussian.stages.survey.params import COLORS, SURFACE
-from posegaussian.stages.survey.surface import surface_stops
+from posegaussian.stages.survey.algorithms.surface import surface_stops
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.spec import array_digest
 
@@ -118,9 +117,9 @@ def test_half_a_stop_between_cameras_around_a_matt_person_is_found_and_undone(fi
 
 def test_joints_can_neither_switch_it_on_nor_change_a_gain() -> None:
     """Patches beside joints are not read: folds, gloss and dark pixels make them differ where cameras are alike."""
-    assert EXPOSURE_MATCHING.asks == (SURFACE,)
+    assert EXPOSURE_MATCHING.asks == ("survey/surface",)
     read = {
         r.array for r in STAGE.reads_for(STAGE.params(), frozenset({"exposure_matching", "joints2d", "several_frames"}))
     }
-    assert SURFACE in read
-    assert COLORS not in read
+    assert "survey/surface" in read
+    assert "survey/colors" not in read

@@ -10,7 +10,7 @@ import pytest
 
 from posegaussian.stages.depth.effects import LIMB_BOUNDS
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.joints import FITTING, fit_of_view
+from posegaussian.stages.survey.algorithms.joints import FITTING, fit_of_view
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.survey.motion import RUN, jitter_and_motion, run_starts
+from posegaussian.stages.survey.algorithms.motion import RUN, jitter_and_motion, run_starts
 
 
 def runs(count: int, noise: float, velocity: float, seed: int = 0) -> np.ndarray:

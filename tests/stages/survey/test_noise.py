@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.survey.noise import PIXELS, noise_level
+from posegaussian.stages.survey.algorithms.noise import PIXELS, noise_level
 
 
 def ground() -> np.ndarray:

@@ -6,8 +6,15 @@ import pytest
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.imaging.color import to_linear
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.params import COLORS, MOTION, SurveyParams
-from posegaussian.stages.survey.patches import DIRECTIONS, JOINTS, NAMES, PATCHES, patch_points, typical_colors
+from posegaussian.stages.survey.algorithms.patches import (
+    DIRECTIONS,
+    JOINTS,
+    NAMES,
+    PATCHES,
+    patch_points,
+    typical_colors,
+)
+from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE
 from tests.support.frame_readers import Joints, Pictures
 from tests.support.memory_inputs import run_stage
@@ -50,7 +57,7 @@ class Unreadable(Pictures):
         raise AssertionError("a picture was decoded")
 
 
-@pytest.mark.parametrize("asked", [frozenset({MOTION}), frozenset()])
+@pytest.mark.parametrize("asked", [frozenset({"survey/motion"}), frozenset()])
 def test_pictures_are_not_decoded_for_what_joints_tell(asked: frozenset[str]) -> None:
     person = capture_person(2, 16, 8, 0, "kick")
     pictures = Unreadable([[np.zeros((16, 16, 3), np.uint8)] * 8] * 2)
@@ -68,7 +75,7 @@ def test_pictures_are_not_decoded_for_what_joints_tell(asked: frozenset[str]) ->
     )
     assert set(out) == {"survey/sample"} | asked
     if asked:
-        assert out[MOTION][0, 2] > 0
+        assert out["survey/motion"][0, 2] > 0
 
 
 def test_nothing_follows_from_a_view_that_is_no_source() -> None:
@@ -86,7 +93,7 @@ def test_nothing_follows_from_a_view_that_is_no_source() -> None:
         8,
         view=0,
         sources=sources,
-        facts=frozenset({"joints2d", MOTION, COLORS}),
+        facts=frozenset({"joints2d", "survey/motion", "survey/colors"}),
     )
-    assert not out[MOTION].any()
-    assert not out[COLORS].any()
+    assert not out["survey/motion"].any()
+    assert not out["survey/colors"].any()

@@ -11,25 +11,17 @@ import pytest
 
 from posegaussian.stages.geometry.consistency import silhouette_offset
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.outlines import outline_offsets
-from posegaussian.stages.survey.params import (
-    BACKGROUND,
-    COLORS,
-    LIGHT,
-    NOISE,
-    OUTLINES,
-    PLATE,
-    SPREAD,
-    SURFACE,
-    SurveyParams,
-)
-from posegaussian.stages.survey.sample import FEWEST, worked_numbers
+from posegaussian.stages.survey.algorithms.outlines import outline_offsets
+from posegaussian.stages.survey.algorithms.sample import FEWEST, worked_numbers
+from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE
 from tests.support.frame_readers import Joints, Pictures
 from tests.support.memory_inputs import MemoryInputs, run_stage
 
 VIEWS, FRAMES = 3, 12
-EVERY = frozenset({PLATE, SPREAD, COLORS, SURFACE, OUTLINES, LIGHT, NOISE, "joints2d", "masks"})
+EVERY = frozenset(
+    f"survey/{name}" for name in ("plate", "spread", "colors", "surface", "outlines", "light", "noise")
+) | {"joints2d", "masks"}
 
 
 class Counted(Pictures):
@@ -82,16 +74,16 @@ def test_measures_look_at_the_frames_that_are_worked_on_and_the_plate_at_all(per
         FRAMES,
         view=2,
         sources=given,
-        facts=EVERY - {PLATE, SPREAD},
+        facts=EVERY - {"survey/plate", "survey/spread"},
     )
     from posegaussian.stages.survey.run import run
 
     blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
     assert [n for n in blocks["survey/sample"] if n >= 0] == list(range(3, 9))
     assert set(given["pictures"].decoded) == {(2, n) for n in range(3, 9)}  # type: ignore[attr-defined]
-    inputs.facts = inputs.facts | {PLATE}
+    inputs = inputs.but(facts=inputs.facts | {"survey/plate"})
     blocks = {b.array: b.data for b in run(inputs, SurveyParams())}  # type: ignore[arg-type]
-    assert [n for n in blocks[BACKGROUND] if n >= 0] == list(range(FRAMES))
+    assert [n for n in blocks["survey/background"] if n >= 0] == list(range(FRAMES))
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pytest
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.imaging.color import to_srgb
 from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE, match
-from posegaussian.stages.survey.sample import look
-from posegaussian.stages.survey.surface import SurfaceLook
+from posegaussian.stages.survey.algorithms.sample import look
+from posegaussian.stages.survey.algorithms.surface import SurfaceLook
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import camera, rig_of
 

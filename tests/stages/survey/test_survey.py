@@ -5,11 +5,11 @@ import pytest
 
 from posegaussian.stages.contract.io import Block, Views
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person, ring
-from posegaussian.stages.survey.body_mask import people_cover
-from posegaussian.stages.survey.params import PLATE, SPREAD, SurveyParams
-from posegaussian.stages.survey.plate import UNKNOWN, median_and_spread
+from posegaussian.stages.survey.algorithms.body_mask import people_cover
+from posegaussian.stages.survey.algorithms.plate import UNKNOWN, median_and_spread
+from posegaussian.stages.survey.algorithms.sample import sample_numbers
+from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.run import check
-from posegaussian.stages.survey.sample import sample_numbers
 from posegaussian.stages.survey.stage import STAGE
 from tests.support.frame_readers import Pictures
 from tests.support.memory_inputs import run_stage
@@ -28,7 +28,7 @@ def _survey(pictures: list[list[np.ndarray]], sample: int) -> dict[str, np.ndarr
             len(pictures[0]),
             view=view,
             sources={"pictures": Pictures(pictures)},
-            facts=frozenset({PLATE, SPREAD}),
+            facts=frozenset({"survey/plate", "survey/spread"}),
         )
         for name, data in part.items():
             out.setdefault(name, np.zeros_like(data))[view] = data[view]

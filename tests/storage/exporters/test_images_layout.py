@@ -7,7 +7,7 @@ import pytest
 
 from posegaussian.storage.exporters.images_layout import write_capture
 from posegaussian.storage.importers.cameras import rotation_matrix
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.cameras import Rig, rigid
 from posegaussian.storage.readers.sources import open_source
 

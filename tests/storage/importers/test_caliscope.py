@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError
 from posegaussian.storage.readers.sources import open_source

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.images import write_exr

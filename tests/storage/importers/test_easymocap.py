@@ -9,7 +9,7 @@ import pytest
 
 from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.easymocap import read_opencv_yaml
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, UserError
 from posegaussian.storage.readers.images import write_png

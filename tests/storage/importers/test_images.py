@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posegaussian.storage.importers.cameras import rotation_matrix
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_exr, write_png

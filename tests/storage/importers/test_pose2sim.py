@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import CalibrationError, SourceError, UserError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posegaussian.storage.importers.registry import find_capture
+from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from posegaussian.storage.importers.recognise import LAYOUTS
-from posegaussian.storage.importers.registry import IMPORTERS, find_capture
+from posegaussian.storage.importers.find import find_capture
+from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.model.errors import SourceError, UserError
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_easymocap import base as easymocap
@@ -37,7 +37,9 @@ def test_a_wrong_layout_is_told_what_it_expects_what_is_there_and_what_fits(
     with pytest.raises(UserError) as refused:
         find_capture(named, base, {})
     said = str(refused.value).splitlines()[-1]
-    assert said.startswith(f"the layout {named} expects {'; '.join(t.expected for t in LAYOUTS[named])}: {base} has no")
+    assert said.startswith(
+        f"the layout {named} expects {'; '.join(t.expected for t in IMPORTERS[named].traits)}: {base} has no"
+    )
     assert said.endswith(f"; that is the layout {there}: posegaussian import {there} {base}")
     assert "It holds " in said
 
@@ -70,7 +72,7 @@ def test_what_is_wrong_inside_the_right_layout_is_said_alone(images: Path) -> No
 def test_no_layout_and_two(images: Path, tmp_path: Path) -> None:
     for name in ("intri.yml", "extri.yml"):
         (images / name).write_text("names: []\n")
-    with pytest.raises(SourceError, match="fits the layouts images and easymocap; name the one that is meant"):
+    with pytest.raises(SourceError, match="fits the layouts easymocap and images; name the one that is meant"):
         find_capture("auto", images, {})
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("x")
@@ -78,6 +80,6 @@ def test_no_layout_and_two(images: Path, tmp_path: Path) -> None:
         find_capture("auto", tmp_path / "other", {})
     told = str(refused.value).splitlines()
     assert told[0].endswith("other has no layout that is read; it holds notes.txt")
-    assert [line.split(" it lacks ")[0] for line in told[1:]] == [f"for the layout {n}" for n in LAYOUTS]
+    assert [line.split(" it lacks ")[0] for line in told[1:]] == [f"for the layout {n}" for n in IMPORTERS]
     with pytest.raises(SourceError, match="no such folder"):
         find_capture("auto", tmp_path / "none", {})

@@ -1,4 +1,4 @@
-"""From the setting `network.weights` to a network: which file is meant, what it holds, and the thing itself.
+"""The network as an asset: which file the setting `network.weights` means, what it holds, and the thing itself.
 
 Nothing heavy is imported before a network is made: a plan asks for the file and its digest alone.
 """
@@ -9,12 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from posegaussian.stages.contract.declaration import Asset
 from posegaussian.stages.network.card import Card, WeightsError, read_card
-from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.params import NETWORK, NetworkParams
 from posegaussian.storage.model.capture import SourceFile
 from posegaussian.storage.model.errors import ConfigError
 
-SHIPPED = Path(__file__).resolve().parents[2] / "stages" / "network" / "shipped"
+SHIPPED = Path(__file__).resolve().parent / "shipped"
 """Folder of the weights that come with the project, NAME.safetensors each."""
 
 
@@ -93,3 +94,7 @@ def _made(file: Path, stamp: int) -> Any:
         if p.ndim == 4:  # what convolutions are quickest with
             p.data = p.data.contiguous(memory_format=torch.channels_last)
     return network
+
+
+TRAINED = Asset(NETWORK, weights_digest, network_of)
+"""The network with the weights that the settings name."""

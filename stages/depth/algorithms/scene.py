@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.pose_prior import bounded
+from posegaussian.stages.depth.algorithms.pose_prior import bounded
+from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.geometry.pairs import choose_pairs
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point
@@ -38,7 +39,8 @@ class Frame:
     masks: dict[int, np.ndarray]
     """[h, w] uint8, 0..255."""
     limbs: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
-    """[N, 7] capsules of the subject's limbs (`posegaussian.stages.depth.pose_prior`), where joints are believed."""
+    """[N, 7] capsules of the subject's limbs (`posegaussian.stages.depth.algorithms.pose_prior`), where joints are
+    believed."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:
@@ -58,30 +60,38 @@ class Geometry:
     """[3] the point they look at, world metres."""
     radius: float
     """Metres around it in which the subject is searched."""
-    pairs: dict[tuple[int, int], RectifiedPair]
-    """Rectified pairs in both orders, where pairs are matched."""
-    neighbours: dict[int, Neighbours]
-    """What each view is compared with, where views are swept."""
+    params: SearchSettings
+    """Settings of the search."""
+    silhouettes: bool
+    """Whether masks leave anything out; only then are rectified pictures finer than their sources."""
 
     @classmethod
-    def of(cls, rig: Rig, views: tuple[int, ...], params: DepthParams, enlarge: bool = True) -> Geometry:
-        """The geometry of the given views: each with its best usable neighbours, every pair in both orders.
-
-        `enlarge` allows rectified pictures finer than their sources.
-        """
+    def of(cls, rig: Rig, views: tuple[int, ...], params: SearchSettings, silhouettes: bool = True) -> Geometry:
+        """The geometry of the given views."""
         if not views:
-            return cls(rig, views, np.zeros(3), 0.0, {}, {})
+            return cls(rig, views, np.zeros(3), 0.0, params, silhouettes)
         centre = look_at_point(rig.subset(views))
-        partners = choose_pairs(rig, views, params.pairs, params.max_angle) if params.method == "sgbm" else {}
+        return cls(rig, views, centre, searched_radius(rig, list(views), centre), params, silhouettes)
+
+    @cached_property
+    def pairs(self) -> dict[tuple[int, int], RectifiedPair]:
+        """Rectified pairs in both orders: each view with its best usable partners."""
+        if not self.views:
+            return {}
+        rig, params = self.rig, self.params
+        partners = choose_pairs(rig, self.views, params.pairs, params.max_angle)
         ordered = sorted({order for a, found in partners.items() for b in found for order in ((a, b), (b, a))})
-        scale = float(np.clip(FINE / rig.size[list(views)].max(), 1.0, FINEST if enlarge else 1.0))
-        pairs = {(a, b): rectify(rig, a, b, centre, scale) for a, b in ordered}
-        swept = views if params.method == "sweep" else ()
-        neighbours = {
-            v: Neighbours.of(rig, v, nearest(rig, v, views, params.pairs, params.max_angle, centre), centre)
-            for v in swept
+        scale = float(np.clip(FINE / rig.size[list(self.views)].max(), 1.0, FINEST if self.silhouettes else 1.0))
+        return {(a, b): rectify(rig, a, b, self.centre, scale) for a, b in ordered}
+
+    @cached_property
+    def neighbours(self) -> dict[int, Neighbours]:
+        """What each view is compared with where nothing is rectified: the nearest views, whatever way they face."""
+        rig, params, centre = self.rig, self.params, self.centre
+        return {
+            v: Neighbours.of(rig, v, nearest(rig, v, self.views, params.pairs, params.max_angle, centre), centre)
+            for v in self.views
         }
-        return cls(rig, views, centre, searched_radius(rig, list(views), centre), pairs, neighbours)
 
     def distance(self, view: int) -> float:
         """Depth of the centre along a view's optical axis, metres."""
@@ -128,7 +138,7 @@ def hull_only(geometry: Geometry, frame: Frame) -> Maps:
     }
 
 
-def depth_range(geometry: Geometry, view: int, params: DepthParams) -> tuple[float, float]:
+def depth_range(geometry: Geometry, view: int, params: SearchSettings) -> tuple[float, float]:
     """Nearest and farthest depth searched in pictures without silhouettes, metres: the setting, or 0.6 to 2 times
     the distance of the point the cameras look at."""
     return params.depth_range or (RANGE[0] * geometry.distance(view), RANGE[1] * geometry.distance(view))

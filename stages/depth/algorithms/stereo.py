@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.depth.occluding_contour import turn_away
-from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, within_hull
 from posegaussian.stages.matching.fuse import complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
@@ -17,7 +17,7 @@ RESIDUAL = 0.012
 """Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
 
 
-def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:
     """Depth and confidence by view: matched between the hull's bounds twice, the gaps completed.
 
     The second round follows the first one's result and searches a few px around it. Unless `checked`, a match counts
@@ -33,7 +33,7 @@ def estimate(geometry: Geometry, frame: Frame, params: DepthParams, checked: boo
     return {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}
 
 
-def estimate_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+def estimate_open(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:
     """Depth and confidence by view of pictures without silhouettes, where there is no hull.
 
     Searched is `params.depth_range`, or 0.6 to 2 times the distance of the point the cameras look at; a pixel without
@@ -52,7 +52,7 @@ def _round(
     colors: dict[int, np.ndarray],
     inside: dict[int, np.ndarray],
     bounds: dict[int, Bounds],
-    params: DepthParams,
+    params: SearchSettings,
     checked: bool,
 ) -> Maps:
     """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""

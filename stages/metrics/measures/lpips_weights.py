@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from posegaussian.stages.metrics.lpips import STACKS, Network, Stack
+from posegaussian.stages.metrics.measures.lpips_network import STACKS, Network, Stack
 from posegaussian.storage.model.errors import SourceError
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.metrics.ssim import SIGMA, WINDOW
+from posegaussian.stages.metrics.measures.declaration import Metric, MetricSettings, Pictures, Value, too_small
+from posegaussian.stages.metrics.measures.ssim import SIGMA, WINDOW
 
 WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 """Exponents of the scales, finest first."""
@@ -66,3 +67,21 @@ def _halved(p: np.ndarray) -> np.ndarray:
     h, w = p.shape[:2]
     p = np.pad(p, ((0, h % 2), (0, w % 2), (0, 0)), mode="edge")
     return (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]) / 4
+
+
+def _of_region(pictures: Pictures, settings: MetricSettings) -> Value:
+    return too_small(pictures.picture, SMALLEST) or ms_ssim(*pictures)
+
+
+METRIC = Metric(
+    "ms_ssim",
+    "MS-SSIM",
+    "1",
+    "higher",
+    lambda settings: (
+        f"Wang 2003, 5 scales, windows inside the picture, data range 255, negative terms 0, sides of {SMALLEST} px"
+        " or more, mean over RGB; a box is cut out and measured by itself"
+    ),
+    bytes_a_pixel=340,
+    of_region=_of_region,
+)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs, JointReader
-from posegaussian.stages.survey.body_mask import people_cover
-from posegaussian.stages.survey.params import BACKGROUND, PLATE, SPREAD
+from posegaussian.stages.survey.algorithms.body_mask import people_cover
+from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 
 UNKNOWN = 255
 """Spread of a pixel whose background was never seen."""
@@ -18,7 +18,7 @@ BLOCK = 65536
 """Values of a picture that are sorted at a time: with those of all frames they fit in a processor's cache."""
 
 
-class PlateLook:
+class PlateLook(Look):
     """survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels, as far as they are asked
     for.
 
@@ -38,6 +38,7 @@ class PlateLook:
             joints,
             margin,
         )
+        self.joints = NO_FRAMES if joints is None else numbers
         width, height = inputs.source("pictures").size(view)
         self._stack = np.empty((len(numbers), height, width, 3), dtype=np.uint8)
         self._covered = np.zeros(self._stack.shape[:3], dtype=np.uint8)
@@ -57,11 +58,11 @@ class PlateLook:
         pictures, views = self._inputs.source("pictures"), self._inputs.views.names
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(views))]).max(axis=0))
         plate, spread = median_and_spread(self._stack, self._covered)
-        if PLATE in self._inputs.facts:
-            yield Block(BACKGROUND, padded(self.numbers, (self._sample,), -1), self._view)
-            yield Block(PLATE, padded(plate, (y, x, 3)), self._view)
-        if SPREAD in self._inputs.facts:
-            yield Block(SPREAD, padded(spread, (y, x)), self._view)
+        if "survey/plate" in self._inputs.facts:
+            yield Block("survey/background", padded(self.numbers, (self._sample,), -1), self._view)
+            yield Block("survey/plate", padded(plate, (y, x, 3)), self._view)
+        if "survey/spread" in self._inputs.facts:
+            yield Block("survey/spread", padded(spread, (y, x)), self._view)
 
 
 def padded(data: np.ndarray, shape: tuple[int, ...], value: int = 0) -> np.ndarray:

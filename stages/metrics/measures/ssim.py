@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.metrics.measures.declaration import Metric
+
 WINDOW = 11
 SIGMA = 1.5
+DEFINITION = "Gaussian window 11x11, sigma 1.5, biased covariance, data range 255, reflected border, mean over RGB"
 
 
 def ssim_map(picture: np.ndarray, truth: np.ndarray, data_range: float) -> np.ndarray:
@@ -40,3 +43,15 @@ def ssim_map(picture: np.ndarray, truth: np.ndarray, data_range: float) -> np.nd
         (2 * mean_x * mean_y + c1) * (2 * covariance + c2) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
     )
     return similarity.mean(axis=2)
+
+
+METRIC = Metric(
+    "ssim",
+    "SSIM",
+    "1",
+    "higher",
+    lambda settings: DEFINITION,
+    bytes_a_pixel=288,
+    of_pixels=lambda pictures, settings: ssim_map(*pictures),
+    traded=True,
+)

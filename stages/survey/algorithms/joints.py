@@ -11,8 +11,8 @@ from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.pose.subject_choice import subject
-from posegaussian.stages.survey.motion import RUN
-from posegaussian.stages.survey.sample import sample_numbers
+from posegaussian.stages.survey.algorithms.motion import RUN
+from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.storage.model.joint_sets import joint_set, to_set
 
 SCORE = 0.3

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.metrics.measures.declaration import Metric, MetricSettings, Pictures
+
 
 def psnr(picture: np.ndarray, truth: np.ndarray, data_range: float, cap: float) -> float:
     """10 log10(data_range^2 / mean squared error) in dB over all pixels and channels, at most `cap`.
@@ -20,3 +22,19 @@ def psnr(picture: np.ndarray, truth: np.ndarray, data_range: float, cap: float) 
     if not np.isfinite(mse):
         raise ValueError("PSNR of a picture that holds NaN or infinity")
     return cap if mse == 0 else min(cap, 10 * np.log10(data_range**2 / mse))
+
+
+def _of_region(pictures: Pictures, settings: MetricSettings) -> float:
+    return psnr(*pictures, settings.psnr_cap)
+
+
+METRIC = Metric(
+    "psnr",
+    "PSNR",
+    "dB",
+    "higher",
+    lambda settings: f"10 log10(255^2 / MSE) over RGB, at most {settings.psnr_cap:g} dB",
+    bytes_a_pixel=100,
+    of_region=_of_region,
+    traded=True,
+)

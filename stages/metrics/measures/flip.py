@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.metrics.measures.declaration import Metric, MetricSettings, Pictures
+
 PACKAGE = "flip-evaluator"
 """Its name on the package index; imported as `flip_evaluator`."""
 
@@ -44,3 +46,19 @@ def flip_map(picture: np.ndarray, truth: np.ndarray, data_range: float, pixels_p
         expected, given, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False, parameters=settings
     )
     return np.asarray(found)[..., 0]
+
+
+def _of_pixels(pictures: Pictures, settings: MetricSettings) -> np.ndarray:
+    return flip_map(*pictures, settings.flip_pixels_per_degree)
+
+
+METRIC = Metric(
+    "flip",
+    "FLIP",
+    "1",
+    "lower",
+    lambda settings: f"LDR-FLIP, {settings.flip_pixels_per_degree:g} px a degree, mean of the full picture's map",
+    bytes_a_pixel=210,
+    of_pixels=_of_pixels,
+    refusal=lambda settings: missing(),
+)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.stages.depth.occluding_contour import turn_away
-from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.scene import Frame, Geometry, Maps, depth_range, hulls
-from posegaussian.stages.depth.smooth_disparity import even
+from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.algorithms.search import SearchSettings
+from posegaussian.stages.depth.algorithms.smooth_disparity import even
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, between, within_hull
 from posegaussian.stages.matching.fuse import MATCHED, complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
@@ -41,12 +41,12 @@ SHARE = 0.5
 """The better half of the neighbours counts: the others may be hidden from what the view sees."""
 
 
-def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:
     """Depth and confidence by view, [h, w] float32, everywhere in the hull.
 
     A match that no neighbour's own depth confirms within `params.consistency` px (none, unless `checked`) is replaced
     by its surroundings; confidence grows with the neighbours that confirm it. The rim follows
-    `posegaussian.stages.depth.occluding_contour`.
+    `posegaussian.stages.depth.algorithms.occluding_contour`.
     """
     inside, found = frame.inside, hulls(geometry, frame)
     pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}
@@ -67,7 +67,7 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: DepthParams, checked: b
     return {v: turn_away(geometry.rig, v, *maps[v], *found[v], inside[v]) for v in geometry.views}
 
 
-def sweep_open(geometry: Geometry, frame: Frame, params: DepthParams, checked: bool = True) -> Maps:
+def sweep_open(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:
     """Depth and confidence by view of pictures without silhouettes, where there is no hull; 0 where no match holds.
 
     Searched is `depth_range`. From pass to pass the guide is completed from the surroundings of what was matched.

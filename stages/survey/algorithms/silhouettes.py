@@ -11,7 +11,7 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.survey.sample import sample_numbers
+from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
 

@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.survey.algorithms.look import Look
 
 FEWEST = 5
 """Frames below which a median is a matter of chance."""
-
-
-class Look(Protocol):
-    """One measure of a view's pictures: the frames it asks for, what it takes of each, and what that comes to."""
-
-    numbers: np.ndarray
-    """[n] source frame numbers, ascending."""
-
-    def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
-        """Take what is needed of one frame: as it was read, uint8 or linear float16 [h, w, 3], and as uint8 sRGB."""
-
-    def blocks(self) -> Iterator[Block]:
-        """What came of all frames."""
 
 
 def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:

@@ -20,7 +20,7 @@ from posegaussian.stages.geometry.features import Features, features, matched
 from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.color import to_display, to_linear
 from posegaussian.stages.imaging.exposure import NONE
-from posegaussian.stages.survey.params import KEPT_PICTURES, SURFACE
+from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES, Look
 from posegaussian.storage.model.cameras import points_to_integer_centres
 
 FRAMES = 2
@@ -65,7 +65,7 @@ def compared_numbers(numbers: np.ndarray) -> np.ndarray:
     return np.asarray(numbers)[chosen] if len(numbers) else np.zeros(0, np.int64)
 
 
-class SurfaceLook:
+class SurfaceLook(Look):
     """survey/surface [V, 64, 3] of one view: `surface_stops`, its own pictures taken from the view's pass."""
 
     def __init__(self, inputs: Inputs, view: int, sample: np.ndarray) -> None:
@@ -80,7 +80,7 @@ class SurfaceLook:
 
     def blocks(self) -> Iterator[Block]:
         """Compared with the later views."""
-        yield Block(SURFACE, surface_stops(self._inputs, self._view, self._sample, self._own), self._view)
+        yield Block("survey/surface", surface_stops(self._inputs, self._view, self._sample, self._own), self._view)
 
 
 def _later(inputs: Inputs, view: int) -> list[int]:

@@ -1,0 +1,38 @@
+"""Semi-global matching of rectified pairs, bounded by the hull where there is one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.depth.algorithms.search import SearchSettings
+from posegaussian.stages.depth.methods.declaration import DepthMethod
+
+if TYPE_CHECKING:
+    from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps
+
+
+def _maps(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool) -> Maps:
+    from posegaussian.stages.depth.algorithms.stereo import estimate, estimate_open
+
+    return (estimate if geometry.silhouettes else estimate_open)(geometry, frame, params, checked)
+
+
+def _auto(facts: Facts) -> str | None:
+    if SINGLE_SOURCE in facts:
+        return None
+    return "no depth maps came with the capture, and pairs of source views can be matched"
+
+
+METHOD = DepthMethod(
+    "sgbm",
+    "semi-global matching of rectified pairs, bounded by the hull",
+    of_frame=_maps,
+    reads=("frames/color",),
+    auto=_auto,
+    several=True,
+    matches=True,
+    rectifies=True,
+    quality=2,
+)

@@ -1,0 +1,17 @@
+"""The survey's measures. A further one is a file of this folder and its entry here."""
+
+from __future__ import annotations
+
+from posegaussian.stages.survey.measures.colors import MEASURE as COLORS
+from posegaussian.stages.survey.measures.declaration import Measure
+from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
+from posegaussian.stages.survey.measures.light import MEASURE as LIGHT
+from posegaussian.stages.survey.measures.motion import MEASURE as MOTION
+from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
+from posegaussian.stages.survey.measures.outlines import MEASURE as OUTLINES
+from posegaussian.stages.survey.measures.plate import MEASURE as PLATE
+from posegaussian.stages.survey.measures.silhouettes import MEASURE as SILHOUETTES
+from posegaussian.stages.survey.measures.surface import MEASURE as SURFACE
+
+MEASURES: tuple[Measure, ...] = (PLATE, COLORS, SURFACE, OUTLINES, LIGHT, NOISE, MOTION, SILHOUETTES, JOINT_FIT)
+"""In the order in which they are taken of a view."""

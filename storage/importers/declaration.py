@@ -1,0 +1,48 @@
+"""What an importer declares: the command, its help and the recognition of folders follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from posegaussian.storage.importers.common import ImportOptions
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import UserError
+
+
+class Trait(NamedTuple):
+    """What a layout cannot do without."""
+
+    expected: str
+    """As a sentence names it."""
+    found: Callable[[Path], bool]
+    """Whether a folder has it."""
+
+
+@dataclass(frozen=True)
+class Importer:
+    """One layout that captures come in."""
+
+    name: str
+    """As in `import NAME SOURCE`."""
+    summary: str
+    """One sentence for the help."""
+    options: type[ImportOptions]
+    """What the user may choose."""
+    find: Callable[[Path, Any], Capture]
+    """`find(source, options)`; raises a UserError."""
+    traits: tuple[Trait, ...]
+    """By which a folder is recognised."""
+    general: bool = False
+    """Whether it counts only where no other layout fits: it reads what more particular ones have, too."""
+
+
+def or_broken(look: Callable[[], object]) -> bool:
+    """Whether something is there; a file that cannot be read counts: what is wrong with it is said when it is read for
+    good."""
+    try:
+        return bool(look())
+    except UserError:
+        return True
