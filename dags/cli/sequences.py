@@ -133,7 +133,7 @@ def demo(
     frames: Annotated[int, typer.Option("--frames", help="Number of frames.", min=1, max=300)] = 24,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Film a simulated person with eight cameras, reconstruct her, and write novel views: the whole way in minutes.
+    """Film a simulated person with eight cameras, reconstruct it and write novel views: the whole way in minutes.
 
     Example: posegaussian demo --output demo-output
     """

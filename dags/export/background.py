@@ -4,8 +4,8 @@ filmed.
 Rendering keeps premultiplied colour and alpha, and metrics compare those; a background enters here, when files are
 written. It enters in sRGB, color + (1 - alpha) background: Gaussians are blended in sRGB and premultiplied there, so a
 pixel that the subject half covers holds half of its sRGB value. In linear light that half would count for more than it
-is: along the outline of a simulated person before her own plate, PSNR 24.5 and 20.6 dB in sRGB, 24.4 and 20.0 in linear
-light, which is too bright.
+is: along the outline of a simulated person before the capture's own plate, PSNR 24.5 and 20.6 dB in sRGB, 24.4 and
+20.0 in linear light, which is too bright.
 """
 
 from __future__ import annotations

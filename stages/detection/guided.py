@@ -1,4 +1,4 @@
-"""Where the rig says the subject is, in views whose estimator did not find her there.
+"""Where the rig says the subject is, in views whose estimator did not find the subject there.
 
 Alone, an estimator takes an onlooker for the subject, or puts joints beside the body with a high score. What several
 views agree on in space tells where to look again.

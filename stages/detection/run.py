@@ -20,9 +20,9 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
     a view lacks, zeros.
 
     Every picture of a source view is looked at by itself. Then, frame by frame, the person on whom the views agree is
-    projected into those views that did not find her there, and the estimator looks again in that place; what it finds
-    stands beside the others, in place of the least clear of too many; a view with a box is left as it is. A result
-    depends on no other frame.
+    projected into those views that did not find that person there, and the estimator looks again in that place; what
+    it finds stands beside the others, in place of the least clear of too many; a view with a box is left as it is. A
+    result depends on no other frame.
     """
     estimator: Estimator = inputs.source("estimator")
     space = Space(inputs, estimator.joint_set)

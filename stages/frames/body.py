@@ -34,7 +34,7 @@ SUB = 4
 
 
 def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
-    """Scale of a picture at a person, from her joints [J, 3] (u, v, score) px; 0 where no limb of known length is seen.
+    """Scale of a picture at a person, from the joints [J, 3] (u, v, score) px; 0 where no limb of known length is seen.
 
     Every limb gives a lower bound, because it may point at the camera; the second largest is taken, so that one wrong
     joint does no harm.

@@ -110,7 +110,7 @@ def better_matte(params: FramesParams, facts: Facts) -> str | None:
     if params.matte != "auto" or answer == "given" or facts & {SEGMENTED, BLAZEPOSE}:
         return None
     so_far = {
-        "person": "the person is cut out by her joints",
+        "person": "the person is cut out by the joints",
         "plate": "the foreground is what differs from a background plate",
         "none": "everything is foreground",
     }[answer]

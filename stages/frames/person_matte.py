@@ -1,5 +1,4 @@
-"""Foreground of one person: what is known of her beforehand, refined to the pixel by colours, the background plate and
-edges.
+"""Foreground of one person: what is known beforehand, refined to the pixel by colours, the background plate and edges.
 
 Log odds are added up: of the estimator's segmentation or, without one, of the joints; of the colours nearby and of the
 plate; then what other views rule out is taken away. A guided filter lets the sum follow the picture's edges (the
@@ -61,15 +60,15 @@ class Known:
     joint_set: str
     """Their joint set."""
     possible: np.ndarray | None
-    """[h, w] float32 0..1: where the other views allow the subject; None where none saw her."""
+    """[h, w] float32 0..1: where the other views allow the subject; None where none saw the subject."""
     confirmed: np.ndarray | None
-    """[h, w] float32 0..1: where the other views all saw her."""
+    """[h, w] float32 0..1: where the other views all saw the subject."""
 
 
 def person_matte(
     picture: np.ndarray, known: Known, plate: tuple[np.ndarray, np.ndarray] | None, threshold: float, margin: float
 ) -> np.ndarray | None:
-    """Soft foreground [h, w] uint8 of the subject in a picture [h, w, 3] uint8; None where nothing is known of her.
+    """Soft foreground [h, w] uint8 of the subject in a picture [h, w, 3] uint8; None where nothing is known of it.
 
     plate: the background [h, w, 3] and its spread [h, w], uint8, of a static camera; threshold in 1/255 as of
     `matte.plate_distance`; margin: share of a person's region by which a segmentation may be off.
@@ -104,7 +103,7 @@ def person_matte(
 
 
 def _scale(known: Known) -> float:
-    """Pixels of a metre at the subject; from the extent of what was seen of her where no limb tells."""
+    """Pixels of a metre at the subject; from the extent of what was seen where no limb tells."""
     scale = pixels_per_metre(known.joints, known.joint_set)
     for field in (known.hint, known.confirmed):
         if scale <= 0 and field is not None and (field > 0.5).any():
@@ -141,7 +140,7 @@ def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> n
     else:
         return None
     if known.possible is not None:
-        # Joints are triangulated: where they are, other views saw her, whatever their segmentation says.
+        # Joints are triangulated: where they are, other views saw the subject, whatever their segmentation says.
         prior = np.where((known.possible < 0.5) & ~body, RULED_OUT, prior)
     return prior.astype(np.float32)
 

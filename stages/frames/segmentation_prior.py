@@ -1,5 +1,5 @@
-"""What is known of the subject before a pixel is looked at: the estimator's segmentation of her, her joints, and
-what the other views saw."""
+"""What is known of the subject before a pixel is looked at: the estimator's segmentation, the joints, and what
+the other views saw."""
 
 from __future__ import annotations
 

@@ -84,8 +84,9 @@ def refusal(params: FramesParams, facts: Facts) -> str | None:
         return "frames.matte is given, but not every source view has masks; use auto, person, plate or none"
     if params.matte == "person" and not {"joints2d", "joints3d"} & facts:
         return (
-            "frames.matte is person, but there are no joints to find her by: set detection.estimator to blazepose"
-            f" ({ADDED}) or to onnx with a model of yours, or import joints; or use plate or none"
+            "frames.matte is person, but there are no joints to find the person by:"
+            f" set detection.estimator to blazepose ({ADDED}) or to onnx with a model of yours, or import joints;"
+            " or use plate or none"
         )
     if params.matte == "plate" and "several_frames" not in facts:
         return "frames.matte is plate, but the capture has a single frame; use given or none"

@@ -85,7 +85,7 @@ def _better(planned: Planned) -> str:
     """How to come to better mattes, the easiest first."""
     if {"joints2d", "joints3d"} & planned.facts and planned.matte[0] != "person":
         return f"set frames.matte: person, which cuts the person out by the joints that are here; better with `{FETCH}`"
-    return f"`{FETCH}`: BlazePose finds the person and cuts her out; or import masks with the capture"
+    return f"`{FETCH}`: BlazePose finds the person and cuts the outline; or import masks with the capture"
 
 
 def pair_lines(planned: Planned) -> list[str]:

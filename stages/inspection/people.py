@@ -90,7 +90,7 @@ def _advice(planned: Planned, name: str) -> str:
     """What keeps the others out, given what the run takes for masks and joints."""
     matte, estimator = planned.matte[0], planned.estimator[0]
     choose = (
-        f"if it should be another, say where she is: detection.box: {{{name}: [left, top, right, bottom]}}, px of the"
+        f"if it should be another person, say where: detection.box: {{{name}: [left, top, right, bottom]}}, px of the"
         " captured picture"
     )
     if estimator not in ("blazepose", "onnx"):

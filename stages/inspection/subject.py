@@ -272,8 +272,8 @@ def _width(footage: Footage, view: int) -> float | None:
 
 
 def _region(footage: Footage, view: int) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where she
-    would not be in it."""
+    """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where
+    that person would not be in it."""
     rig, size = footage.rig, footage.captured[view]
     body = body_points(look_at_point(rig), up_direction(rig))
     pixels, depth = project(body, rig.intrinsics[view], rig.world_to_camera[view])

@@ -31,10 +31,10 @@ def span_of(inputs: Inputs) -> range:
 
 
 def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] she is;
+    """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] it is;
     -1: none, or not told.
 
-    F: frames of `span_of(inputs)`; zeros where a view did not see her, is no source, or there are no 2D joints.
+    F: frames of `span_of(inputs)`; zeros where a view did not see the subject, is no source, or there are no 2D joints.
     """
     frames, sources = len(span_of(inputs)), list(inputs.views.sources)
     seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)

@@ -17,7 +17,7 @@ FLIPS = np.array(joint_set("coco17").flips)
 
 
 def found_subject(inputs: Inputs, joints: np.ndarray, set_id: str) -> np.ndarray:
-    """[F, V] index among the people of detection/* of the subject; -1 where the estimator did not find her.
+    """[F, V] index among the people of detection/* of the subject; -1 where the estimator did not find the subject.
 
     joints [F, V, J, 3] (u, v, score) px of frames/*, of joint set `set_id`: the subject in every view of the partition.
     """

@@ -48,7 +48,7 @@ def _filling(evidence: Evidence, bound: float) -> Decision | None:
             True,
             None,
             bound,
-            "the person is segmented in the source views: a small hole within all her outlines is hers",
+            "the person is segmented in the source views: a small hole within all outlines is the person's",
         )
     return _trusted(evidence, bound)
 

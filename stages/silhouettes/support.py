@@ -1,4 +1,4 @@
-"""What other views say about a ray: could the subject be anywhere along it, and do they all see her there?"""
+"""What other views say about a ray: could the subject be anywhere along it, and do they all see the subject there?"""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Fields:
     possible: np.ndarray
     """[S, h, w] float32: 0..1 that the subject may be at a cell."""
     seen: np.ndarray
-    """[S, h, w] float32: 0..1 that the view saw her there; negative beside its picture."""
+    """[S, h, w] float32: 0..1 that the view saw the subject there; negative beside its picture."""
     projections: np.ndarray
     """[S, 3, 4] world metres to homogeneous cells, integer centres."""
 

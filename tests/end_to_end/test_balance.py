@@ -56,8 +56,8 @@ def test_balance_becomes_a_novel_view_video(captures: Path, tmp_path: Path) -> N
     for picture in pictures:
         assert picture.shape == (320, 181, 3)
         lit = picture.max(axis=2) > 40
-        # The man covers a few per cent of the picture; carved away he would cover none, without a matte all.
+        # The person covers a few per cent of the picture; carved away it would cover none, without a matte all.
         assert 0.02 < lit.mean() < 0.15
         rows = np.nonzero(lit.any(axis=1))[0]
-        assert rows[-1] - rows[0] > 80, "a standing man is taller than a quarter of the picture"
+        assert rows[-1] - rows[0] > 80, "a standing person is taller than a quarter of the picture"
     assert images.read_picture(sheet).shape[0] > 500

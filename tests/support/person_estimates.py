@@ -1,4 +1,4 @@
-"""What an estimator would find of the person of formulas: her joints, and a segmentation as coarse as one likes."""
+"""What an estimator would find of the person of formulas: joints, and a segmentation as coarse as one likes."""
 
 from __future__ import annotations
 

@@ -240,7 +240,7 @@ def test_the_official_models_find_the_person_of_a_real_capture() -> None:
     joints = found.joints[0]
     # read from the picture by eye: shoulders, elbows, wrists, left before right
     seen = {11: (185, 710), 12: (385, 690), 13: (195, 890), 14: (485, 835), 15: (230, 1010), 16: (600, 885)}
-    # 3 % of his height in the picture: what a joint under skin is uncertain by, and the model beside that
+    # 3 % of the person's height in the picture: what a joint under skin is uncertain by, and the model beside that
     assert max(np.hypot(*(joints[j, :2] - p)) for j, p in seen.items()) < 30
     peaks = found.heatmaps[0].reshape(17, -1).argmax(1)
     at = np.stack([peaks % 64, peaks // 64], 1) + 0.5

@@ -23,7 +23,7 @@ FRAMES, SIZE = 4, 256
 RIG = ring(5, SIZE)
 POINTS = walk(FRAMES)
 SUBJECT = pixels(RIG, POINTS)
-"""[F, V, 17, 3] the subject as every camera sees her."""
+"""[F, V, 17, 3] the subject as every camera sees it."""
 ONLOOKER = pixels(RIG, POINTS + np.array([-0.9, 0.9, 0.0]))
 
 
@@ -104,7 +104,7 @@ def test_a_box_leaves_out_who_stands_outside_and_names_where_to_look() -> None:
     assert [a for a in estimator.asked if a[0] == "look"] == [("look", f, 1) for f in range(FRAMES)]
 
 
-def test_pose_takes_the_subject_and_her_own_heatmaps() -> None:
+def test_pose_takes_the_subject_and_its_own_heatmaps() -> None:
     found = detect(actor(blind=((2, 1),)))
     out = run_stage(
         POSE, PoseParams(), found, RIG, roles(RIG), FRAMES, facts=frozenset({"detected", "segmented", "joints2d"})

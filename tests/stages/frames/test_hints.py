@@ -1,4 +1,4 @@
-"""What is known of the subject before her pixels are looked at: segmentations in place, and views that speak for or
+"""What is known of the subject before its pixels are looked at: segmentations in place, and views that speak for or
 against each other."""
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def test_support_is_the_least_that_any_view_says_and_the_most_along_the_ray() ->
     assert ray_support(fields, rig.centres[0], to_middle, np.array([2.0]), np.zeros((0, 3)))[1][0] == 0
 
 
-def test_the_other_views_allow_all_of_the_subject_and_confirm_her_middle() -> None:
+def test_the_other_views_allow_all_of_the_subject_and_confirm_its_middle() -> None:
     person = capture_person(6, 160, 1, 0)
     arrays = segmented(person)
     for view in (0, 3):

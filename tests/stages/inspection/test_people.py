@@ -67,7 +67,7 @@ def test_people_are_those_with_joints_that_are_not_tiny(found: list[np.ndarray],
 
 
 @pytest.mark.parametrize("kind", ["joints", "found"])
-def test_a_second_person_is_named_with_the_cameras_that_show_her(kind: str) -> None:
+def test_a_second_person_is_named_with_the_cameras_that_show_them(kind: str) -> None:
     (f,) = of_people(footage(**{kind: Joints({1: [person(100), person(80)]})}), planned(RIG, matte="plate"))
     assert f.verdict is Verdict.DOUBTFUL
     assert f.value == pytest.approx(0.25)
