@@ -16,6 +16,7 @@ import yaml
 
 from posegaussian.dags.config.settings import PACKAGED, Settings
 from posegaussian.stages.contract.declaration import Axis, Params, Read, Resources, Stage, extra, resolve
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.registry import STAGES, stage
 from posegaussian.storage.archive.store import layout
 from posegaussian.storage.model.capture import PER_VIEW
@@ -43,7 +44,7 @@ EFFECT_STATES = sorted(
 )
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
 EVERY_FACTS = [
-    frozenset(c) | on
+    Facts(frozenset(c) | on)
     for n in range(len(CAPTURE_FACTS) + 1)
     for c in combinations(CAPTURE_FACTS, n)
     if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c)
@@ -305,7 +306,7 @@ def test_a_stage_depends_on_the_effects_that_it_declares_and_on_no_other(s: Stag
     for facts in EVERY_FACTS:
         plain = facts - set(EFFECTS) | facts & own
 
-        def answers(f: frozenset[str]) -> tuple[object, ...]:
+        def answers(f: Facts) -> tuple[object, ...]:
             return s.reads_for(params, f), s.writes_for(f), s.unneeded(params, f), s.refusal(params, f)
 
         assert answers(facts) == answers(plain), sorted(facts - plain)
@@ -320,7 +321,9 @@ def test_outputs_of_an_optional_stage_are_read_only_while_its_name_is_a_fact(s: 
         assert s.unneeded(s.params(), facts) is not None
         for other in STAGES[STAGES.index(s) + 1 :]:
             assert not made & {r.array for r in other.reads_for(other.params(), facts)}
-    assert any(made & {r.array for r in other.reads_for(other.params(), frozenset({s.name}))} for other in STAGES)
+    assert any(
+        made & {r.array for r in other.reads_for(other.params(), Facts(frozenset({s.name})))} for other in STAGES
+    )
 
 
 @every_stage

@@ -11,6 +11,7 @@ import numpy as np
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import depths
 from posegaussian.dags.tradeoff.quality import held_out_path
+from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 
 Measured = dict[str, float | None]
 
@@ -47,7 +48,7 @@ def _joints(results: Results, truth: np.ndarray) -> Measured:
     from posegaussian.stages.pose.jitter import in_space, measures, off_heatmaps
 
     context = results.context
-    array = "smoothing/heatmaps" if "temporal_smoothing" in context.facts else "pose/heatmaps"
+    array = "smoothing/heatmaps" if TEMPORAL_SMOOTHING in context.facts else "pose/heatmaps"
     if not results.has(array) or len(truth) < 3:
         return {}
     frames, pose, sources = range(context.grid.frames), context.settings.pose, context.views.sources

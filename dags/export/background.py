@@ -19,6 +19,7 @@ import numpy as np
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
+from posegaussian.stages.contract.facts import SEVERAL_FRAMES
 from posegaussian.storage.model.cameras import CameraPath, camera_centre
 from posegaussian.storage.model.errors import ConfigError
 
@@ -95,7 +96,7 @@ def needed(context: Context, backdrop: Backdrop) -> frozenset[Product]:
     Raises ConfigError for a plate that this capture or path cannot have."""
     if backdrop.kind != "plate":
         return frozenset()
-    if "several_frames" not in context.capture_facts:
+    if SEVERAL_FRAMES not in context.capture_facts:
         raise ConfigError(
             f"export --background plate: sequence {context.sequence.name} has a single frame, which shows no background"
             " behind the subject; give a colour or a picture file"

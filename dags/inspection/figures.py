@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.geometry.epipolar import fundamental, homogeneous
 from posegaussian.stages.geometry.points import project
 from posegaussian.stages.geometry.projection import rays
@@ -100,7 +101,7 @@ class _Panels:
     def __init__(self, footage: Footage) -> None:
         self.footage, self.number = footage, footage.looked_at[0]
         self._made: dict[int, np.ndarray] = {}
-        self._masks = masks_of(footage.inputs, self.number) if "masks" in footage.facts else {}
+        self._masks = masks_of(footage.inputs, self.number) if MASKS in footage.facts else {}
 
     def panel(self, view: int) -> np.ndarray:
         """[h, w, 3] uint8 in px of the footage's rig."""
@@ -125,7 +126,7 @@ class _Panels:
 
     def _joints(self, view: int, drawn: np.ndarray) -> None:
         footage = self.footage
-        if "joints2d" not in footage.facts or len(footage.rig) < 2:
+        if JOINTS2D not in footage.facts or len(footage.rig) < 2:
             return
         at = footage.joint_numbers.index(self.number)
         seen, space = footage.joints[0][at, view], footage.joints[1][at]
@@ -185,7 +186,7 @@ def _drawn(
         spread = good[np.argsort(found.first[good, 1], kind="stable")]
         chosen = spread[np.unique(np.rint(np.linspace(0, len(spread) - 1, min(LINES, len(spread)))).astype(int))]
         return found.first[chosen], found.second[chosen]
-    if "joints2d" in footage.facts and len(footage.rig) > 1:
+    if JOINTS2D in footage.facts and len(footage.rig) > 1:
         seen = footage.joints[0][footage.joint_numbers.index(number)]
         both = np.flatnonzero((seen[list(views), :, 2] >= SCORE).all(axis=0))[:LINES]
         return seen[views[0], both, :2], seen[views[1], both, :2]

@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from posegaussian.dags.planning.context import Context
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.detection.asset import blazepose_is_here, estimator_of
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
@@ -109,13 +110,13 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
         readers["joints"] = _Chosen(joints, views)
     if capture.joints3d is not None:
         readers["joints3d"] = open_source(capture, "joints3d")
-    facts = {"masks": "masks", "joints": "joints2d", "joints3d": "joints3d"}
+    facts = {"masks": MASKS, "joints": JOINTS2D, "joints3d": JOINTS3D}
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
     numbers = [np.asarray(s.numbers, dtype=np.int64) for s in streams]
     captured = np.array([s.size for s in streams])
     return (
         Footage(
-            scope_of(rig, source_rig, crops, frozenset(facts[k] for k in readers if k in facts)),
+            scope_of(rig, source_rig, crops, Facts(frozenset(facts[k] for k in readers if k in facts))),
             joint_crops,
             captured,
             numbers,

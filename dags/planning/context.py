@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.planning.effects import Verdict, judged, refusals
-from posegaussian.stages.contract.declaration import Evidence, Facts, Stage
-from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE
+from posegaussian.stages.contract.declaration import Evidence, Stage
+from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.registry import ASSETS, PATHS, STAGES
 from posegaussian.stages.registry import stage as stage_named
@@ -163,9 +163,9 @@ class Context:
         """What the capture has, as far as it decides which stages and inputs count: the roles of its cameras, and what
         each stage tells of it, in the order of flow."""
         roles = {SINGLE_SOURCE: len(self.views.sources) == 1, HELD_OUT: bool(self.views.held_out)}
-        known = frozenset(name for name, holds in roles.items() if holds)
+        known = Facts(frozenset(name for name, holds in roles.items() if holds))
         for s in STAGES:
-            known |= frozenset(s.facts(self.capture, self.views, self.params(s), known))
+            known = known | set(s.facts(self.capture, self.views, self.params(s), known))
         return known
 
     def asset_settings(self, name: str) -> Any:

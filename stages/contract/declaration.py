@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
+from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Views
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.spec import ArraySpec, Shape, TableSpec
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 Axis = Literal["sequence", "time", "view", "path"]
 ViewSelection = Literal["own", "sources", "held_out", "all"]
-Facts = frozenset[str]
 Looked = TypeVar("Looked")
 """What an effect's decision may look at: `Evidence` of a stage's, a scene's own of the simulator's."""
 
@@ -193,6 +193,9 @@ class Effect(Generic[Looked]):
     refusal: Callable[[Looked], str | None] = lambda evidence: None
     """Why this capture cannot do without the effect, with what to change where it is forced off; or None."""
 
+    def __post_init__(self) -> None:
+        fact(self.name)
+
     def quantity(self, number: str) -> str:
         """A number of the measure with its unit; a share, unit 1, stands alone."""
         return number if self.unit == "1" else f"{number} {self.unit}"
@@ -307,6 +310,10 @@ class Stage:
     """Models or weights that its settings name, for itself and for other stages."""
     paths: Paths | None = None
     """Of the stage that renders: how its paths are made."""
+
+    def __post_init__(self) -> None:
+        for name in ([self.name] if self.optional else []) + [w.name for w in self.writes if self.sequence_wide]:
+            fact(name)
 
     def reads_for(self, params: Any, facts: Facts) -> tuple[Read, ...]:
         """The inputs that count under these params and facts."""

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
 
@@ -127,7 +128,7 @@ class TaskScope:
     path: CameraPath | None
     """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what
     it reads."""
-    facts: frozenset[str]
+    facts: Facts
     """What the capture has, the names of the effects that are on and of the optional stages that are needed, and of a
     sequence-wide stage's outputs those that are asked for (`posegaussian.stages.contract.facts`)."""
     joint_set: str | None

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
+from posegaussian.stages.depth import facts
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.geometry.subject import PERSON_RADIUS, look_at_point
 
@@ -64,7 +66,7 @@ def _check(evidence: Evidence, bound: float) -> Decision:
 
 
 LEFT_RIGHT_CHECK = Effect(
-    "left_right_check",
+    facts.LEFT_RIGHT_CHECK,
     "Drop matches that the other view of the pair contradicts.",
     "widest strip hidden from one view of a pair",
     # Low on purpose: with cameras 4 degrees apart (0.4 px hidden, 48 px pictures) the check still takes a fifth of the
@@ -81,7 +83,7 @@ FEWEST = 8
 
 
 def _trusted_joints(evidence: Evidence, bound: float) -> Decision | None:
-    if "joints2d" not in evidence.facts:
+    if JOINTS2D not in evidence.facts:
         return Decision(False, None, bound, "joints came in 3D alone: nothing tells how well they fit the pictures")
     if "survey/joint_fit" not in evidence.noted:
         return None
@@ -110,11 +112,11 @@ def _no_limbs(evidence: Evidence) -> str | None:
     method = resolve_method(evidence.params, evidence.facts)
     if not method.several:
         return f"depth.method is {method.name}: nothing is searched"
-    return None if {"joints2d", "joints3d"} & evidence.facts else "the capture has no joints"
+    return None if {JOINTS2D, JOINTS3D} & evidence.facts else "the capture has no joints"
 
 
 LIMB_BOUNDS = Effect(
-    "limb_bounds",
+    facts.LIMB_BOUNDS,
     "Search for the surface no farther in front of the limbs than cloth reaches, where the hull has phantoms.",
     "share of the joints within 1.5 % of the picture's longer side from the triangulated ones",
     # Above a half means a median distance below 1.5 %, 7.7 px at 512.

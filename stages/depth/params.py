@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import field_validator
 
-from posegaussian.stages.contract.declaration import Facts, Params, setting
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 from posegaussian.stages.depth.methods.registry import METHODS
 

@@ -11,6 +11,7 @@ from posegaussian.stages.contract.facts import SINGLE_SOURCE
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes
+from posegaussian.stages.depth.facts import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from posegaussian.stages.depth.methods.declaration import DepthMethod, OfFrame, OfView
 from posegaussian.stages.depth.params import DepthParams, refusal, resolve_method
 from posegaussian.stages.geometry.subject import STATURE, subject_distance
@@ -60,7 +61,7 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
         valid = tuple(v for v in sources if inputs.valid[f, v])
         frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
         known = geometry(valid, has_silhouettes(inputs.rig, frame.masks))
-        for v, (z, c) in of_frame(known, frame, params, "left_right_check" in inputs.facts).items():
+        for v, (z, c) in of_frame(known, frame, params, LEFT_RIGHT_CHECK in inputs.facts).items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
         sure = confidence.get(v, np.zeros(shape, np.float16))
@@ -76,7 +77,7 @@ def _shape(inputs: Inputs) -> tuple[int, int, int]:
 
 def _limbs(inputs: Inputs) -> list[np.ndarray]:
     """[N, 7] capsules of each frame; none while `limb_bounds` is off."""
-    if "limb_bounds" not in inputs.facts or inputs.joint_set is None:
+    if LIMB_BOUNDS not in inputs.facts or inputs.joint_set is None:
         return [np.zeros((0, 7))] * len(inputs.partition)
     return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
 

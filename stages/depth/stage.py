@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
 from posegaussian.stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.notes import notes
@@ -35,7 +36,7 @@ STAGE = Stage(
     check="posegaussian.stages.depth.run:check",
     reads=(
         Read("frames/mask"),
-        Read("pose/joints3d", when=lambda p, f: "limb_bounds" in f and bool({"joints2d", "joints3d"} & f)),
+        Read("pose/joints3d", when=lambda p, f: LIMB_BOUNDS.name in f and bool({JOINTS2D, JOINTS3D} & f)),
         *(_of_method(a) for a in dict.fromkeys(a for m in METHODS.values() for a in m.reads)),
     ),
     writes=(

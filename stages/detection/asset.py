@@ -11,8 +11,8 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from posegaussian.stages.contract.declaration import Asset, Facts
-from posegaussian.stages.contract.facts import BLAZEPOSE, ESTIMATED, GIVEN_JOINTS, JOINTS2D, JOINTS3D, SEGMENTED
+from posegaussian.stages.contract.declaration import Asset
+from posegaussian.stages.contract.facts import BLAZEPOSE, ESTIMATED, GIVEN_JOINTS, JOINTS2D, JOINTS3D, SEGMENTED, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE as BLAZEPOSE_FILES

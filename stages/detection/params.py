@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from posegaussian.stages.contract.declaration import Facts, Params, setting
-from posegaussian.stages.contract.facts import BLAZEPOSE, GIVEN_JOINTS
+from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import BLAZEPOSE, GIVEN_JOINTS, Facts
 from posegaussian.stages.estimators.blazepose_files import FETCH
 
 Answer = Literal["files", "blazepose", "onnx", "none"]

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED
 from posegaussian.stages.contract.io import Inputs, JointReader, PictureReader
 from posegaussian.stages.estimators.interface import Estimator
 from posegaussian.stages.imaging.color import to_display
@@ -65,6 +66,6 @@ class EstimatedJoints:
 
 def joint_reader(inputs: Inputs) -> JointReader:
     """The 2D joints of a capture that has some, given or estimated."""
-    if "detected" not in inputs.facts:
+    if ESTIMATED not in inputs.facts:
         return inputs.source("joints")
     return EstimatedJoints(inputs.source("pictures"), inputs.source("estimator"))

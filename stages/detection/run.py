@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.detection.guided import Space, astray
 from posegaussian.stages.detection.params import DetectionParams
@@ -87,7 +88,7 @@ def _blocks(
         "heatmaps": ((17, 64, 64), np.float16),
         "person": ((256, 256), np.uint8),
     }
-    if "detected" not in inputs.facts:
+    if ESTIMATED not in inputs.facts:
         del shapes["heatmaps"]
     for name, (tail, dtype) in shapes.items():
         data = np.zeros((frames, most, *tail), dtype=dtype)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Facts, Read, Resources, Stage
-from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED
+from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED, Facts
 from posegaussian.stages.detection.asset import ESTIMATOR, joint_set, named_joint_set, settled, told_facts
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS
+from posegaussian.stages.frames import facts
 from posegaussian.stages.imaging import exposure
 
 SURFACE, OUTLINES, LIGHT = "survey/surface", "survey/outlines", "survey/light"
@@ -55,7 +57,7 @@ def _no_outlines(evidence: Evidence) -> str | None:
     """Why outlines cannot be compared with edges."""
     if evidence.params.matte not in ("auto", "given"):
         return f"frames.matte is {evidence.params.matte}: no mask is given"
-    return None if "masks" in evidence.facts else "the capture came without masks"
+    return None if MASKS in evidence.facts else "the capture came without masks"
 
 
 def _outlines(evidence: Evidence, bound: float) -> Decision | None:
@@ -80,7 +82,7 @@ def _outlines(evidence: Evidence, bound: float) -> Decision | None:
 
 def _no_light(evidence: Evidence) -> str | None:
     """Why nothing can lie beyond white."""
-    return None if "linear_light" in evidence.facts else "the pictures are display-referred: no source view came as EXR"
+    return None if LINEAR_LIGHT in evidence.facts else "the pictures are display-referred: no source view came as EXR"
 
 
 def _beyond_white(evidence: Evidence, bound: float) -> Decision | None:
@@ -98,7 +100,7 @@ def white_point(light: np.ndarray) -> float:
 
 
 EXPOSURE_MATCHING = Effect(
-    "exposure_matching",
+    facts.EXPOSURE_MATCHING,
     "Multiply each source view's light by one gain a channel, so that cameras agree on the surfaces they share.",
     "largest proven difference between cameras",
     # Of equal cameras up to 0.1 stops are "proven" (a synthetic person, 128 to 256 px); 0.25 stops are just visible.
@@ -109,7 +111,7 @@ EXPOSURE_MATCHING = Effect(
     lacks=_single_view,
 )
 OUTLINE_CORRECTION = Effect(
-    "outline_correction",
+    facts.OUTLINE_CORRECTION,
     "Move the outlines of a source view's given masks to where its pictures have their edges.",
     "largest distance between outlines and edges",
     # Exact masks measure up to 0.2 px off, as an edge's pixels are dimmer than its middle; a px off costs 1 to 3 dB.
@@ -120,7 +122,7 @@ OUTLINE_CORRECTION = Effect(
     lacks=_no_outlines,
 )
 TONE_MAPPING = Effect(
-    "tone_mapping",
+    facts.TONE_MAPPING,
     "Bring light beyond white below it, by one curve for the whole sequence.",
     "largest share of a view's pixels beyond white",
     # A thousandth of a picture, glints and lamps, may be clipped without a loss to the subject.

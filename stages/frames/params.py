@@ -6,14 +6,23 @@ from typing import Literal
 
 from pydantic import field_validator
 
-from posegaussian.stages.contract.declaration import Facts, Params, setting
-from posegaussian.stages.contract.facts import BLAZEPOSE, SEGMENTED
+from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import (
+    BLAZEPOSE,
+    ESTIMATED,
+    JOINTS2D,
+    JOINTS3D,
+    MASKS,
+    SEGMENTED,
+    SEVERAL_FRAMES,
+    Facts,
+)
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.timegrid import parse_range
 
 Matte = Literal["given", "person", "plate", "none"]
-JOINTS = frozenset({"joints2d", "joints3d"})
+JOINTS = frozenset({JOINTS2D, JOINTS3D})
 """Facts: joints of either kind are known, given or estimated."""
 
 
@@ -77,12 +86,12 @@ def matte_choice(params: FramesParams, facts: Facts) -> tuple[Matte, str]:
     plate, which needs several frames."""
     if params.matte != "auto":
         return params.matte, f"frames.matte is {params.matte}"
-    if "masks" in facts:
+    if MASKS in facts:
         return "given", "the capture came with masks of every view"
-    helped = ", and several frames show the background, which helps" if "several_frames" in facts else ""
+    helped = ", and several frames show the background, which helps" if SEVERAL_FRAMES in facts else ""
     if facts & JOINTS:
         return "person", f"no masks came with the capture; {_who(facts)}{helped}"
-    if "several_frames" in facts:
+    if SEVERAL_FRAMES in facts:
         return "plate", "no masks came with the capture and no joints are known, but several frames show the background"
     return "none", "no masks came with the capture, no joints are known, and a single frame shows no background"
 
@@ -93,7 +102,7 @@ def _who(facts: Facts) -> str:
         return "joints tell where the person is"
     return (
         "the estimator of joints segments the person"
-        if "detected" in facts
+        if ESTIMATED in facts
         else "BlazePose segments the person whose joints are given"
     )
 

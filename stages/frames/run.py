@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from posegaussian.stages.contract.facts import GIVEN_DEPTH
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEVERAL_FRAMES, TRUTH_DEPTH
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.frames.effects import NO_LINK, proven_offsets, white_point
+from posegaussian.stages.frames.facts import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import plate_matte
@@ -46,7 +47,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     present = np.flatnonzero(inputs.valid[:, view])
     numbers = [int(n) for n in inputs.source_frames[present]]
 
-    color, maps_tones = _empty(inputs, (3,), np.uint8), "tone_mapping" in inputs.facts
+    color, maps_tones = _empty(inputs, (3,), np.uint8), TONE_MAPPING in inputs.facts
     # the plate is clipped at white, too
     if not maps_tones or resolve_matte(params, inputs.facts) in (
         "plate",
@@ -56,7 +57,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
     notes = _fill_mask(inputs, params, warp, present, numbers, color, mask)
-    matched = "exposure_matching" in inputs.facts and view in inputs.views.sources
+    matched = EXPOSURE_MATCHING in inputs.facts and view in inputs.views.sources
     if maps_tones:
         white, gain = (
             white_point(np.stack([inputs.read("survey/light", v) for v in inputs.views.sources])),
@@ -72,7 +73,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     del color
     yield Block("frames/mask", mask, view, notes)
     del mask
-    if "truth_depth" in inputs.facts:
+    if TRUTH_DEPTH in inputs.facts:
         depth = _empty(inputs, (), np.float32)
         for frame, truth in zip(present, inputs.source("depth").read(view, numbers), strict=True):
             _same_size(warp, "true depth", truth)
@@ -102,7 +103,7 @@ def _fill_mask(
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
         return ()
-    plate = _plate(inputs, warp) if matte == "plate" or "several_frames" in inputs.facts else None
+    plate = _plate(inputs, warp) if matte == "plate" or SEVERAL_FRAMES in inputs.facts else None
     hints, unknown = Hints(inputs, params.hint_margin) if matte == "person" else None, 0
     for frame in present:
         picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
@@ -155,7 +156,7 @@ def _given_depth(inputs: Inputs, warp: Warp, frames: dict[int, int]) -> Block:
 def _offset(inputs: Inputs) -> float:
     """Captured px by which the view's outlines are moved inwards."""
     view = inputs.view
-    if "outline_correction" not in inputs.facts or view not in inputs.views.sources:
+    if OUTLINE_CORRECTION not in inputs.facts or view not in inputs.views.sources:
         return 0.0
     return float(proven_offsets(inputs.read("survey/outlines", view)[None])[0])
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from posegaussian.stages.contract.declaration import Choice, Evidence, Facts, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Choice, Evidence, Read, Resources, Stage
 from posegaussian.stages.contract.facts import (
     BLAZEPOSE,
     GIVEN_DEPTH,
+    JOINTS2D,
+    JOINTS3D,
     LINEAR_LIGHT,
     MASKS,
     SEGMENTED,
     SEVERAL_FRAMES,
     TRUTH_DEPTH,
+    Facts,
 )
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.detection.params import ADDED
@@ -51,7 +54,7 @@ def _given(params: FramesParams, facts: Facts) -> bool:
 
 def _plate(params: FramesParams, facts: Facts) -> bool:
     matte = resolve_matte(params, facts)
-    return matte == "plate" or (matte == "person" and "several_frames" in facts)
+    return matte == "plate" or (matte == "person" and SEVERAL_FRAMES in facts)
 
 
 def _person(params: FramesParams, facts: Facts) -> bool:
@@ -63,32 +66,32 @@ def _segmented(params: FramesParams, facts: Facts) -> bool:
 
 
 def _matched(params: FramesParams, facts: Facts) -> bool:
-    return "exposure_matching" in facts
+    return EXPOSURE_MATCHING.name in facts
 
 
 def _corrected(params: FramesParams, facts: Facts) -> bool:
-    return "outline_correction" in facts and _given(params, facts)
+    return OUTLINE_CORRECTION.name in facts and _given(params, facts)
 
 
 def _tone_mapped(params: FramesParams, facts: Facts) -> bool:
-    return "tone_mapping" in facts
+    return TONE_MAPPING.name in facts
 
 
 def _truth(params: FramesParams, facts: Facts) -> bool:
-    return "truth_depth" in facts
+    return TRUTH_DEPTH in facts
 
 
 def refusal(params: FramesParams, facts: Facts) -> str | None:
     """Given masks must have come with the capture; a person needs joints, a plate frames to take a median of."""
-    if params.matte == "given" and "masks" not in facts:
+    if params.matte == "given" and MASKS not in facts:
         return "frames.matte is given, but not every source view has masks; use auto, person, plate or none"
-    if params.matte == "person" and not {"joints2d", "joints3d"} & facts:
+    if params.matte == "person" and not {JOINTS2D, JOINTS3D} & facts:
         return (
             "frames.matte is person, but there are no joints to find the person by:"
             f" set detection.estimator to blazepose ({ADDED}) or to onnx with a model of yours, or import joints;"
             " or use plate or none"
         )
-    if params.matte == "plate" and "several_frames" not in facts:
+    if params.matte == "plate" and SEVERAL_FRAMES not in facts:
         return "frames.matte is plate, but the capture has a single frame; use given or none"
     return None
 
@@ -166,7 +169,7 @@ STAGE = Stage(
             "float32",
             "m",
             "True depth along the optical axis of a simulated capture; 0 where there is no surface.",
-            when="truth_depth",
+            when=TRUTH_DEPTH,
         ),
         ArraySpec(
             "frames/depth",

@@ -10,16 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.imaging.facts import CROP_SCALE, UNDISTORTION
 from posegaussian.storage.model.cameras import Rig
 
 
 def switched(source_rig: Rig, crops: np.ndarray, facts: Facts) -> tuple[Rig, np.ndarray]:
     """The lenses and crops [V, 3] that count:
     without distortion while `undistortion` is off, identity while `crop_scale` is."""
-    if "undistortion" not in facts:
+    if UNDISTORTION not in facts:
         source_rig = replace(source_rig, distortion=np.zeros_like(source_rig.distortion))
-    return source_rig, crops if "crop_scale" in facts else np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))
+    return source_rig, crops if CROP_SCALE in facts else np.tile([1.0, 0.0, 0.0], (len(source_rig), 1))
 
 
 def frames_size(calibrated: tuple[int, int], longest: int | None) -> tuple[int, int]:

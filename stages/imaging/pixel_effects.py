@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.imaging import facts
 from posegaussian.stages.imaging.camera_mapping import distort, reach
 from posegaussian.storage.model.cameras import Rig
 
@@ -82,7 +83,7 @@ def _crop_refusal(evidence: Evidence) -> str | None:
 
 
 UNDISTORTION = Effect(
-    "undistortion",
+    facts.UNDISTORTION,
     "Undo the lens distortion of pictures, masks and joints.",
     "largest displacement by a lens",
     # A tenth of the 1 px to which calibrations and joints are good at best; resampling costs more sharpness than that.
@@ -91,7 +92,7 @@ UNDISTORTION = Effect(
     _undistortion,
 )
 CROP_SCALE = Effect(
-    "crop_scale",
+    facts.CROP_SCALE,
     "Bring captured pixels to the calibrated ones by the crop that the import found, or frames.crop.",
     "largest displacement by crop and scale",
     0.1,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Inputs, TaskScope, Views
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
@@ -52,7 +53,7 @@ class _ReaderInputs(Inputs):
         raise KeyError(f"an inspection looks at files alone; there is no {array}")
 
 
-def scope_of(rig: Rig, source_rig: Rig, captured_to_calibrated: np.ndarray, facts: frozenset[str]) -> TaskScope:
+def scope_of(rig: Rig, source_rig: Rig, captured_to_calibrated: np.ndarray, facts: Facts) -> TaskScope:
     """That of a whole capture whose cameras are all sources.
 
     `rig`: cameras of the pictures that are looked at, without lens, reduced; `captured_to_calibrated` [V, 3] (scale,
@@ -111,7 +112,7 @@ class Footage:
         return self.scope.captured_to_calibrated
 
     @property
-    def facts(self) -> frozenset[str]:
+    def facts(self) -> Facts:
         """joints2d, joints3d and masks, as far as there are any."""
         return self.scope.facts
 

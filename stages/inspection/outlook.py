@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, SEGMENTED
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.geometry.pairs import Verdict as Pair
 from posegaussian.stages.inspection.finding import Finding, Verdict, measured
@@ -83,7 +83,7 @@ def of_matte(planned: Planned) -> Finding:
 
 def _better(planned: Planned) -> str:
     """How to come to better mattes, the easiest first."""
-    if {"joints2d", "joints3d"} & planned.facts and planned.matte[0] != "person":
+    if {JOINTS2D, JOINTS3D} & planned.facts and planned.matte[0] != "person":
         return f"set frames.matte: person, which cuts the person out by the joints that are here; better with `{FETCH}`"
     return f"`{FETCH}`: BlazePose finds the person and cuts the outline; or import masks with the capture"
 

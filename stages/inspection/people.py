@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D
 from posegaussian.stages.contract.io import PictureReader
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
@@ -111,7 +112,7 @@ def _counted(footage: Footage) -> dict[int, list[int]]:
     some = sorted({int(v) for v in np.rint(np.linspace(0, len(every) - 1, min(len(every), PICTURES)))})
     asked = {
         "found": (some, footage.looked_at[:1]),
-        "joints": (every, footage.joint_numbers if "joints2d" in footage.facts else []),
+        "joints": (every, footage.joint_numbers if JOINTS2D in footage.facts else []),
     }
     ways = []
     for kind, (views, numbers) in asked.items():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from posegaussian.stages.camera_paths.stretch import Stretch, best_stretch
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.params import DepthParams

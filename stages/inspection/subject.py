@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.subject import body_points, look_at_point, up_direction
 from posegaussian.stages.geometry.sync import TimeOffsets, time_offsets
@@ -33,7 +34,7 @@ none of it."""
 SHARP = (2.0, 4.0)
 """Captured px of blur of an edge, whatever the others have:
 pictures that were enlarged, or out of focus in all cameras."""
-MASKS = (0.98, 0.9)
+AGREEMENT = (0.98, 0.9)
 """Share of a mask's rim that the other masks leave something of; the pipeline clips by silhouettes from 0.98 on."""
 NO_JOINTS = "the capture has no 2D joints"
 ADD_JOINTS = "import it with joints"
@@ -41,7 +42,7 @@ ADD_JOINTS = "import it with joints"
 
 def of_poses(footage: Footage) -> list[Finding]:
     """Every pair's calibration by the joints: how far poses that fit the joints lie from it."""
-    if "joints2d" not in footage.facts or len(footage.rig) < 2:
+    if JOINTS2D not in footage.facts or len(footage.rig) < 2:
         return []
     seen, space = footage.joints
     seen = np.where(seen[..., 2:] >= SCORE, seen, 0.0)
@@ -89,8 +90,8 @@ def joint_fits(footage: Footage) -> list[JointFit | None]:
 
 def of_joints(footage: Footage) -> list[Finding]:
     """Residual of every camera's joints."""
-    if "joints2d" not in footage.facts or len(footage.rig) < 2:
-        why = NO_JOINTS if "joints2d" not in footage.facts else "one camera's joints cannot be triangulated"
+    if JOINTS2D not in footage.facts or len(footage.rig) < 2:
+        why = NO_JOINTS if JOINTS2D not in footage.facts else "one camera's joints cannot be triangulated"
         return [unmeasured("joint residual", (), "px", 0, 0, why, ADD_JOINTS if why is NO_JOINTS else "")]
     out: list[Finding] = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
@@ -133,8 +134,8 @@ def _residual(name: str, fit: JointFit, bounds: tuple[float, float]) -> Finding:
 
 def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
     """Time offset of every camera."""
-    if "joints2d" not in footage.facts or len(footage.rig) < 2:
-        why = NO_JOINTS if "joints2d" not in footage.facts else "one camera has nobody to be in step with"
+    if JOINTS2D not in footage.facts or len(footage.rig) < 2:
+        why = NO_JOINTS if JOINTS2D not in footage.facts else "one camera has nobody to be in step with"
         return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
     found = time_offsets(footage.rig, footage.tracks)
     numbers = found.frames * footage.step
@@ -185,19 +186,19 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
 
 def of_masks(footage: Footage) -> list[Finding]:
     """How well the given masks' outlines fit together."""
-    if "masks" not in footage.facts:
+    if MASKS not in footage.facts:
         return [
             unmeasured(
                 "mask agreement",
                 (),
                 "of the rim",
-                *MASKS,
+                *AGREEMENT,
                 "the capture has no masks of every camera",
                 "masks help everywhere; without them a background plate is used, see frames.matte",
             )
         ]
     if len(footage.rig) < 2:
-        return [unmeasured("mask agreement", (), "of the rim", *MASKS, "one camera's masks have nothing to fit to")]
+        return [unmeasured("mask agreement", (), "of the rim", *AGREEMENT, "one camera's masks have nothing to fit to")]
     masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
     out: list[Finding] = []
     for v, name in enumerate(footage.names):
@@ -208,7 +209,7 @@ def of_masks(footage: Footage) -> list[Finding]:
                     "mask agreement",
                     (name,),
                     "of the rim",
-                    *MASKS,
+                    *AGREEMENT,
                     "its mask, or those of all others, are empty or missing",
                 )
             )
@@ -220,7 +221,7 @@ def of_masks(footage: Footage) -> list[Finding]:
                 (name,),
                 share,
                 "of the rim",
-                *MASKS,
+                *AGREEMENT,
                 f"{share:.1%} of the outline is not contradicted by another camera's mask",
                 "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands"
                 " elsewhere than its calibration says;"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import HELD_OUT, Facts
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.storage.model.spec import Shape, TableSpec
@@ -23,7 +24,7 @@ def halo(params: MetricsParams) -> tuple[int, int]:
 
 def unneeded(params: MetricsParams, facts: Facts) -> str | None:
     """Metrics compare with pictures that were kept aside."""
-    return None if "held_out" in facts else "there is no truth: no camera in views.held_out"
+    return None if HELD_OUT in facts else "there is no truth: no camera in views.held_out"
 
 
 def refusal(params: MetricsParams, facts: Facts) -> str | None:

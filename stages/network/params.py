@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-from posegaussian.stages.contract.declaration import Facts, Params, Read, setting
+from posegaussian.stages.contract.declaration import Params, Read, setting
+from posegaussian.stages.contract.facts import Facts, fact
 
-NETWORK = "network"
+NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
 Halo = tuple[int, int] | Callable[[Any], tuple[int, int]]
 
@@ -40,9 +41,13 @@ class NetworkParams(Params):
 
 def depth_reads(halo: Halo = (0, 0), unless: str | None = None) -> tuple[Read, Read]:
     """Reads of the depth that `depth_array` names, not while the fact `unless` holds."""
+
+    def counts(facts: Facts) -> bool:
+        return unless is None or unless not in facts
+
     return (
-        Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f and unless not in f),
-        Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f and unless not in f),
+        Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f and counts(f)),
+        Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f and counts(f)),
     )
 
 

@@ -13,6 +13,8 @@ from posegaussian.stages.network.inference import NUMBERS, Looks, look, refined
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
+from posegaussian.stages.pose.facts import POSE_HEATMAPS
+from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 
 SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
@@ -81,8 +83,8 @@ class _View:
 
 def _declared(inputs: Inputs, array: str) -> bool:
     """Whether the heatmaps of this name are read under these settings."""
-    smoothed = "temporal_smoothing" in inputs.facts
-    return "pose_heatmaps" in inputs.facts and smoothed == (array == "smoothing/heatmaps")
+    smoothed = TEMPORAL_SMOOTHING in inputs.facts
+    return POSE_HEATMAPS in inputs.facts and smoothed == (array == "smoothing/heatmaps")
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.network.asset import TRAINED
 from posegaussian.stages.network.asset import notes as weights_notes
 from posegaussian.stages.network.params import NETWORK, NetworkParams
@@ -37,8 +37,8 @@ STAGE = Stage(
         Read("frames/mask"),
         Read("depth/depth"),
         Read("depth/confidence"),
-        Read("smoothing/heatmaps", when=lambda p, f: "temporal_smoothing" in f and "pose_heatmaps" in f),
-        Read("pose/heatmaps", when=lambda p, f: "temporal_smoothing" not in f and "pose_heatmaps" in f),
+        Read("smoothing/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name in f and POSE_HEATMAPS.name in f),
+        Read("pose/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name not in f and POSE_HEATMAPS.name in f),
         Read.source("network"),
     ),
     writes=(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
+from posegaussian.stages.pose import facts
 
 
 def _heatmaps(evidence: Evidence, bound: float) -> Decision:
@@ -13,11 +15,11 @@ def _heatmaps(evidence: Evidence, bound: float) -> Decision:
 
 
 def _no_joints(evidence: Evidence) -> str | None:
-    return None if {"joints2d", "joints3d"} & evidence.facts else "the capture has no joints"
+    return None if {JOINTS2D, JOINTS3D} & evidence.facts else "the capture has no joints"
 
 
 POSE_HEATMAPS = Effect(
-    "pose_heatmaps",
+    facts.POSE_HEATMAPS,
     "Draw a heatmap of every joint in every view.",
     "source views with joints",
     0.0,

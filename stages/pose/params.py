@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from posegaussian.stages.contract.declaration import Facts, Params, setting
+from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import ESTIMATED, Facts
+from posegaussian.stages.pose.facts import POSE_HEATMAPS
 
 
 class PoseParams(Params):
@@ -40,7 +42,7 @@ class PoseParams(Params):
 
 def uses_model_maps(params: PoseParams, facts: Facts) -> bool:
     """Whether the estimator's own heatmaps are used."""
-    return params.heatmaps == "model" and {"detected", "pose_heatmaps"} <= facts
+    return params.heatmaps == "model" and {ESTIMATED, POSE_HEATMAPS} <= facts
 
 
 def swap_reach(params: PoseParams) -> int:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
-from posegaussian.stages.contract.facts import SEGMENTED, SINGLE_SOURCE
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS3D, SEGMENTED, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.geometry.points import NEAR, focus, project
+from posegaussian.stages.pose.facts import POSE_HEATMAPS
 from posegaussian.stages.pose.heatmaps import draw, grid_of
 from posegaussian.stages.pose.model_maps import put_model_maps
 from posegaussian.stages.pose.params import PoseParams, uses_model_maps
@@ -40,7 +40,7 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
     chosen = (
         followed.chosen
-        if "detected" in inputs.facts or SEGMENTED not in inputs.facts
+        if ESTIMATED in inputs.facts or SEGMENTED not in inputs.facts
         else found_subject(inputs, joints2d, set_id)
     )
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
@@ -56,7 +56,7 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         )
         if SEGMENTED in inputs.facts:
             yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
-        if "pose_heatmaps" not in inputs.facts:
+        if POSE_HEATMAPS not in inputs.facts:
             continue
         sigma = np.full(depth[:, v].shape, params.sigma)
         if params.sigma_unit == "m":
@@ -84,7 +84,7 @@ def _frame(
     J]. A 3D joint that the capture gives is believed after what the frame's views say and before what other frames do.
     """
     joints3d = followed.points[frame]
-    if "joints3d" in inputs.facts:
+    if JOINTS3D in inputs.facts:
         given = to_set(_given(inputs, frame), inputs.source("joints3d").joint_set, set_id)
         own = (joints3d[:, 3:] > 0) & ~followed.bridged[frame][:, None]
         joints3d = np.where(own | (given[:, 3:] <= 0), joints3d, given)
@@ -138,7 +138,7 @@ def check(block: Block, params: PoseParams) -> list[str]:
 
 def in_one_picture(facts: Facts) -> bool:
     """Whether joints can be known in the only source view's picture alone; the plan says so."""
-    return SINGLE_SOURCE in facts and "joints3d" not in facts
+    return SINGLE_SOURCE in facts and JOINTS3D not in facts
 
 
 def unknown_note(array: str, joints: np.ndarray) -> tuple[str, ...]:

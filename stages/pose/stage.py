@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
-from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, Facts
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.pose.params import PoseParams, halo, uses_model_maps
@@ -17,7 +17,7 @@ def needs(shape: Shape, params: PoseParams) -> Resources:
 
 def unneeded(params: PoseParams, facts: Facts) -> str | None:
     """Without joints of any kind there is nothing to encode."""
-    return None if {"joints2d", "joints3d"} & facts else "the capture has no joints, and none are estimated"
+    return None if {JOINTS2D, JOINTS3D} & facts else "the capture has no joints, and none are estimated"
 
 
 STAGE = Stage(
@@ -27,11 +27,11 @@ STAGE = Stage(
     run="posegaussian.stages.pose.run:run",
     check="posegaussian.stages.pose.run:check",
     reads=(
-        Read.source("joints", views="sources", when=lambda p, f: "joints2d" in f and "detected" not in f, halo=halo),
-        Read("detection/joints2d", when=lambda p, f: bool(f & {"detected", SEGMENTED}), halo=halo),
+        Read.source("joints", views="sources", when=lambda p, f: JOINTS2D in f and ESTIMATED not in f, halo=halo),
+        Read("detection/joints2d", when=lambda p, f: bool(f & {ESTIMATED, SEGMENTED}), halo=halo),
         Read("detection/region", when=uses_model_maps),
         Read("detection/heatmaps", when=uses_model_maps),
-        Read.source("joints3d", when=lambda p, f: "joints3d" in f),
+        Read.source("joints3d", when=lambda p, f: JOINTS3D in f),
     ),
     writes=(
         ArraySpec(
@@ -55,7 +55,7 @@ STAGE = Stage(
             "1",
             "Peak of height score at each COCO-17 joint; cell j covers pixels [4j, 4j+4).",
             keep="until_done",
-            when="pose_heatmaps",
+            when=POSE_HEATMAPS.name,
         ),
         ArraySpec(
             "pose/chosen",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.camera_mapping import switched
@@ -16,18 +17,18 @@ DETECTIONS = "detection/joints2d"
 
 def joint_set_of(inputs: Inputs) -> str:
     """Joint set of the detections, or of the 3D joints where there are none in 2D."""
-    if "detected" in inputs.facts:
+    if ESTIMATED in inputs.facts:
         assert inputs.joint_set is not None, "estimated joints belong to a joint set"
         return inputs.joint_set
-    return inputs.source("joints" if "joints2d" in inputs.facts else "joints3d").joint_set
+    return inputs.source("joints" if JOINTS2D in inputs.facts else "joints3d").joint_set
 
 
 def span_of(inputs: Inputs) -> range:
     """Frame indices whose 2D joints may be asked for: the partition and its halo;
     the partition where there are no 2D joints."""
-    if "joints2d" not in inputs.facts:
+    if JOINTS2D not in inputs.facts:
         return inputs.partition
-    return inputs.span(DETECTIONS if "detected" in inputs.facts else "joints")
+    return inputs.span(DETECTIONS if ESTIMATED in inputs.facts else "joints")
 
 
 def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -38,10 +39,10 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     """
     frames, sources = len(span_of(inputs)), list(inputs.views.sources)
     seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)
-    if "joints2d" not in inputs.facts:
+    if JOINTS2D not in inputs.facts:
         return seen, chosen
     rig = inputs.rig.subset(sources)
-    read = {v: inputs.read(DETECTIONS, v) for v in sources} if "detected" in inputs.facts else None
+    read = {v: inputs.read(DETECTIONS, v) for v in sources} if ESTIMATED in inputs.facts else None
     numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
     for f in range(frames):
         people = [

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.network.params import depth_reads
 from posegaussian.stages.refinement.params import RefinementParams, halo
+from posegaussian.stages.rendering.sources import REFINEMENT
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -31,7 +32,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 
 
 STAGE = Stage(
-    name="refinement",
+    name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
     version=1,
     run="posegaussian.stages.refinement.run:run",

@@ -6,9 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
-from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.contract.facts import JOINTS3D, MASKS, SEGMENTED
+from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.rendering import facts
 from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 
 COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
@@ -32,7 +34,7 @@ def _trusted(evidence: Evidence, bound: float) -> Decision | None:
 def _clipping(evidence: Evidence, bound: float) -> Decision | None:
     # Two simulated people in a room, six cameras: clipping by estimated masks changes box PSNR by -0.49 and +0.05 dB,
     # filling by +0.46 and +0.11.
-    if "masks" not in evidence.facts:
+    if MASKS not in evidence.facts:
         return Decision(
             False,
             None,
@@ -43,7 +45,7 @@ def _clipping(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _filling(evidence: Evidence, bound: float) -> Decision | None:
-    if "masks" not in evidence.facts:
+    if MASKS not in evidence.facts:
         return Decision(
             True,
             None,
@@ -54,7 +56,7 @@ def _filling(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _no_masks(evidence: Evidence) -> str | None:
-    if not {"masks", SEGMENTED} & evidence.facts:
+    if not {MASKS, SEGMENTED} & evidence.facts:
         return "the capture came without masks, and nobody segments the person: the background's shape is a guess"
     return None if len(evidence.sources) > 2 else "fewer than three source views have masks to compare"
 
@@ -93,7 +95,7 @@ def _one_view(evidence: Evidence) -> str | None:
         return "rendering.sources is 1: a picture is made of one source view"
     if len(evidence.sources) < 2:
         return "there is a single source view"
-    if "joints3d" not in evidence.facts and len(evidence.joint_views) < 2:
+    if JOINTS3D not in evidence.facts and len(evidence.joint_views) < 2:
         return "joints, beside which cameras are compared, came with fewer than two source views"
     return None
 
@@ -103,7 +105,7 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
         return None
     colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
     matching = (
-        match(evidence.noted[SURFACE][:, list(evidence.sources)]) if "exposure_matching" in evidence.facts else None
+        match(evidence.noted[SURFACE][:, list(evidence.sources)]) if EXPOSURE_MATCHING in evidence.facts else None
     )
     left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
     if patches < FEWEST:
@@ -119,7 +121,7 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
 
 
 SILHOUETTE_CLIPPING = Effect(
-    "silhouette_clipping",
+    facts.SILHOUETTE_CLIPPING,
     "Take away from rendered pictures what lies beyond the source masks' hull.",
     "share of the masks' rims that the other masks agree on",
     TRUSTED,
@@ -129,7 +131,7 @@ SILHOUETTE_CLIPPING = Effect(
     lacks=_no_masks,
 )
 HOLE_FILLING = Effect(
-    "hole_filling",
+    facts.HOLE_FILLING,
     "Fill small holes of rendered pictures where the source masks' hull says that there is subject.",
     "share of the masks' rims that the other masks agree on",
     TRUSTED,
@@ -139,7 +141,7 @@ HOLE_FILLING = Effect(
     lacks=_no_masks,
 )
 ANTI_ALIASING = Effect(
-    "anti_aliasing",
+    facts.ANTI_ALIASING,
     "Average Gaussians over the pixels of a picture that samples more coarsely than the sources.",
     "pixel of the coarsest target camera over the finest source's, at the subject",
     # Up to a quarter coarser, Gaussians of half a source pixel still cover the target's.
@@ -148,7 +150,7 @@ ANTI_ALIASING = Effect(
     _aliases,
 )
 VIEW_DEPENDENT_COLOR = Effect(
-    "view_dependent_color",
+    facts.VIEW_DEPENDENT_COLOR,
     "Blend the colour of Gaussians from the source views that see them, by angle to the picture's camera.",
     "difference of source views on patches they share, beyond noise",
     # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a

@@ -10,6 +10,7 @@ import torch
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.facts import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from posegaussian.stages.rendering.lift import Lifted, Maps, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
@@ -63,7 +64,7 @@ class FrameRenderer:
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
         self.refined = bool(reader.refined[i])
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
-        self.retouches = bool(self.facts & {"silhouette_clipping", "hole_filling"})
+        self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING})
         self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
         self._lifted: dict[int, Lifted] = {}
         self._photos: dict[int, Photo] = {}
@@ -86,9 +87,7 @@ class FrameRenderer:
             self._seen(camera, view, weight, views, left_out(angles, self.usable, self.params.sources))
             for view, weight in chosen
         ]
-        cutoffs = (
-            mip_filter(camera, self.rig, views, self.reader.subject) if "anti_aliasing" in self.facts else Cutoffs()
-        )
+        cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
         color, alpha = picture.color[0], picture.alpha[0]
         if self.silhouettes is not None:
@@ -97,8 +96,8 @@ class FrameRenderer:
                 alpha.cpu().numpy(),
                 self.silhouettes,
                 camera,
-                "hole_filling" in self.facts,
-                "silhouette_clipping" in self.facts,
+                HOLE_FILLING in self.facts,
+                SILHOUETTE_CLIPPING in self.facts,
             )
             color, alpha = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
         return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
@@ -108,7 +107,7 @@ class FrameRenderer:
             return
         posed = self.reader.maps(self.i, view)
         self._lifted[view] = lift(*posed, DTYPES[self.params.precision], device())
-        if "view_dependent_color" in self.facts and not self.refined:
+        if VIEW_DEPENDENT_COLOR in self.facts and not self.refined:
             self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
     def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.network.params import depth_array
 
+REFINEMENT = fact("refinement")
+"""Name of the refinement stage, and the fact that it is needed."""
 OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 """Beside picture and depth, what the Gaussians of a view are lifted from."""
 REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
@@ -24,12 +26,12 @@ def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
 
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
-    return REFINED if "refinement" in facts else unrefined_arrays(facts)
+    return REFINED if REFINEMENT in facts else unrefined_arrays(facts)
 
 
 def refined_frames(inputs: Inputs) -> np.ndarray:
     """[F] bool: frames of the partition whose refinement was kept; the others are drawn as without it."""
-    if "refinement" not in inputs.facts:
+    if REFINEMENT not in inputs.facts:
         return np.zeros(len(inputs.partition), bool)
     outcome = np.asarray(inputs.read(OUTCOME))
     return np.asarray(outcome[:, 3] < outcome[:, 2])

@@ -7,7 +7,7 @@ from posegaussian.stages.network.params import depth_reads
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
-from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED
+from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -40,10 +40,10 @@ STAGE = Stage(
     run="posegaussian.stages.rendering.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(
-        *(Read(name, when=lambda p, f: "refinement" not in f) for name in ("frames/color", *OF_GAUSSIANS)),
+        *(Read(name, when=lambda p, f: REFINEMENT not in f) for name in ("frames/color", *OF_GAUSSIANS)),
         *depth_reads(unless="refinement"),
-        *(Read(name, when=lambda p, f: "refinement" in f) for name in (*REFINED, OUTCOME)),
-        Read("frames/mask", when=lambda p, f: bool(f & {"silhouette_clipping", "hole_filling"})),
+        *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
+        Read("frames/mask", when=lambda p, f: bool(f & {SILHOUETTE_CLIPPING.name, HOLE_FILLING.name})),
     ),
     writes=(
         ArraySpec(

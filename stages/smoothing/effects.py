@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import SEVERAL_FRAMES
+from posegaussian.stages.pose.facts import POSE_HEATMAPS
+from posegaussian.stages.smoothing import facts
 
 LEAST = 0.1
 """px a frame, jitter or motion: below it a scene is still."""
@@ -35,13 +38,13 @@ def _smoothing(evidence: Evidence, bound: float) -> Decision | None:
 
 def _nothing_to_smooth(evidence: Evidence) -> str | None:
     """Why there is nothing to blend."""
-    if "pose_heatmaps" not in evidence.facts:
+    if POSE_HEATMAPS not in evidence.facts:
         return "no heatmaps are drawn (pose_heatmaps is off)"
-    return None if "several_frames" in evidence.facts else "the capture has a single frame"
+    return None if SEVERAL_FRAMES in evidence.facts else "the capture has a single frame"
 
 
 TEMPORAL_SMOOTHING = Effect(
-    "temporal_smoothing",
+    facts.TEMPORAL_SMOOTHING,
     "Blend pose heatmaps with those of the frames before.",
     "joint jitter over motion",
     # With weight w of the current frame, blending two frames takes 2 w (1 - w) of the noise variance 2 s^2 away

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
 from posegaussian.stages.smoothing.params import SmoothingParams, halo
@@ -17,11 +18,11 @@ def needs(shape: Shape, params: SmoothingParams) -> Resources:
 
 def unneeded(params: SmoothingParams, facts: Facts) -> str | None:
     """No joints, no heatmaps to smooth; where smoothing is off, readers take the heatmaps as they were drawn."""
-    if not {"joints2d", "joints3d"} & facts:
+    if not {JOINTS2D, JOINTS3D} & facts:
         return "the capture has no joints"
-    if "pose_heatmaps" not in facts:
+    if POSE_HEATMAPS.name not in facts:
         return "the effect pose_heatmaps is off"
-    return None if "temporal_smoothing" in facts else "the effect temporal_smoothing is off"
+    return None if TEMPORAL_SMOOTHING.name in facts else "the effect temporal_smoothing is off"
 
 
 STAGE = Stage(

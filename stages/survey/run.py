@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
 from posegaussian.stages.survey.algorithms.look import Look
@@ -33,7 +34,7 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
     yield Block("survey/sample", padded(chosen, (params.sample,), -1), view)
     sampled = Sampled(inputs, params, view, numbers, chosen, sample_numbers(chosen, FEW))
     looks = [m.look(sampled) for m in MEASURES if m.asked(inputs.facts)]
-    ahead = _joints_ahead(inputs, view, looks) if "detected" in inputs.facts else []
+    ahead = _joints_ahead(inputs, view, looks) if ESTIMATED in inputs.facts else []
     yield from look(inputs, view, [*ahead, *looks])
 
 

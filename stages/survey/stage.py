@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Facts, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, Facts
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES
 from posegaussian.stages.survey.measures.declaration import Source
@@ -27,15 +28,15 @@ def _looked_at(source: Source, params: SurveyParams, facts: Facts) -> bool:
 
 
 def _joints(params: SurveyParams, facts: Facts) -> bool:
-    return "detected" not in facts and _looked_at("joints2d", params, facts)
+    return ESTIMATED not in facts and _looked_at("joints2d", params, facts)
 
 
 def _estimator(params: SurveyParams, facts: Facts) -> bool:
-    return "detected" in facts and _looked_at("joints2d", params, facts)
+    return ESTIMATED in facts and _looked_at("joints2d", params, facts)
 
 
 def _joints3d(params: SurveyParams, facts: Facts) -> bool:
-    return "joints2d" not in facts and _looked_at("joints3d", params, facts)
+    return JOINTS2D not in facts and _looked_at("joints3d", params, facts)
 
 
 def _masks(params: SurveyParams, facts: Facts) -> bool:

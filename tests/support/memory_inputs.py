@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Params, Stage, resolve
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, TaskScope, Views
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.storage.model.cameras import CameraPath, Rig
@@ -77,7 +78,7 @@ class MemoryInputs(TimedInputs):
                 source_rig=source_rig or rig,
                 captured_to_calibrated=crops,
                 path=path,
-                facts=facts | on,
+                facts=Facts(facts | on),
                 joint_set=joint_set,
             )
         )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 
@@ -60,7 +60,7 @@ class DepthMethod:
     with the assumed distance, or follows from that distance."""
     useful_angle: float = 20.0
     """Degrees at the subject from a single source view up to which pictures are worth looking at: see
-    docs/monocular.md."""
+    docs/measurements/monocular.md."""
     alone: str = ""
     """What the depth of a single source view is, for the plan's note; `{distance}` stands for metres to the subject."""
     working: int = 600

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.methods.declaration import DepthMethod

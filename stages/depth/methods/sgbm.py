@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posegaussian.stages.contract.declaration import Facts
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import TRUTH_DEPTH, Facts
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.methods.declaration import DepthMethod
@@ -16,7 +16,7 @@ def _maps(inputs: Inputs, params: SearchSettings, view: int) -> tuple[np.ndarray
 
 
 def _lacks(facts: Facts) -> str | None:
-    if "truth_depth" in facts:
+    if TRUTH_DEPTH in facts:
         return None
     return "the capture has no true depth for every source view (only simulated captures have); use auto"
 

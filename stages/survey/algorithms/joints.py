@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.detection.reader import joint_reader
 from posegaussian.stages.geometry.consistency import reprojection_residual
@@ -33,7 +34,7 @@ def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
 
     2D joints are taken to be in captured pixels; only source views are looked at.
     """
-    if "joints2d" not in inputs.facts:
+    if JOINTS2D not in inputs.facts:
         given = inputs.source("joints3d")
         return _known(to_set(np.asarray(given.read(number), dtype=np.float64), given.joint_set, "coco17"))
     return triangulate(inputs.rig.subset(list(inputs.views.sources)), seen_joints(inputs, number), SCORE, RESIDUAL)
@@ -87,7 +88,7 @@ def runs_of_joints(inputs: Inputs, view: int, runs: list[np.ndarray]) -> np.ndar
 
     Without 2D joints, given 3D joints as a camera without lens would see them.
     """
-    if "joints2d" in inputs.facts:
+    if JOINTS2D in inputs.facts:
         joints = joint_reader(inputs)
         found = [[largest(joints.read(view, int(n))) for n in run] for run in runs]
     else:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
@@ -21,7 +22,7 @@ class ColorsLook(Look):
         """Of every sampled frame."""
         from posegaussian.stages.survey.algorithms.patches import PATCHES
 
-        known = "joints2d" in s.inputs.facts or "joints3d" in s.inputs.facts
+        known = JOINTS2D in s.inputs.facts or JOINTS3D in s.inputs.facts
         self.numbers = s.if_source(s.chosen) if known else NO_FRAMES
         self.joints_of_all = s.chosen
         self._inputs, self._view = s.inputs, s.view

@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from posegaussian.stages.contract.declaration import Facts
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 from posegaussian.storage.model.spec import ArraySpec

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
@@ -24,7 +25,7 @@ class MotionLook(Look):
         from posegaussian.stages.survey.algorithms.motion import run_starts
 
         self._inputs, self._view, self._is_source = s.inputs, s.view, s.is_source
-        self._runs = run_starts(s.numbers, s.chosen if "detected" not in s.inputs.facts else s.chosen[::FEWER])
+        self._runs = run_starts(s.numbers, s.chosen if ESTIMATED not in s.inputs.facts else s.chosen[::FEWER])
         self.joints = s.if_source(np.concatenate([*self._runs, NO_FRAMES]))
 
     def blocks(self) -> Iterator[Block]:

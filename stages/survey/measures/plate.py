@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import JOINTS2D
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled, Source, SurveySettings
@@ -18,7 +19,7 @@ def _look(s: Sampled) -> Look:
     from posegaussian.stages.survey.algorithms.plate import PlateLook
     from posegaussian.stages.survey.algorithms.sample import sample_numbers
 
-    joints = joint_reader(s.inputs) if "joints2d" in s.inputs.facts and s.params.joints_margin > 0 else None
+    joints = joint_reader(s.inputs) if JOINTS2D in s.inputs.facts and s.params.joints_margin > 0 else None
     numbers = sample_numbers(s.numbers, s.params.sample)
     return PlateLook(s.inputs, s.view, numbers, s.params.sample, joints, s.params.joints_margin)
 

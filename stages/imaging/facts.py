@@ -1,0 +1,8 @@
+"""Names of the effects that kernels look for: apart from how they are decided, which is no part of a kernel's code."""
+
+from __future__ import annotations
+
+from posegaussian.stages.contract.facts import fact
+
+UNDISTORTION = fact("undistortion")
+CROP_SCALE = fact("crop_scale")

@@ -1,0 +1,10 @@
+"""Names of the effects that kernels look for: apart from how they are decided, which is no part of a kernel's code."""
+
+from __future__ import annotations
+
+from posegaussian.stages.contract.facts import fact
+
+SILHOUETTE_CLIPPING = fact("silhouette_clipping")
+HOLE_FILLING = fact("hole_filling")
+ANTI_ALIASING = fact("anti_aliasing")
+VIEW_DEPENDENT_COLOR = fact("view_dependent_color")

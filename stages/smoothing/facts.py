@@ -1,0 +1,7 @@
+"""Names of the effects that kernels look for: apart from how they are decided, which is no part of a kernel's code."""
+
+from __future__ import annotations
+
+from posegaussian.stages.contract.facts import fact
+
+TEMPORAL_SMOOTHING = fact("temporal_smoothing")
