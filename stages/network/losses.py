@@ -44,8 +44,8 @@ def _blur(x: torch.Tensor) -> torch.Tensor:
 
 
 def ssim_map(picture: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """[B, C, h, w] SSIM at every pixel of pictures [B, C, h, w] in 0..1, the definition of stages/metrics/ssim.py,
-    differentiable.
+    """[B, C, h, w] SSIM at every pixel of pictures [B, C, h, w] in 0..1, the definition of
+    stages/metrics/measures/ssim.py, differentiable.
 
     In float32 a variance is a difference of nearly equal numbers: the squares are taken of what differs from the
     picture's mean, variances below 0 are 0, and SSIM stays within -1..1; where one of these bounds acts, the gradient
