@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.pipeline import film
+from tests.support.pipeline import film
 
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = ("dags", "stages", "storage")

@@ -23,7 +23,7 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.fuse import transfer
 from posegaussian.stages.matching.sampling import disagreement
 from posegaussian.stages.network.silhouettes import TOLERANCE, silhouettes_of
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.stages.splatting.rasterizer import rasterize
@@ -146,7 +146,7 @@ def drawn_from(
     camera = Camera(rig.intrinsics[target], rig.world_to_camera[target], width, height)
     parts = [
         lift(
-            Maps(shown.color[v], *maps[v]),
+            GaussianMaps(shown.color[v], *maps[v]),
             rig.intrinsics[v],
             rig.world_to_camera[v],
             torch.float32,

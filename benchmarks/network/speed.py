@@ -34,7 +34,7 @@ from posegaussian.stages.network.asset import SHIPPED
 from posegaussian.stages.network.card import read_card
 from posegaussian.stages.network.inference import learned_of, predict
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
-from posegaussian.stages.network.model.pairs import SourceView, Views, rectified_pair, start_on
+from posegaussian.stages.network.model.pairs import PairViews, SourceView, rectified_pair, start_on
 from posegaussian.stages.network.model.pairs import windows as around
 from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.stages.network.weights import load_weights
@@ -107,7 +107,7 @@ def network_of(preset: str, weights: Path | None) -> tuple[PoseGaussianNetwork, 
     return network, trained
 
 
-def end_point_error(prediction: Prediction, views: Views, truth: torch.Tensor) -> float:
+def end_point_error(prediction: Prediction, views: PairViews, truth: torch.Tensor) -> float:
     """Mean over the pixels with a start and a truth, px."""
     there = views.known & torch.isfinite(truth)
     return float((prediction.disparity - truth).abs()[there].mean())

@@ -36,20 +36,20 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed, TaskStarted
 from posegaussian.dags.runtime.executors.prefetch import MOST
 from posegaussian.dags.runtime.scheduler import Run
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.dags.runtime.worker import StoreInputs
 from posegaussian.stages.contract.declaration import Stage
 from posegaussian.stages.contract.io import Block
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import Output, Receipt
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.spec import ArraySpec, digest
 
 WORKERS = 2
 REAL = posegaussian.dags.runtime.worker.execute
 
 
-def outputs(stage: Stage, order: Order) -> Iterator[Block]:
+def outputs(stage: Stage, order: WorkOrder) -> Iterator[Block]:
     """An empty block for everything a task would write."""
     for spec in stage.writes_for(order.scope.facts):
         every = isinstance(spec, ArraySpec) and spec.per_view and order.scope.view is None
@@ -57,13 +57,13 @@ def outputs(stage: Stage, order: Order) -> Iterator[Block]:
             yield Block(spec.name, None, view)
 
 
-def write_nothing(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: Lease) -> Output:
+def write_nothing(sequence: SequenceGroup, stage: Stage, order: WorkOrder, block: Block, lease: Lease) -> Output:
     """The record of a shard that is not there."""
     name = block.array.format(path=order.path_name)
     return Output(name, block.view, digest([name, block.view, order.partition]), ())
 
 
-def task(order: Order, seconds: float, sync: bool) -> Receipt:
+def task(order: WorkOrder, seconds: float, sync: bool) -> Receipt:
     """One task whose kernel sleeps; the worker's modules are changed for its lifetime."""
 
     def kernel(inputs: StoreInputs, params: Any) -> Iterator[Block]:

@@ -37,7 +37,7 @@ from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.refinement.optimise import Filmed
 from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
-from posegaussian.stages.rendering.lift import Maps
+from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.rendering.run import quantise
 from posegaussian.stages.rendering.sources import unrefined_arrays
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
@@ -80,7 +80,8 @@ def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[flo
     }
     masks = {v: results.read("frames/mask", frame, v)[0] for v in (*views.sources, *views.held_out)}
     maps = {
-        v: Maps(*(results.read(a, frame, v)[0] for a in unrefined_arrays(results.context.facts))) for v in views.sources
+        v: GaussianMaps(*(results.read(a, frame, v)[0] for a in unrefined_arrays(results.context.facts)))
+        for v in views.sources
     }
     filmed = [_filmed(cameras[v], np.asarray(maps[v].color), masks[v]) for v in views.sources]
     silhouettes = silhouettes_of(rig, {v: masks[v] for v in views.sources})

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.refinement.optimise import Filmed, loss
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
 from posegaussian.stages.splatting.quaternions import rotations
 from posegaussian.stages.splatting.rasterizer import rasterize
@@ -57,7 +57,7 @@ class PlainGaussians:
         )
 
 
-def hull_points(maps: Mapping[int, Maps], cameras: Mapping[int, Camera]) -> PlainGaussians:
+def hull_points(maps: Mapping[int, GaussianMaps], cameras: Mapping[int, Camera]) -> PlainGaussians:
     """Every n-th pixel of the hull's depth maps, in the colour it has there, as wide as the points are apart."""
     lifted = [
         lift(

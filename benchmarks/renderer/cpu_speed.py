@@ -165,7 +165,7 @@ class Scene:
             lap("bin", lambda: backend.list_tiles(*kept["project"][:2], task))
             bases, starts, entries, owners = kept["bin"]
             lap("sort", lambda s=starts, e=entries, o=owners: backend.sort_tiles(s, e, o, task, backend.scratch))
-            lists = backend.Lists(kept["project"][0], bases, starts, *kept["sort"], 0)
+            lists = backend.CpuTileLists(kept["project"][0], bases, starts, *kept["sort"], 0)
             lap("composite", lambda k=lists: backend.draw(k, task, False))
             lap("composite, training", lambda k=lists: backend.draw(k, task, True))
             lap("composite back", lambda k=lists: backend.draw_backward(k, task, kept["composite, training"][2:], *up))

@@ -23,7 +23,7 @@ import torch
 
 from benchmarks.report import publish
 from posegaussian.stages.gaussians.prior import normals, scales
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition import reference
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
 from posegaussian.stages.splatting.gpu import backend
@@ -103,7 +103,7 @@ def person(size: int) -> tuple[Gaussians, Camera]:
         k = np.asarray(source.intrinsics)
         normal = normals(depth, k)
         face_on = np.where(depth > 0, np.float32(0.99), np.float32(0))
-        maps = Maps(
+        maps = GaussianMaps(
             color, depth, scales(depth, normal, k, FOOTPRINT, 0.1, 0.5), normal, np.stack([face_on, 0.8 * face_on])
         )
         parts.append(

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.gaussians.prior import normals, scales
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.simulator.subjects.capsule_person import look_at, render
 from posegaussian.stages.simulator.subjects.motion import pose
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
@@ -46,7 +46,7 @@ def person(size: int) -> tuple[Gaussians, Camera]:
         normal = normals(depth, np.asarray(source.intrinsics))
         scale = scales(depth, normal, np.asarray(source.intrinsics), FOOTPRINT, 0.1, 0.5)
         face_on = np.where(depth > 0, 0.99 * mask / np.float32(255), 0)
-        maps = Maps(color, depth, scale, normal, np.stack([face_on, 0.8 * face_on]))
+        maps = GaussianMaps(color, depth, scale, normal, np.stack([face_on, 0.8 * face_on]))
         parts.append(
             lift(
                 maps,

@@ -21,7 +21,7 @@ from posegaussian.dags.ablation.tables import write
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.training.frame_producers import FrameError
-from posegaussian.dags.training.loop import PARTS, Order, Parts, train
+from posegaussian.dags.training.loop import PARTS, Parts, TrainingOrder, train
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import UserError
 
@@ -168,7 +168,9 @@ class _Work:
             minutes = (self.deadline - time.monotonic()) / 60.0 if self.order.minutes is not None else None
             order = self.order
             train(
-                Order(cell.config, cell.folder, self.frames, minutes, order.threads, order.workers, order.device),
+                TrainingOrder(
+                    cell.config, cell.folder, self.frames, minutes, order.threads, order.workers, order.device
+                ),
                 lambda line: self.say(f"  {line}"),
                 self.parts,
             )

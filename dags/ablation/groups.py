@@ -30,7 +30,7 @@ ERROR = "epe"
 
 
 @dataclass(frozen=True)
-class Footage:
+class SimulatedFootage:
     """The simulated sequences on which the rows of a group run, one a seed."""
 
     frames: int
@@ -59,8 +59,8 @@ class Footage:
 
 FOOTAGE = {
     # 4 px at 512 px, 10 % missing, 2 % elsewhere: the faults of docs/measurements/joints.md.
-    "tps": Footage(8, 30.0, 256, effects={"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
-    "cameras": Footage(2, 2.0, 512),
+    "tps": SimulatedFootage(8, 30.0, 256, effects={"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
+    "cameras": SimulatedFootage(2, 2.0, 512),
 }
 """{group: what its rows run on}: as few and as small pictures as show what the group is about."""
 
@@ -94,7 +94,7 @@ class Group:
     """What may be compared with the paper and between rows, and what not."""
     joint: bool = False
     """Whether its settings matter in the second phase of training alone."""
-    footage: Footage | None = None
+    footage: SimulatedFootage | None = None
     """What its rows run on; None: they are trainings."""
     shown: tuple[str, ...] = ()
     """Measures in the table, in their order; empty: all that there are."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from posegaussian.dags.ablation.cells import Cell
-from posegaussian.dags.training.frame_producers import Frames
+from posegaussian.dags.training.frame_producers import ProducedFrames
 from posegaussian.dags.training.loop import Parts, chosen_device, producers
 from posegaussian.dags.training.state import unpacked
 from posegaussian.stages.contract.declaration import resolve
@@ -42,9 +42,9 @@ def measure(
             f"{cell.folder} has no checkpoint of step {cell.config.steps} to measure with another T; delete"
             f" {cell.folder} to train it again"
         )
-    shown = Frames(cell.config, producers(cell.config, frames, parts, 0), lambda step: range(0), say).of_validation(
-        go_on
-    )
+    shown = ProducedFrames(
+        cell.config, producers(cell.config, frames, parts, 0), lambda step: range(0), say
+    ).of_validation(go_on)
     if shown is None:
         return False
     for t in missing:

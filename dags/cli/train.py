@@ -69,7 +69,7 @@ def train(
     Example: posegaussian train --config fast.yaml --minutes 30
     """
     from posegaussian.dags.training.config import load_training
-    from posegaussian.dags.training.loop import Order, cores
+    from posegaussian.dags.training.loop import TrainingOrder, cores
     from posegaussian.dags.training.loop import train as run
     from posegaussian.storage.model.errors import ConfigError
 
@@ -81,6 +81,6 @@ def train(
         output_folder("train --output", output)
     folder = output or Path(f"training-{config.stem if config else 'default'}")
     run(
-        Order(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device),
+        TrainingOrder(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device),
         lambda line: say([line]),
     )

@@ -10,7 +10,7 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from posegaussian.dags.planning.effects import Verdict
+from posegaussian.dags.planning.effects import EffectVerdict
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.task_cost import load
 from posegaussian.dags.planning.tasks import tasks_of
@@ -65,28 +65,28 @@ def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
             yield f"{stage.name}.{choice.setting}", str(answer), str(getattr(params, choice.setting)), why
 
 
-def _measured(v: Verdict) -> str:
+def _measured(v: EffectVerdict) -> str:
     if v.decision is None:
         return "after survey"
     return "" if v.decision.measured is None else v.effect.quantity(f"{v.decision.measured:.3g}")
 
 
-def _state(v: Verdict) -> str:
+def _state(v: EffectVerdict) -> str:
     return "undecided (auto)" if v.decision is None else f"{v.state} ({'auto' if v.setting == 'auto' else 'forced'})"
 
 
-def _why(v: Verdict) -> str:
+def _why(v: EffectVerdict) -> str:
     return f"{v.effect.measure}: known once the survey ran" if v.decision is None else v.decision.reason
 
 
-def _time(v: Verdict, spent: float | None) -> str:
+def _time(v: EffectVerdict, spent: float | None) -> str:
     if v.decision is None or spent is None:
         return "unknown"
     amount = f"{abs(spent):.2g} s"
     return f"spends {amount}" if v.decision.on == (spent >= 0) else f"saves {amount}"
 
 
-def seconds(plan: Plan, verdict: Verdict, rows: Iterable[Mapping[str, Any]]) -> float | None:
+def seconds(plan: Plan, verdict: EffectVerdict, rows: Iterable[Mapping[str, Any]]) -> float | None:
     """Seconds that an effect costs while it is on, over all tasks of its stages, one after the other; None where
     unknown.
 

@@ -67,7 +67,7 @@ class Array:
 
 
 @dataclass
-class Card:
+class StageCard:
     """One stage of the picture."""
 
     name: str
@@ -97,11 +97,11 @@ class Card:
         return self.note() + (f"; reads the files {', '.join(self.sources)}" if self.sources else "")
 
 
-def cards(plans: Sequence[Plan]) -> list[Card]:
+def cards(plans: Sequence[Plan]) -> list[StageCard]:
     """The stages, in the order of flow, with what all plans together say of them and of their arrays."""
-    out: list[Card] = []
+    out: list[StageCard] = []
     for stage in STAGES:
-        card = Card(stage.name, arrays=[Array(w.name) for w in stage.writes])
+        card = StageCard(stage.name, arrays=[Array(w.name) for w in stage.writes])
         for p in plans:
             card.counts += p.counts(stage)
             _count_shards(card, p)
@@ -128,7 +128,7 @@ def cards(plans: Sequence[Plan]) -> list[Card]:
     return out
 
 
-def _count_shards(card: Card, plan: Plan) -> None:
+def _count_shards(card: StageCard, plan: Plan) -> None:
     stage = next(s for s in STAGES if s.name == card.name)
     written = {w.name: w for w in stage.writes_for(plan.context.facts)}
     by_name = {a.name: a for a in card.arrays}
@@ -177,7 +177,7 @@ def title(plans: Sequence[Plan]) -> str:
     return ", ".join(some) + (f" and {len(plans) - 3} more sequences" if len(plans) > 3 else "")
 
 
-def mermaid(drawn: Sequence[Card], heading: str) -> str:
+def mermaid(drawn: Sequence[StageCard], heading: str) -> str:
     """The graph as Mermaid flowchart text, left to right."""
     lines = ["---", f"title: {quoteattr(heading)}", "---", "flowchart LR"]
     classes = {
@@ -205,7 +205,7 @@ def _quoted(text: str) -> str:
     return escape(text).replace('"', "#quot;").replace("{", "#123;").replace("}", "#125;")
 
 
-def draw(drawn: Sequence[Card], words: str, file: Path) -> None:
+def draw(drawn: Sequence[StageCard], words: str, file: Path) -> None:
     """Write the graph as a chart: a line an array, from the square in its writer's column to the dots in its
     readers'."""
     from posegaussian.dags.charts.style import FAINT, chart, heading

@@ -23,7 +23,7 @@ from posegaussian.dags.planning.tasks import Task, dependencies
 from posegaussian.dags.provenance.code_digest import FOLDERS, ROOT
 from posegaussian.dags.provenance.once import once, one_moment
 from posegaussian.stages.registry import STAGES
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import parse_json, read_file
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import UserError
@@ -131,7 +131,7 @@ def _blocked(plan: Plan, failed: frozenset[Task]) -> set[Task]:
     return blocked
 
 
-def _basis(planner: Planner, sequence: Sequence, failed: list[tuple[Any, ...]]) -> str:
+def _basis(planner: Planner, sequence: SequenceGroup, failed: list[tuple[Any, ...]]) -> str:
     """Digest of everything the numbers follow from but the shards: a replaced file has another inode, size or time."""
     settings = planner.configuration.for_sequence(sequence.name)
     files = [sequence.root / "zarr.json", *(Path(p) for p in settings.rendering.paths or () if p.endswith(".json"))]
@@ -169,7 +169,7 @@ def _listing(folder: str) -> Iterator[str]:
             yield _stamp(entry.path)
 
 
-def _remembered(file: Path, basis: str, sequence: Sequence) -> Numbers | None:
+def _remembered(file: Path, basis: str, sequence: SequenceGroup) -> Numbers | None:
     """The numbers kept for this basis, if every shard is there with its size."""
     try:
         kept = parse_json(read_file(file, MOST_BYTES))

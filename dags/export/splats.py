@@ -90,12 +90,12 @@ def frame_gaussians(results: Results, frame: int, views: Sequence[int], dtype: t
     """The Gaussians that rendering lifts from one frame of some views, view by view, in the world."""
     import torch
 
-    from posegaussian.stages.rendering.lift import Maps, lift
+    from posegaussian.stages.rendering.lift import GaussianMaps, lift
     from posegaussian.stages.splatting.definition.scene import Gaussians
 
     parts = []
     for view in views:
-        maps = Maps(
+        maps = GaussianMaps(
             *(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts))
         )
         lifted = lift(

@@ -14,7 +14,7 @@ from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.importing.replace import make_room, same
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.registry import STAGES
-from posegaussian.storage.archive.store import SOURCES, Archive, Sequence
+from posegaussian.storage.archive.store import SOURCES, Archive, SequenceGroup
 from posegaussian.storage.files.names import check_camera_names, refuse_links
 from posegaussian.storage.files.write import whole_file
 from posegaussian.storage.importers import find
@@ -65,7 +65,7 @@ def partition_length(capture: Capture, settings: Any) -> int:
 
 def register(
     archive: Archive, name: str, capture: Capture, settings: Any, copy: bool = False, replace: bool = False
-) -> tuple[Sequence, list[str]]:
+) -> tuple[SequenceGroup, list[str]]:
     """Write a capture into the archive; returns the sequence and sentences about what was decided.
 
     A sequence that exists keeps its partition length, so that what was computed stays usable. Raises ArchiveError where
@@ -84,7 +84,7 @@ def register(
     return archive.create_sequence(name, capture, length), said
 
 
-def _updated(old: Sequence, capture: Capture, length: int) -> str:
+def _updated(old: SequenceGroup, capture: Capture, length: int) -> str:
     """What importing the capture of a sequence again does to it."""
     if json.dumps(capture.to_json()) == json.dumps(old.record["capture"]):
         return f"sequence {old.name} is unchanged"

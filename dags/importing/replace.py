@@ -10,12 +10,12 @@ from pathlib import Path
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.runtime.run_registry import refuse_busy
 from posegaussian.storage.archive.receipts import scan_receipts
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.model.capture import Capture, SourceFile
 from posegaussian.storage.model.errors import ArchiveError, BrokenRecord
 
 
-def there(archive: Archive, name: str) -> Sequence | None:
+def there(archive: Archive, name: str) -> SequenceGroup | None:
     """The sequence of a name; None for a new one, and for one whose record is broken and is replaced now.
 
     Raises ArchiveError for a sequence of a newer format.
@@ -55,7 +55,7 @@ def filmed_into(folder: Path) -> Callable[[Capture], bool]:
 
 def make_room(
     archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool
-) -> tuple[Sequence | None, list[str]]:
+) -> tuple[SequenceGroup | None, list[str]]:
     """The sequence that the import updates, or None where it makes a new one, and sentences; another capture under that
     name is removed, if told so.
 
@@ -85,7 +85,7 @@ def _pictures(capture: Capture) -> list[SourceFile]:
     return [f for s in capture.pictures for f in s.files]
 
 
-def _told(sequence: Sequence) -> str:
+def _told(sequence: SequenceGroup) -> str:
     """What is registered, and where it came from."""
     c = sequence.capture
     folder = os.path.commonpath([str(Path(f.path).parent) for f in _pictures(c)])
@@ -96,7 +96,7 @@ def _told(sequence: Sequence) -> str:
     )
 
 
-def _results(sequence: Sequence) -> str:
+def _results(sequence: SequenceGroup) -> str:
     made = sum(1 for _ in scan_receipts(sequence))
     return (
         f"all that was computed from it ({number(made, 'result')})"

@@ -7,17 +7,17 @@ from html import escape
 from pathlib import Path
 
 from posegaussian.dags.inspection.figures import PairPicture
-from posegaussian.stages.inspection.finding import Finding, Verdict, by_measure
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, by_measure
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.report import Report
 from posegaussian.storage.files.write import write_atomically
 
 COLORS = {
-    Verdict.GOOD: "#2f9e63",
-    Verdict.DOUBTFUL: "#c77700",
-    Verdict.BAD: "#c92a2a",
-    Verdict.UNKNOWN: "#7a828e",
-    Verdict.NOTE: "#3b6fb6",
+    FindingVerdict.GOOD: "#2f9e63",
+    FindingVerdict.DOUBTFUL: "#c77700",
+    FindingVerdict.BAD: "#c92a2a",
+    FindingVerdict.UNKNOWN: "#7a828e",
+    FindingVerdict.NOTE: "#3b6fb6",
 }
 STYLE = """
 body{font:15px/1.45 Helvetica,Arial,'DejaVu Sans',sans-serif;
@@ -87,7 +87,7 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
 
 def _to_do(report: Report) -> str:
     if not report.to_do:
-        return "<p>There is nothing to do.</p>" if report.verdict is Verdict.GOOD else ""
+        return "<p>There is nothing to do.</p>" if report.verdict is FindingVerdict.GOOD else ""
     items = [
         f'<li>{_mark(verdict)} <span class="do">{escape(advice)}</span>{escape(found)}</li>'
         for verdict, found, advice in report.to_do
@@ -101,7 +101,7 @@ def _unmeasured(report: Report) -> str:
     return "<h2>Not measured</h2><ul>" + "".join(f"<li>{escape(u)}</li>" for u in report.unmeasured) + "</ul>"
 
 
-def _mark(verdict: Verdict) -> str:
+def _mark(verdict: FindingVerdict) -> str:
     return f'<span class="mark" style="background:{COLORS[verdict]}">{verdict}</span>'
 
 

@@ -22,7 +22,7 @@ from posegaussian.stages.detection.params import DetectionParams, estimator_choi
 from posegaussian.stages.frames.params import matte_choice
 from posegaussian.stages.imaging.camera_mapping import frames_size
 from posegaussian.stages.inspection.cameras import of_sizes, size_unexplained
-from posegaussian.stages.inspection.finding import Finding, Verdict, worst_first
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, worst_first
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
@@ -34,11 +34,11 @@ LONGEST = 1280
 """Longer side in px of the pictures in which features are looked for:
 larger ones have no more features that two views share."""
 STYLE = {
-    Verdict.GOOD: "green",
-    Verdict.DOUBTFUL: "yellow",
-    Verdict.BAD: "red",
-    Verdict.UNKNOWN: "dim",
-    Verdict.NOTE: "cyan",
+    FindingVerdict.GOOD: "green",
+    FindingVerdict.DOUBTFUL: "yellow",
+    FindingVerdict.BAD: "red",
+    FindingVerdict.UNKNOWN: "dim",
+    FindingVerdict.NOTE: "cyan",
 }
 
 
@@ -152,7 +152,7 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)
-    return 1 if report.verdict is Verdict.BAD else 0
+    return 1 if report.verdict is FindingVerdict.BAD else 0
 
 
 def table(name: str, report: Report) -> Table:
@@ -174,9 +174,9 @@ def table(name: str, report: Report) -> Table:
 def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
     """Findings worst first; of a measure that is good, noted or unknown the one nearest to its bound, and how many
     more there are."""
-    kept: dict[tuple[str, Verdict], list[Finding]] = {}
+    kept: dict[tuple[str, FindingVerdict], list[Finding]] = {}
     for f in worst_first(findings):
-        alone = f.verdict in (Verdict.BAD, Verdict.DOUBTFUL)
+        alone = f.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL)
         kept.setdefault((f"{f.measure} {f.about}" if alone else f.measure, f.verdict), []).append(f)
     for same in kept.values():
         yield same[0], len(same) - 1

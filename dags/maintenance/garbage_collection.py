@@ -61,8 +61,7 @@ from posegaussian.storage.archive.deletion import (
 from posegaussian.storage.archive.lease import SUFFIX, wait_for
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.receipts import Receipt
-from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.archive.store import Sequence as Group
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import files_below, folders_in
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import ConfigError, NotWritten
@@ -84,7 +83,7 @@ KEPT_RUNS = 20
 
 
 @dataclass(frozen=True)
-class Item:
+class Deletable:
     """Something that could go."""
 
     kind: str
@@ -103,9 +102,9 @@ class Item:
     """Deletes it, too, one piece with every step, and writes nothing: for a disk on which nothing can be written."""
 
 
-def items(plans: Sequence[Plan], archive: Archive) -> list[Item]:
+def items(plans: Sequence[Plan], archive: Archive) -> list[Deletable]:
     """All that could go of some planned sequences and of the archive they lie in."""
-    found: list[Item] = []
+    found: list[Deletable] = []
     for plan in plans:
         found += [*_strays(plan), *_unwanted(plan)]
         if lost_source(plan.context) is None:
@@ -123,7 +122,7 @@ def notes(plans: Sequence[Plan]) -> list[str]:
     ]
 
 
-def apply(chosen: Sequence[Item], plans: Sequence[Plan]) -> int:
+def apply(chosen: Sequence[Deletable], plans: Sequence[Plan]) -> int:
     """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a
     sequence, NotWritten where there is no room for its own lease and none can be made."""
     sequences = {p.context.sequence.name: p.context.sequence for p in plans}
@@ -139,7 +138,7 @@ def apply(chosen: Sequence[Item], plans: Sequence[Plan]) -> int:
     return freed
 
 
-def _delete(sequence: Group, item: Item) -> None:
+def _delete(sequence: SequenceGroup, item: Deletable) -> None:
     """Delete under the lease of a sequence's arrays; where the disk has no room for what that writes, pieces of the
     item make some.
 
@@ -167,7 +166,7 @@ def _one_by_one(delete: Callable[[T], object], things: Iterable[T]) -> Iterator[
         yield
 
 
-def _arrays(plan: Plan) -> Iterator[Item]:
+def _arrays(plan: Plan) -> Iterator[Deletable]:
     """One item an array: outputs whose readers are all done."""
     sequence, settings = plan.context.sequence, plan.context.settings
     groups: dict[str, dict[Task, list[tuple[str, int | None]]]] = defaultdict(lambda: defaultdict(list))
@@ -191,7 +190,7 @@ def _arrays(plan: Plan) -> Iterator[Item]:
             )
             return _one_by_one(lambda o: delete_files(sequence.place(f.key) for f in o.files), kept)
 
-        yield Item(
+        yield Deletable(
             "arrays",
             sequence.name,
             f"{array}, {number(len(tasks), 'task')}",
@@ -209,7 +208,7 @@ def _cost(plan: Plan, tasks: list[Task]) -> str:
     return f"{sum(known):.0f} s" if len(known) == len(tasks) else "time unknown"
 
 
-def _unwanted(plan: Plan) -> Iterator[Item]:
+def _unwanted(plan: Plan) -> Iterator[Deletable]:
     """Receipts and outputs of tasks that are not in the plan:
     other camera paths, a longer range, stages that are not needed."""
     sequence, lost = plan.context.sequence, lost_source(plan.context)
@@ -237,7 +236,7 @@ def _unwanted(plan: Plan) -> Iterator[Item]:
             "stages": f"{stages} under settings that need it",
         }[kind]
         size = sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped)
-        yield Item(
+        yield Deletable(
             kind,
             sequence.name,
             subject,
@@ -273,7 +272,7 @@ def _subject(kind: str, task: Task) -> str:
     }[kind]
 
 
-def _strays(plan: Plan) -> Iterator[Item]:
+def _strays(plan: Plan) -> Iterator[Deletable]:
     """Half written files, shards without a receipt, and what an interrupted reshard left."""
     sequence = plan.context.sequence
     partial = partial_files(sequence.root)
@@ -293,7 +292,7 @@ def _strays(plan: Plan) -> Iterator[Item]:
                 if p.is_dir():
                     delete_folder(p)
 
-        yield Item(
+        yield Deletable(
             "strays",
             sequence.name,
             f"{len(partial)} half written files, {len(loose)} shards without a receipt",
@@ -303,7 +302,7 @@ def _strays(plan: Plan) -> Iterator[Item]:
             lambda: _one_by_one(lambda p: delete_files([p]), [p for p in [*partial, *loose] if p.is_file()]),
         )
     for folder in leftovers(sequence):
-        yield Item(
+        yield Deletable(
             "strays",
             sequence.name,
             f"left over from resharding: {folder.name}",
@@ -314,15 +313,15 @@ def _strays(plan: Plan) -> Iterator[Item]:
         )
 
 
-def _path_folders(sequence: Group) -> list[Path]:
+def _path_folders(sequence: SequenceGroup) -> list[Path]:
     return [p for top in ("rendering", "metrics") for p in folders_in(sequence.place(top))]
 
 
-def _variants(archive: Archive) -> Iterator[Item]:
+def _variants(archive: Archive) -> Iterator[Deletable]:
     folder = archive.place(VARIANTS)
     if folder.is_dir():
         size = sum(s.st_size for p in files_below(folder) if (s := os.lstat(p)).st_nlink == 1)
-        yield Item(
+        yield Deletable(
             "variants",
             "",
             f"{len(list(folder.iterdir()))} variants of tradeoff",
@@ -332,10 +331,10 @@ def _variants(archive: Archive) -> Iterator[Item]:
         )
 
 
-def _kept(archive: Archive) -> Iterator[Item]:
+def _kept(archive: Archive) -> Iterator[Deletable]:
     lying = kept.entries(archive)
     if lying:
-        yield Item(
+        yield Deletable(
             "variants",
             "",
             f"{number(len(lying), 'result')} of other settings (run.keep_variants)",
@@ -345,7 +344,7 @@ def _kept(archive: Archive) -> Iterator[Item]:
         )
 
 
-def _runs(archive: Archive) -> Iterator[Item]:
+def _runs(archive: Archive) -> Iterator[Deletable]:
     old = folders_in(archive.place(RUNS))[:-KEPT_RUNS]
 
     def remove() -> None:
@@ -353,7 +352,7 @@ def _runs(archive: Archive) -> Iterator[Item]:
             delete_folder(folder)
 
     if old:
-        yield Item(
+        yield Deletable(
             "runs",
             "",
             f"settings and logs of the {len(old)} oldest runs",
@@ -383,7 +382,7 @@ def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete
     return 1 if failed else 0
 
 
-def table(found: Sequence[Item]) -> Table:
+def table(found: Sequence[Deletable]) -> Table:
     """One row an item, the largest first within its kind."""
     shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column, justify in (

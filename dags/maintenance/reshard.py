@@ -21,7 +21,7 @@ import numpy as np
 from posegaussian.dags.humanize.text import gigabytes, number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts
-from posegaussian.dags.planning.plan import Plan, State, Verdict
+from posegaussian.dags.planning.plan import Plan, State, TaskVerdict
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product, Task, tasks
@@ -34,7 +34,7 @@ from posegaussian.storage.archive.lease import SUFFIX, Lease
 from posegaussian.storage.archive.receipts import Output, Receipt, write_receipt
 from posegaussian.storage.archive.records import write_record
 from posegaussian.storage.archive.shards import write_array, write_table
-from posegaussian.storage.archive.store import RESHARD, SOURCES, Archive, Sequence
+from posegaussian.storage.archive.store import RESHARD, SOURCES, Archive, SequenceGroup
 from posegaussian.storage.files.write import link_or_copy, link_tree, make_folder, sync_folder
 from posegaussian.storage.model.errors import ArchiveError, NotWritten
 from posegaussian.storage.model.spec import TableSpec, digest
@@ -118,7 +118,7 @@ def _refuse_dropped(plan: Plan) -> None:
         )
 
 
-def _refuse_full_disk(sequence: Sequence) -> None:
+def _refuse_full_disk(sequence: SequenceGroup) -> None:
     need, free = folder_bytes(sequence.root) + COPIED_BYTES, shutil.disk_usage(sequence.root).free
     if need > free:
         raise ArchiveError(
@@ -136,8 +136,10 @@ def _build(plan: Plan, frames: int) -> int:
     write_record(root, {**old.record, "partition_frames": frames})
     for name in ("source", SOURCES):
         link_tree(old.place(name), root / name)
-    context = dataclasses.replace(plan.context, sequence=Sequence(root))
-    anew = Plan(context, Book(context), {t: Verdict(t, State.STALE, ()) for t in tasks(context)}, context.unneeded())
+    context = dataclasses.replace(plan.context, sequence=SequenceGroup(root))
+    anew = Plan(
+        context, Book(context), {t: TaskVerdict(t, State.STALE, ()) for t in tasks(context)}, context.unneeded()
+    )
     prepare(anew)
     results = Results(plan.context)
     for task in anew.verdicts:
@@ -167,7 +169,7 @@ def _sources(old: Context, new: Context, task: Task) -> list[Task]:
     )
 
 
-def _linked(results: Results, sequence: Sequence, receipt: Receipt) -> Receipt:
+def _linked(results: Results, sequence: SequenceGroup, receipt: Receipt) -> Receipt:
     """What is not partitioned along time, as it is."""
     own = named_as_in(sequence, receipt)
     for there, output in zip(receipt.outputs, own.outputs, strict=True):
@@ -244,12 +246,12 @@ def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts
     return facts | {"resharded_from": old.grid.length}
 
 
-def _side(sequence: Sequence, which: str) -> Path:
+def _side(sequence: SequenceGroup, which: str) -> Path:
     """Where the new sequence, or the old one, lies beside the sequence. Raises Unsafe where a link leads elsewhere."""
     return Archive(sequence.root.parent).place(f"{RESHARD}/{which}/{sequence.name}")
 
 
-def switch(sequence: Sequence) -> None:
+def switch(sequence: SequenceGroup) -> None:
     """Put the new sequence in the old one's place."""
     new, old = _side(sequence, "new"), _side(sequence, "old")
     shutil.rmtree(old, ignore_errors=True)
@@ -262,6 +264,6 @@ def switch(sequence: Sequence) -> None:
     shutil.rmtree(old)
 
 
-def leftovers(sequence: Sequence) -> list[Path]:
+def leftovers(sequence: SequenceGroup) -> list[Path]:
     """Folders of a reshard that did not come to its end; none holds anything that the sequence lacks."""
     return [p for p in (_side(sequence, "new"), _side(sequence, "old")) if p.is_dir()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Names
+from collections.abc import Sequence
 
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
@@ -19,11 +19,11 @@ from posegaussian.storage.archive.integrity import (
     repair,
     seal_all,
 )
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 
 
-def verify(session: Session, names: Names[str], mend: bool) -> int:
+def verify(session: Session, names: Sequence[str], mend: bool) -> int:
     """Read everything again, print every fault, and with `mend` mark it for the next run; returns the exit status, 1
     where there is any."""
     broken = 0
@@ -47,7 +47,7 @@ def verify(session: Session, names: Names[str], mend: bool) -> int:
     return 1 if broken else 0
 
 
-def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
+def _sequence(session: Session, sequence: SequenceGroup, mend: bool) -> int:
     """Verify one sequence; returns the number of faults."""
     count, found = Count(), 0
     for fault in faults(sequence, count):
@@ -79,7 +79,7 @@ def _sequence(session: Session, sequence: Sequence, mend: bool) -> int:
     return found
 
 
-def describe(sequence: Sequence, fault: Fault) -> str:
+def describe(sequence: SequenceGroup, fault: Fault) -> str:
     """Array, partition, view, file and cause."""
     if fault.output is None or fault.receipt is None:
         return f"{fault.file}: {fault.cause}"
@@ -112,7 +112,7 @@ def _task(fault: Fault) -> str:
     return Task("", r.stage, r.partition, r.view, r.path).label()
 
 
-def _mend(sequence: Sequence, fault: Fault) -> str:
+def _mend(sequence: SequenceGroup, fault: Fault) -> str:
     if fault.file.startswith(GIVEN):
         return remedy(fault)
     try:

@@ -21,7 +21,7 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import PRODUCERS
 from posegaussian.dags.session.session import Session
-from posegaussian.storage.archive.store import Sequence as StoredSequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import ArchiveError, UserError
 from posegaussian.storage.model.spec import ArraySpec
@@ -109,7 +109,7 @@ class OpenSequence:
         return self.session.context(self.name)
 
     @property
-    def stored(self) -> StoredSequence:
+    def stored(self) -> SequenceGroup:
         """Its place in the archive."""
         return self.session.archive.sequence(self.name)
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.effects import Verdict, judged, refusals
+from posegaussian.dags.planning.effects import EffectVerdict, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.registry import ASSETS, PATHS, STAGES
 from posegaussian.stages.registry import stage as stage_named
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import check_camera_names
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.capture import Capture
@@ -29,7 +29,7 @@ from posegaussian.storage.model.timegrid import TimeGrid, select
 class Context:
     """A sequence under its settings."""
 
-    sequence: Sequence
+    sequence: SequenceGroup
     """Where it is kept."""
     settings: Any
     """Validated settings of this sequence."""
@@ -203,7 +203,7 @@ class Context:
         )
 
     @cached_property
-    def effects(self) -> dict[str, Verdict]:
+    def effects(self) -> dict[str, EffectVerdict]:
         """What is known of every effect."""
         return judged(self.evidence, self.settings.effects)
 
@@ -325,7 +325,7 @@ class Context:
         return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
 
 
-def make_context(sequence: Sequence, settings: Any, paths: tuple[str, ...] = ()) -> Context:
+def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] = ()) -> Context:
     """The context of a sequence; `paths` are rendered instead of the settings' ones.
 
     Raises ConfigError when a stage refuses its settings for this capture.

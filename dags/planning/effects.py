@@ -17,7 +17,7 @@ from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 
 
 @dataclass(frozen=True)
-class Verdict:
+class EffectVerdict:
     """What is known of one effect of one sequence."""
 
     effect: Effect
@@ -45,14 +45,14 @@ class Verdict:
         )
 
 
-def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, Verdict]:
+def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, EffectVerdict]:
     """Every effect of the registry, in the order of flow; an effect that is on is a fact for those behind it.
 
     Args:
         evidence_of: the evidence for a stage's decisions.
         settings: `EffectSettings`.
     """
-    found: dict[str, Verdict] = {}
+    found: dict[str, EffectVerdict] = {}
     for name, (effect, stages) in declared().items():
         before = {n for n, v in found.items() if v.state != "off"}
         evidence = evidence_of(stages[0])
@@ -61,10 +61,10 @@ def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, V
     return found
 
 
-def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> Verdict:
+def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> EffectVerdict:
     missing = effect.lacks(evidence)
     if missing is not None:
-        return Verdict(
+        return EffectVerdict(
             effect,
             stages,
             setting,
@@ -80,9 +80,9 @@ def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence:
         asks = (
             effect.asks if effect.asks and effect.decide(replace(evidence, noted={}), effect.threshold) is None else ()
         )
-        return Verdict(effect, stages, setting, measured, asks)
+        return EffectVerdict(effect, stages, setting, measured, asks)
     reason = f"effects.{effect.name} is {setting}" + (f"; {measured.reason}" if measured is not None else "")
-    return Verdict(
+    return EffectVerdict(
         effect,
         stages,
         setting,
@@ -90,7 +90,7 @@ def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence:
     )
 
 
-def refusals(evidence_of: Callable[[str], Evidence], verdicts: Mapping[str, Verdict]) -> list[str]:
+def refusals(evidence_of: Callable[[str], Evidence], verdicts: Mapping[str, EffectVerdict]) -> list[str]:
     """Why effects cannot be forced off."""
     forced = [v for v in verdicts.values() if v.setting == "off"]
     return [why for v in forced if (why := v.effect.refusal(evidence_of(v.stages[0]))) is not None]

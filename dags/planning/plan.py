@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.effects import Verdict as EffectVerdict
-from posegaussian.dags.planning.effects import noted
+from posegaussian.dags.planning.effects import EffectVerdict, noted
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts, reasons, still_good
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
@@ -53,7 +52,7 @@ READY = (State.FRESH, State.KEPT)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class TaskVerdict:
     """State of one task and why."""
 
     task: Task
@@ -68,7 +67,7 @@ class Plan:
 
     context: Context
     book: Book
-    verdicts: dict[Task, Verdict]
+    verdicts: dict[Task, TaskVerdict]
     """In the order of flow."""
     unneeded: dict[str, str]
     """{stage: why this capture does not need it}."""
@@ -141,7 +140,7 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
     context = replace(context, exported=constants) if constants else context
     book = Book.open(context, held)
     context = decided(book, selection)
-    verdicts: dict[Task, Verdict] = {}
+    verdicts: dict[Task, TaskVerdict] = {}
     for task in tasks(context):
         waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state not in READY]
         if waiting:
@@ -152,7 +151,7 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
         state, why, parts = judge(book, task, selection, digests)
         if state is State.STALE and _keeps(book, task, selection, parts):
             state, why = State.KEPT, (TAKEN_OVER,)
-        verdicts[task] = Verdict(task, state, why)
+        verdicts[task] = TaskVerdict(task, state, why)
     _call_back(book, verdicts)
     return Plan(context, book, verdicts, context.unneeded(), selection)
 
@@ -228,7 +227,7 @@ def survey_notes(book: Book) -> dict[str, Any]:
     return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
 
 
-def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
+def _call_back(book: Book, verdicts: dict[Task, TaskVerdict]) -> None:
     """Fresh tasks whose dropped outputs an export or what is not fresh reads: stale, or undecided like their readers.
 
     Readers come before what they read, so that a task called back calls back its own dropped inputs. What else read the
@@ -236,7 +235,7 @@ def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
     """
     for task in reversed(list(verdicts)):
         if task in book.needed and verdicts[task].state is not State.STALE:
-            verdicts[task] = Verdict(task, State.STALE, (book.needed[task],))
+            verdicts[task] = TaskVerdict(task, State.STALE, (book.needed[task],))
         state = verdicts[task].state
         if state in READY:
             continue
@@ -249,22 +248,22 @@ def _call_back(book: Book, verdicts: dict[Task, Verdict]) -> None:
                     if state is State.STALE
                     else f"its output was dropped; it is made again if {task.stage} turns out to need it"
                 )
-                verdicts[maker] = Verdict(maker, state, (why,))
+                verdicts[maker] = TaskVerdict(maker, state, (why,))
 
 
-def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterable[Task]) -> Verdict:
+def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterable[Task]) -> TaskVerdict:
     """A task whose inputs are not all fresh: stale if its own parts already say so, else undecided."""
     receipt = book.receipts.get(task)
     stages = " and ".join(dict.fromkeys(d.stage for d in waiting))
     if receipt is None:
-        return Verdict(task, State.STALE, ("never made",))
+        return TaskVerdict(task, State.STALE, ("never made",))
     why = reasons(receipt.parts, own_parts(book.context, task))
     why += [book.problems[task]] if task in book.problems else []
     forced = selection.forced(task.stage)
     why += [forced] if forced else []
     if why:
-        return Verdict(task, State.STALE, tuple(why))
-    return Verdict(
+        return TaskVerdict(task, State.STALE, tuple(why))
+    return TaskVerdict(
         task, State.UNDECIDED, (f"waits for {stages}; if its content comes out equal, nothing is done here",)
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.tasks import Product, Task, inputs, producer
 from posegaussian.storage.archive.receipts import Output, Receipt, missing_files, scan_receipts
-from posegaussian.storage.files.names import Look
+from posegaussian.storage.files.names import FileSizes
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Book:
     def open(cls, context: Context, held: frozenset[Product] = frozenset()) -> Book:
         """Scan the receipts of a sequence."""
         book = cls(context, held=held)
-        name, look = context.sequence.name, Look(context.sequence.root)
+        name, look = context.sequence.name, FileSizes(context.sequence.root)
         for r in scan_receipts(context.sequence):
             task = Task(name, r.stage, r.partition, r.view, r.path)
             book.receipts[task] = r

@@ -19,7 +19,7 @@ from posegaussian.dags.planning.tasks import Task
 from posegaussian.storage.archive.array_metadata import copy_description
 from posegaussian.storage.archive.chunk_keys import named_as_in
 from posegaussian.storage.archive.receipts import Receipt, missing_files, scan_receipts, write_receipt
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import folders_in
 from posegaussian.storage.files.write import link_or_copy, link_tree, write_atomically
 from posegaussian.storage.model.spec import digest
@@ -28,7 +28,7 @@ FOLDER = "_variants"
 """Folder of all variants below the archive's."""
 
 
-def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+def variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
     """The context of a sequence's variant, made or found again.
 
     Args:
@@ -44,7 +44,7 @@ def variant(origin: Sequence, settings: Any, different: dict[str, Any], paths: t
     if not file.is_file() or file.read_bytes() != record:
         write_atomically(file, record)
         link_tree(origin.place("source"), archive.place(f"{origin.name}/source"))
-    return make_context(Sequence(root), settings, paths)
+    return make_context(SequenceGroup(root), settings, paths)
 
 
 def variants(archive: Archive) -> list[Archive]:
@@ -52,20 +52,23 @@ def variants(archive: Archive) -> list[Archive]:
     return [Archive(folder) for folder in folders_in(archive.place(FOLDER))]
 
 
-def others(origin: Sequence) -> list[Sequence]:
+def others(origin: SequenceGroup) -> list[SequenceGroup]:
     """The sequence itself and all its variants: where equal outputs may be found."""
     beside = variants(Archive(origin.root.parent))
-    return [origin, *(Sequence(v.place(origin.name)) for v in beside if v.place(f"{origin.name}/zarr.json").is_file())]
+    return [
+        origin,
+        *(SequenceGroup(v.place(origin.name)) for v in beside if v.place(f"{origin.name}/zarr.json").is_file()),
+    ]
 
 
-def share(context: Context, sources: Iterable[Sequence]) -> int:
+def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
     """Take over every output that some source made with the fingerprint it would have here; returns how many tasks.
 
     Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Outputs
     whose files are not all there, or were dropped, are not taken.
     """
     here = context.sequence
-    found: dict[tuple[Task, str], tuple[Sequence, Receipt]] = {}
+    found: dict[tuple[Task, str], tuple[SequenceGroup, Receipt]] = {}
     for source in sources:
         if source.root == here.root:
             continue
@@ -79,7 +82,7 @@ def share(context: Context, sources: Iterable[Sequence]) -> int:
     return total
 
 
-def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Receipt]]) -> int:
+def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[SequenceGroup, Receipt]]) -> int:
     """Take over what a plan would make and somebody has made; returns how many tasks."""
     taken = 0
     for task, verdict in plan.verdicts.items():
@@ -95,7 +98,7 @@ def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[Sequence, Rec
     return taken
 
 
-def _take(here: Sequence, source: Sequence, receipt: Receipt) -> Receipt:
+def _take(here: SequenceGroup, source: SequenceGroup, receipt: Receipt) -> Receipt:
     """Copy what describes a task's arrays, link its shards, and last write the receipt, which is returned."""
     for array in dict.fromkeys(o.array for o in receipt.outputs):
         with contextlib.suppress(FileNotFoundError):  # a table has no description

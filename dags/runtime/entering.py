@@ -8,9 +8,9 @@ from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.set_aside import put_aside
 from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.ordering import needed_arrays, prepare
-from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.storage.archive.lease import SUFFIX, Lease, living, wait_for
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 
 PATIENCE = 60.0
@@ -18,7 +18,7 @@ PATIENCE = 60.0
 lease of a run that died would outlast it."""
 
 
-def enter(plan: Plan, terms: Terms) -> Lease:
+def enter(plan: Plan, terms: RunTerms) -> Lease:
     """Say that a run works on a sequence, and make its arrays; the lease is dropped when the run leaves.
 
     Raises LeaseHeld when arrays would have to be replaced or cut while another run is there.
@@ -36,7 +36,7 @@ def enter(plan: Plan, terms: Terms) -> Lease:
     return here
 
 
-def make_arrays(plan: Plan, terms: Terms) -> None:
+def make_arrays(plan: Plan, terms: RunTerms) -> None:
     """Make the arrays of every stage whose effects are decided. Raises LeaseHeld like `enter`."""
     sequence = plan.context.sequence
     with wait_for(sequence.receipts / f"_arrays{SUFFIX}", terms.run, terms.lease, max(PATIENCE, 2 * terms.lease)):
@@ -45,8 +45,8 @@ def make_arrays(plan: Plan, terms: Terms) -> None:
         prepare(plan)
 
 
-def _refuse_resharded(sequence: Sequence) -> None:
-    now = Sequence(sequence.root).partition_frames
+def _refuse_resharded(sequence: SequenceGroup) -> None:
+    now = SequenceGroup(sequence.root).partition_frames
     if now != sequence.partition_frames:
         raise ArchiveError(
             f"sequence {sequence.name} was cut into partitions of {now} frames since this run was planned with"
@@ -54,7 +54,7 @@ def _refuse_resharded(sequence: Sequence) -> None:
         )
 
 
-def _refuse_replacing(plan: Plan, terms: Terms) -> None:
+def _refuse_replacing(plan: Plan, terms: RunTerms) -> None:
     sequence = plan.context.sequence
     there = [holder for _, holder in living(run_registry.folder(sequence), terms.lease) if holder.run != terms.run]
     if not there:

@@ -19,7 +19,7 @@ from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import Event, Notice, TaskRetried, TaskStarted
 from posegaussian.dags.runtime.failures import Failure, Kind, with_advice
 from posegaussian.dags.runtime.leases import HeldTasks, Priority
-from posegaussian.dags.runtime.work_order import Order, Terms
+from posegaussian.dags.runtime.work_order import RunTerms, WorkOrder
 from posegaussian.storage.archive.receipts import Receipt
 
 MOST_SPARED = 3
@@ -45,7 +45,7 @@ class Backend(Protocol):
     def free(self, pool: str) -> int:
         """How many more tasks a pool takes now."""
 
-    def submit(self, task: Task, order: Order) -> None:
+    def submit(self, task: Task, order: WorkOrder) -> None:
         """Hand over one task."""
 
     def next_done(self, seconds: float | None = None) -> tuple[Task, Receipt | Failure] | None:
@@ -61,15 +61,15 @@ class Backend(Protocol):
         """End at once what would outlive this process; called from any thread."""
 
 
-def _terms() -> Terms:
-    return Terms(run=f"unnamed-{uuid4().hex[:12]}")
+def _terms() -> RunTerms:
+    return RunTerms(run=f"unnamed-{uuid4().hex[:12]}")
 
 
 @dataclass(frozen=True)
 class Rules:
     """How a run treats what fails, and what it tells its workers."""
 
-    terms: Terms = field(default_factory=_terms)
+    terms: RunTerms = field(default_factory=_terms)
     """Name of the run, time of a lease, time limit of a task."""
     retries: int = 2
     """Further attempts after a transient failure."""
@@ -79,7 +79,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class _Flying:
-    order: Order
+    order: WorkOrder
     priority: Priority
     pool: str
 
@@ -90,10 +90,10 @@ class Flight:
     def __init__(self, backend: Backend, rules: Rules, tell: Callable[[Event], None]) -> None:
         """Nothing is handed out before `next`."""
         self.backend, self.rules, self.tell = backend, rules, tell
-        self.queued: dict[str, list[tuple[Priority, Task, Order]]] = defaultdict(list)
+        self.queued: dict[str, list[tuple[Priority, Task, WorkOrder]]] = defaultdict(list)
         self.flying: dict[Task, _Flying] = {}
-        self.delayed: list[tuple[float, Priority, Task, Order]] = []
-        self.suspects: dict[str, list[tuple[Priority, Task, Order]]] = defaultdict(list)
+        self.delayed: list[tuple[float, Priority, Task, WorkOrder]] = []
+        self.suspects: dict[str, list[tuple[Priority, Task, WorkOrder]]] = defaultdict(list)
         """Tasks that killed a worker, by pool: each runs once more with nothing beside it in its pool."""
         self.alone: dict[str, Task] = {}
         """The suspect that has a pool to itself now."""
@@ -102,13 +102,13 @@ class Flight:
         self.attempts: Counter[Task] = Counter()
         self.spared: Counter[Task] = Counter()
 
-    def add(self, priority: Priority, task: Task, order: Order) -> None:
+    def add(self, priority: Priority, task: Task, order: WorkOrder) -> None:
         """Queue a task for its pool."""
         for counted in (self.attempts, self.spared):
             counted.pop(task, None)
         self._queue(priority, task, replace(order, terms=self.rules.terms))
 
-    def _queue(self, priority: Priority, task: Task, order: Order) -> None:
+    def _queue(self, priority: Priority, task: Task, order: WorkOrder) -> None:
         heapq.heappush(self.queued[self.backend.pool(order.gpu)], (priority, task, order))
 
     def next(self) -> tuple[Task, Receipt | Failure] | None:
@@ -154,7 +154,7 @@ class Flight:
             while self.queued[pool] and self.backend.free(pool) > 0:
                 self._send(pool, heapq.heappop(self.queued[pool]))
 
-    def _send(self, pool: str, item: tuple[Priority, Task, Order]) -> Task:
+    def _send(self, pool: str, item: tuple[Priority, Task, WorkOrder]) -> Task:
         priority, task, order = item
         self.flying[task] = _Flying(order, priority, pool)
         self.attempts[task] += 1

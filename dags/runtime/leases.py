@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.storage.archive.lease import Holder, ended, read_lease
 from posegaussian.storage.archive.receipts import lease_file
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.05, 2.0
 """Seconds between two looks at the leases: doubled while nothing changes."""
@@ -26,7 +26,7 @@ Priority = tuple[int, int]
 @dataclass
 class _Held:
     priority: Priority
-    order: Order
+    order: WorkOrder
     holder: Holder
 
 
@@ -46,7 +46,7 @@ class HeldTasks:
         """Tasks held."""
         return len(self._tasks)
 
-    def add(self, task: Task, priority: Priority, order: Order, holder: Holder) -> None:
+    def add(self, task: Task, priority: Priority, order: WorkOrder, holder: Holder) -> None:
         """Another run works on a task."""
         self._tasks[task] = _Held(priority, order, holder)
         self._look_after(FIRST_PAUSE)
@@ -59,13 +59,13 @@ class HeldTasks:
         """Seconds until the leases are to be looked at."""
         return max(0.0, self._next - time.monotonic())
 
-    def freed(self) -> Iterator[tuple[Priority, Task, Order]]:
+    def freed(self) -> Iterator[tuple[Priority, Task, WorkOrder]]:
         """Give back the tasks whose leases have ended, if it is time to look."""
         if not self._tasks or self.due:
             return
         before = len(self._tasks)
         for task, held in list(self._tasks.items()):
-            holder = read_lease(lease_file(Sequence(held.order.root), held.order.key), self._lease)
+            holder = read_lease(lease_file(SequenceGroup(held.order.root), held.order.key), self._lease)
             if holder is None or ended(holder, time.time()):
                 del self._tasks[task]
                 yield held.priority, task, held.order

@@ -13,7 +13,7 @@ from posegaussian.dags.planning.plan import Plan, State, survey_sources
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.task_cost import load, needs_of
 from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans
-from posegaussian.dags.runtime.work_order import Order, Promise, Reading
+from posegaussian.dags.runtime.work_order import ArrayReading, Promise, WorkOrder
 from posegaussian.stages.contract.io import TaskScope
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
@@ -22,7 +22,7 @@ from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Camer
 from posegaussian.storage.model.spec import ArraySpec
 
 
-def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> Order:
+def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> WorkOrder:
     """The order of one task whose inputs are all there."""
     stage, scope = stage_named(task.stage), scope_of(context, task)
     readings, promises = {}, []
@@ -42,11 +42,11 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
                     output.digest,
                 )
             )
-        readings[i.read.array] = Reading(i.name, i.spec.dims, i.span, files)
+        readings[i.read.array] = ArrayReading(i.name, i.spec.dims, i.span, files)
     spans = source_spans(context, task)
     every = [scope.partition, *(r.span for r in readings.values() if len(r.span)), *spans.values()]
     first, last = min(s.start for s in every), max(s.stop for s in every)
-    return Order(
+    return WorkOrder(
         root=context.sequence.root,
         stage=stage.name,
         params=context.params(stage),

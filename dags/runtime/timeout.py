@@ -15,10 +15,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from posegaussian.dags.runtime.failures import Failure, Kind, TaskTimedOut, failure
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.storage.archive.lease import Holder, Lease, read_lease
 from posegaussian.storage.archive.receipts import lease_file
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 
 AT_ONCE = 1e-3
 """Seconds, more than none, after which a limit ends that is over when it is armed."""
@@ -66,7 +66,7 @@ class _Limits:
 _LIMITS = _Limits()
 
 
-def overran(order: Order) -> TaskTimedOut | None:
+def overran(order: WorkOrder) -> TaskTimedOut | None:
     """The error of a task whose limit ended its process in this very run; None where that has not happened."""
     if order.terms.timeout is None or (holder := _holder(order)) is None or not holder.ended:
         return None
@@ -75,7 +75,7 @@ def overran(order: Order) -> TaskTimedOut | None:
     return error
 
 
-def death(order: Order) -> Failure:
+def death(order: WorkOrder) -> Failure:
     """What the end of the process that had a task means for it, from the task's lease."""
     holder = _holder(order)
     if holder is None:
@@ -85,7 +85,7 @@ def death(order: Order) -> Failure:
     return Failure(f"its worker {holder.worker} died: killed for memory, or crashed", kind=Kind.MEMORY)
 
 
-def _holder(order: Order) -> Holder | None:
+def _holder(order: WorkOrder) -> Holder | None:
     """Who of this run holds the lease of a task, or left it behind."""
-    holder = read_lease(lease_file(Sequence(order.root), order.key), order.terms.lease)
+    holder = read_lease(lease_file(SequenceGroup(order.root), order.key), order.terms.lease)
     return holder if holder is not None and holder.run == order.terms.run else None

@@ -15,7 +15,7 @@ from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
 
 
 @dataclass(frozen=True)
-class Reading:
+class ArrayReading:
     """How one array is read: its name, dimensions, frames, and the files that hold each view."""
 
     name: str
@@ -25,7 +25,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Terms:
+class RunTerms:
     """The rules of the run a task belongs to; nothing here can change a result."""
 
     run: str = "alone"
@@ -49,7 +49,7 @@ class Promise:
 
 
 @dataclass(frozen=True, repr=False)
-class Order:
+class WorkOrder:
     """Everything a worker needs to know about one task, about ten kilobytes."""
 
     root: Path
@@ -64,7 +64,7 @@ class Order:
     """Frames by which each view is late."""
     path_text: str | None
     """What the path was asked for as."""
-    readings: dict[str, Reading]
+    readings: dict[str, ArrayReading]
     """By declared name."""
     parts: dict[str, Any]
     """Fingerprint parts."""
@@ -86,7 +86,7 @@ class Order:
     """What the inputs must still be when the task is done."""
     seen: str | None = None
     """Token of the receipt that was judged and found stale; a receipt with another one was made since."""
-    terms: Terms = Terms()
+    terms: RunTerms = RunTerms()
     """The rules of the run."""
 
     @property

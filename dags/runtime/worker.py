@@ -26,7 +26,7 @@ from posegaussian.dags.provenance.code_digest import here_is
 from posegaussian.dags.runtime import threads
 from posegaussian.dags.runtime.meters import Peak, Stopwatch
 from posegaussian.dags.runtime.timeout import overran, time_limit
-from posegaussian.dags.runtime.work_order import Order, Reading
+from posegaussian.dags.runtime.work_order import ArrayReading, WorkOrder
 from posegaussian.stages.contract.declaration import Stage, resolve
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.contract.timing import TimedInputs
@@ -43,7 +43,7 @@ from posegaussian.storage.archive.receipts import (
     write_receipt,
 )
 from posegaussian.storage.archive.shards import read_array, write_array, write_table
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ArchiveError, OtherCode
 from posegaussian.storage.model.spec import ArraySpec, TableSpec, digest
@@ -52,20 +52,20 @@ from posegaussian.storage.readers.sources import open_source
 
 @lru_cache(maxsize=8)
 def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
-    return Sequence(root).capture.in_step(late)
+    return SequenceGroup(root).capture.in_step(late)
 
 
 class StoreInputs(TimedInputs):
     """What a task sees of an archive."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: WorkOrder) -> None:
         """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
         super().__init__(order.scope)
         self._order = order
         self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
         self._stopwatch = Stopwatch()
 
-    def _reading(self, array: str) -> Reading:
+    def _reading(self, array: str) -> ArrayReading:
         if array not in self._order.readings:
             raise KeyError(
                 f"{self._order.stage} does not declare that it reads {array} under these settings; it declares"
@@ -93,7 +93,7 @@ class StoreInputs(TimedInputs):
                 f"{self._order.stage} may not read view {view} of {array}; it declared"
                 f" {sorted(v for v in r.files if v is not None) or 'no views'}"
             )
-        return read_array(Sequence(self._order.root), r.name, r.dims, r.span, view, r.files[view])
+        return read_array(SequenceGroup(self._order.root), r.name, r.dims, r.span, view, r.files[view])
 
     def timed(self, module: str) -> AbstractContextManager[None]:
         """Wall time within counts for a module of the kernel."""
@@ -127,7 +127,7 @@ class StoreInputs(TimedInputs):
         return asset.open(planned.settings)
 
 
-def execute(order: Order) -> Receipt:
+def execute(order: WorkOrder) -> Receipt:
     """Run one task and return its receipt, which is on disk by then.
 
     Where another run, or an attempt that was thought lost, made the same meanwhile, that receipt is returned instead.
@@ -135,7 +135,7 @@ def execute(order: Order) -> Receipt:
     scheduler handed it out again, LeaseHeld when another run works on it, LeaseLost when this writer's lease was taken
     over, OtherCode when code it imported is not what it was when this process began.
     """
-    sequence = Sequence(order.root)
+    sequence = SequenceGroup(order.root)
     terms = order.terms
     if error := overran(order):
         raise error
@@ -155,7 +155,7 @@ def worker_name() -> str:
         return "main"
 
 
-def _made_meanwhile(sequence: Sequence, order: Order) -> Receipt | None:
+def _made_meanwhile(sequence: SequenceGroup, order: WorkOrder) -> Receipt | None:
     """A whole receipt of this very task, written after the run judged it."""
     receipt = read_receipt(sequence, order.key)
     if receipt is None or receipt.fingerprint != digest(order.parts) or receipt.facts.get("token") == order.seen:
@@ -163,7 +163,7 @@ def _made_meanwhile(sequence: Sequence, order: Order) -> Receipt | None:
     return None if missing_files(sequence, receipt) or any(o.dropped for o in receipt.outputs) else receipt
 
 
-def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
+def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
     """Compute and write, from the old receipt's removal to the new one."""
     stage = stage_named(order.stage)
     kernel = resolve(stage.run)
@@ -209,7 +209,7 @@ def _make(sequence: Sequence, order: Order, lease: Lease) -> Receipt:
     return receipt
 
 
-def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
+def _inputs_unchanged(sequence: SequenceGroup, order: WorkOrder) -> None:
     """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is
     touched."""
     receipts = {p.key: read_receipt(sequence, p.key) for p in order.promises}
@@ -222,7 +222,7 @@ def _inputs_unchanged(sequence: Sequence, order: Order) -> None:
             )
 
 
-def _checked(stage: Stage, blocks: Iterator[Block], order: Order, warnings: list[str]) -> Iterator[Block]:
+def _checked(stage: Stage, blocks: Iterator[Block], order: WorkOrder, warnings: list[str]) -> Iterator[Block]:
     """The kernel's blocks, each past the stage's check; the check's warnings and the kernel's own notes are kept."""
     check = resolve(stage.check) if stage.check else None
     for block in blocks:
@@ -241,7 +241,7 @@ def _noting(stage: Stage, blocks: Iterator[Block], noted: dict[str, Any]) -> Ite
         yield block
 
 
-def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: Lease) -> Output:
+def _write(sequence: SequenceGroup, stage: Stage, order: WorkOrder, block: Block, lease: Lease) -> Output:
     """Write one block whole, as long as the lease is ours."""
     spec = next((w for w in stage.writes_for(order.scope.facts) if w.name == block.array), None)
     if spec is None:
@@ -254,7 +254,7 @@ def _write(sequence: Sequence, stage: Stage, order: Order, block: Block, lease: 
     )
 
 
-def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
+def _complete(stage: Stage, order: WorkOrder, outputs: list[Output]) -> None:
     """Raise when the kernel left out a declared output: an absent shard would read as zeros."""
     got, scope = {(o.array, o.view) for o in outputs}, order.scope
     own = [scope.view] if scope.view is not None else range(len(scope.rig))
@@ -269,7 +269,7 @@ def _complete(stage: Stage, order: Order, outputs: list[Output]) -> None:
             raise ValueError(f"{stage.name} did not yield {', '.join(missing)}")
 
 
-def _facts(order: Order, started: datetime, seconds: float, cpu_seconds: float) -> dict[str, Any]:
+def _facts(order: WorkOrder, started: datetime, seconds: float, cpu_seconds: float) -> dict[str, Any]:
     """Circumstances: never part of the fingerprint."""
     torch = sys.modules.get("torch")
     return ({"path_text": order.path_text} if order.path_text else {}) | {

@@ -36,7 +36,7 @@ from posegaussian.dags.runtime.in_flight import Backend, Rules
 from posegaussian.dags.runtime.ordering import lacks_cameras
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.signals import STATUS, interruptible
-from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files.write import write_atomically
@@ -44,7 +44,7 @@ from posegaussian.storage.model.errors import ArchiveError, ConfigError, NotWrit
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What came of a run."""
 
     ended: RunEnded
@@ -166,9 +166,9 @@ class Session:
 
     def _rules(self, name: str, kept: int | None = None) -> Rules:
         run = self.configuration.default.run
-        return Rules(Terms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
+        return Rules(RunTerms(name, run.lease, run.timeout, kept), run.retries, run.backoff)
 
-    def run(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> Outcome:
+    def run(self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = ()) -> RunOutcome:
         """Run plans, show progress, keep the effective settings and the log in the archive, and bring the ledger up to
         date.
 
@@ -225,7 +225,7 @@ class Session:
         unwritten = [*log.sentences, *self._record(folder, collector)]
         self.say(dict.fromkeys(unwritten), "red")
         every_standing(self, [p.context.sequence.name for p in plans])  # so that the next `status` need not work it out
-        return Outcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
+        return RunOutcome(ended, collector, spending, folder, tuple(refused), tuple(unwritten))
 
     def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
         """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk
@@ -321,7 +321,7 @@ class Session:
             self.hint(results_and_next(plans, self.options))
         return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
-    def _report_failures(self, outcome: Outcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
+    def _report_failures(self, outcome: RunOutcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:
         """A table of what failed, where, of which class and why; then who works on what was left, and the command
         that retries the rest."""
         failures, refused = outcome.collector.failures, outcome.refused

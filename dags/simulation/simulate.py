@@ -23,7 +23,7 @@ from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.importing.replace import filmed_into, make_room
 from posegaussian.dags.session.session import Session
 from posegaussian.stages.simulator.scene import Listed, Scan, Scene, faults, known_fields
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import make_folder, scratch_array
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES
@@ -101,7 +101,7 @@ def simulate(
     output: Path | None = None,
     threads: int | None = None,
     replace: bool = False,
-) -> Sequence:
+) -> SequenceGroup:
     """Film a scene, write it, register it as a sequence; prints the plan of effects and what they took.
 
     Raises ConfigError for a scene that is wrong, SourceError for a scan that cannot be read, CalibrationError for
@@ -286,7 +286,7 @@ _TRUTH: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
 )
 
 
-def put_truth(sequence: Sequence, staged: Staged, truth: Mapping[str, np.ndarray]) -> None:
+def put_truth(sequence: SequenceGroup, staged: Staged, truth: Mapping[str, np.ndarray]) -> None:
     """Write `truth/*` of all views as filmed, and `truth/held_out/*`;
     depth of the views comes with the capture itself."""
     for name, dims, unit, meaning in _TRUTH:

@@ -34,8 +34,7 @@ from posegaussian.dags.tradeoff.pareto import QUALITIES, Level, front
 from posegaussian.stages.contract.declaration import extra
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import ledger
-from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.archive.store import Sequence as ArchiveSequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ConfigError, UserError
 from posegaussian.storage.model.spec import digest
@@ -117,7 +116,7 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
         raise ConfigError("; ".join(f"--levels {dotted(at)}: {what}" for at, what in faults)) from e
 
 
-def _settled(origin: ArchiveSequence, settings: Any, values: dict[str, Any]) -> Context:
+def _settled(origin: SequenceGroup, settings: Any, values: dict[str, Any]) -> Context:
     """A variant that has taken over all it can;
     what a survey says may settle more, so the context is made until nothing comes."""
     while True:
@@ -186,10 +185,10 @@ class Clock:
         }
 
 
-def _origin(context: Context) -> ArchiveSequence:
+def _origin(context: Context) -> SequenceGroup:
     """The user's sequence of a variant."""
     root = context.sequence.root
-    return ArchiveSequence(root.parents[2] / root.name)
+    return SequenceGroup(root.parents[2] / root.name)
 
 
 def identities(context: Context) -> dict[str, str]:

@@ -46,7 +46,7 @@ class FrameError(UserError):
 
 
 @dataclass(frozen=True)
-class Item:
+class QueuedFrame:
     """One frame."""
 
     kind: str
@@ -59,12 +59,12 @@ class Item:
     """Within its scene."""
 
     @classmethod
-    def training(cls, config: TrainingConfig, index: int) -> Item:
+    def training(cls, config: TrainingConfig, index: int) -> QueuedFrame:
         """A frame that steps draw from."""
         return cls("training", index, config.scene_seed(index), index % config.frames_per_scene)
 
     @classmethod
-    def validation(cls, config: TrainingConfig, index: int) -> Item:
+    def validation(cls, config: TrainingConfig, index: int) -> QueuedFrame:
         """A frame that weights are measured on."""
         return cls("validation", index, config.validation_seed(index), 0)
 
@@ -84,9 +84,9 @@ class Producers:
     def __init__(self, config: TrainingConfig, folder: Path, frames: str, count: int) -> None:
         """`folder` holds the files of this data key; `frames` is the module that makes frames."""
         self.config, self.folder, self.source, self.count = config, folder, frames, count
-        self.queue: deque[Item] = deque()
-        self.busy: dict[Connection, tuple[SpawnProcess, Item | None]] = {}
-        self.deaths: Counter[Item] = Counter()
+        self.queue: deque[QueuedFrame] = deque()
+        self.busy: dict[Connection, tuple[SpawnProcess, QueuedFrame | None]] = {}
+        self.deaths: Counter[QueuedFrame] = Counter()
         self.made = 0
         """Frames made so far."""
         make_folder(folder)
@@ -95,11 +95,11 @@ class Producers:
                 if time.time() - left.stat().st_mtime > LEFT_S:
                     left.unlink()
 
-    def has(self, item: Item) -> bool:
+    def has(self, item: QueuedFrame) -> bool:
         """Whether its file is there."""
         return (self.folder / item.file).is_file()
 
-    def order(self, items: Iterable[Item], first: bool = False) -> None:
+    def order(self, items: Iterable[QueuedFrame], first: bool = False) -> None:
         """Ask for frames; those that are there or asked for already are not asked for twice.
         `first`: before all others."""
         under_way = {i.file for _, i in self.busy.values() if i is not None}
@@ -144,7 +144,7 @@ class Producers:
             connection.close()
         self.busy.clear()
 
-    def _next(self) -> Item | None:
+    def _next(self) -> QueuedFrame | None:
         while self.queue:
             item = self.queue.popleft()
             if not self.has(item):  # another training with the same data may have made it meanwhile
@@ -162,14 +162,14 @@ class Producers:
         theirs.close()
         self.busy[ours] = (process, None)
 
-    def _send(self, connection: Connection, process: SpawnProcess, item: Item) -> None:
+    def _send(self, connection: Connection, process: SpawnProcess, item: QueuedFrame) -> None:
         try:
             connection.send(item)
             self.busy[connection] = (process, item)
         except OSError:
             self._died(connection, item)
 
-    def _died(self, connection: Connection, item: Item) -> None:
+    def _died(self, connection: Connection, item: QueuedFrame) -> None:
         process, _ = self.busy.pop(connection)
         process.join()
         connection.close()
@@ -184,7 +184,7 @@ class Producers:
             raise FrameError(f"{item} cannot be made: {DEATHS} processes died over it, the last one {why}")
         self.queue.appendleft(item)
 
-    def _done(self, item: Item, failure: tuple[str, str] | None) -> None:
+    def _done(self, item: QueuedFrame, failure: tuple[str, str] | None) -> None:
         if failure is None:
             self.made += 1
             return
@@ -199,7 +199,7 @@ class Producers:
         )
 
 
-class Frames:
+class ProducedFrames:
     """The sliding window of frames at hand, and what is made ahead of it."""
 
     def __init__(
@@ -216,7 +216,7 @@ class Frames:
     @property
     def ahead(self) -> int:
         """Frames there beyond those in hand."""
-        return sum(self.producers.has(Item.training(self.config, i)) for i in self._asked if i not in self.held)
+        return sum(self.producers.has(QueuedFrame.training(self.config, i)) for i in self._asked if i not in self.held)
 
     def of_step(self, step: int, go_on: Callable[[], bool]) -> dict[int, Frame] | None:
         """The training frames of a step; None where `go_on` says no while they are waited for."""
@@ -224,11 +224,11 @@ class Frames:
         self.held = {i: f for i, f in self.held.items() if i in needed}
         missing = [i for i in needed if i not in self.held]
         if missing:
-            self.producers.order((Item.training(self.config, i) for i in missing), first=True)
+            self.producers.order((QueuedFrame.training(self.config, i) for i in missing), first=True)
         if self.producers.count:
             self._ask_ahead(step, needed)
         if missing:
-            found = self._read([Item.training(self.config, i) for i in missing], go_on)
+            found = self._read([QueuedFrame.training(self.config, i) for i in missing], go_on)
             if found is None:
                 return None
             self.held.update({item.index: frame for item, frame in found.items()})
@@ -243,8 +243,8 @@ class Frames:
         found = self._read(items, go_on)
         return None if found is None else {item.index: frame for item, frame in found.items()}
 
-    def _validation_items(self) -> list[Item]:
-        return [Item.validation(self.config, i) for i in range(self.config.validation.count)]
+    def _validation_items(self) -> list[QueuedFrame]:
+        return [QueuedFrame.validation(self.config, i) for i in range(self.config.validation.count)]
 
     def _ask_ahead(self, step: int, needed: range) -> None:
         """Ask for frames of later steps, and at the first step for those of validation too,
@@ -255,13 +255,13 @@ class Frames:
         while len(self._asked) < self.limit and self._scanned < self.config.steps:
             new = [i for i in self.range_of(self._scanned) if i not in needed and i not in self._asked]
             self._asked.update(new)
-            self.producers.order(Item.training(self.config, i) for i in new)
+            self.producers.order(QueuedFrame.training(self.config, i) for i in new)
             self._scanned += 1
         if first:
             self.producers.order(self._validation_items())
 
-    def _read(self, items: list[Item], go_on: Callable[[], bool]) -> dict[Item, Frame] | None:
-        found: dict[Item, Frame] = {}
+    def _read(self, items: list[QueuedFrame], go_on: Callable[[], bool]) -> dict[QueuedFrame, Frame] | None:
+        found: dict[QueuedFrame, Frame] = {}
         said = time.monotonic()
         while left := [i for i in items if i not in found]:
             there = [i for i in left if self.producers.has(i)]
@@ -289,7 +289,7 @@ def read_frame(file: Path) -> Frame:
         return {name: f[name] for name in f.files}
 
 
-def _made(config: TrainingConfig, folder: Path, frames: str, item: Item) -> tuple[str, str] | None:
+def _made(config: TrainingConfig, folder: Path, frames: str, item: QueuedFrame) -> tuple[str, str] | None:
     """Make one frame into its file; (sentence, traceback) where that fails,
     without a traceback for what the user can mend."""
     try:

@@ -20,7 +20,7 @@ from posegaussian.dags.humanize.text import gigabytes, number
 from posegaussian.dags.runtime.signals import interruptible
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.training.card import card
-from posegaussian.dags.training.frame_producers import Frames, Item, Producers
+from posegaussian.dags.training.frame_producers import ProducedFrames, Producers, QueuedFrame
 from posegaussian.dags.training.run_folder import RunFolder, log_row
 from posegaussian.dags.training.state import packed, unpacked
 from posegaussian.stages.contract.declaration import resolve
@@ -43,7 +43,7 @@ class Parts:
     """Module that keeps `posegaussian.stages.training.contract.Frames`."""
     frames_of_step: str = "posegaussian.stages.training.examples:frames_of_step"
     """Function that tells which frames a step needs."""
-    trainer: str = "posegaussian.stages.training.trainer:Trainer"
+    trainer: str = "posegaussian.stages.training.trainer:NetworkTrainer"
     """Class that keeps `posegaussian.stages.training.contract.Trainer`."""
 
 
@@ -51,7 +51,7 @@ PARTS = Parts()
 
 
 @dataclass(frozen=True)
-class Order:
+class TrainingOrder:
     """One call of `posegaussian train`."""
 
     config: TrainingConfig
@@ -74,7 +74,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def train(order: Order, say: Say, parts: Parts | None = None) -> None:
+def train(order: TrainingOrder, say: Say, parts: Parts | None = None) -> None:
     """Begin a training or go on with it, until it is done, the minutes are over or Ctrl-C is pressed; then a checkpoint
     holds all.
 
@@ -108,7 +108,7 @@ class Training:
     """One stretch of a training in one process."""
 
     def __init__(
-        self, order: Order, folder: RunFolder, parts: Parts, say: Say, stop: threading.Event, begin: float
+        self, order: TrainingOrder, folder: RunFolder, parts: Parts, say: Say, stop: threading.Event, begin: float
     ) -> None:
         """Restore what the folder holds. `begin`: when the minutes began, of `time.monotonic`."""
         self.order, self.config, self.folder, self.say, self.stop = order, order.config, folder, say, stop
@@ -121,7 +121,7 @@ class Training:
             say(sentence)
         frames_of_step = resolve(parts.frames_of_step)
         self.producers = producers(self.config, order.frames or folder.root / "frames", parts, order.workers)
-        self.frames = Frames(self.config, self.producers, lambda step: frames_of_step(self.config, step), say)
+        self.frames = ProducedFrames(self.config, self.producers, lambda step: frames_of_step(self.config, step), say)
         self.device = chosen_device(order.device)
         self.trainer: Trainer = resolve(parts.trainer)(self.config, self.device)
         self.facts: dict[str, Any] = {"machines": {}, "circumstances": self._circumstances()}
@@ -239,7 +239,7 @@ class Training:
         """What frames take on the disk, once a first window of them is there."""
         held = sum(a.nbytes for f in self.frames.held.values() for a in f.values())
         every = {
-            Item.training(self.config, i)
+            QueuedFrame.training(self.config, i)
             for i in range(min(self.frames.range_of(self.config.steps - 1).stop, self.config.scene_frames()))
         }
         there = sum(self.producers.has(i) for i in every)

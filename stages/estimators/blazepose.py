@@ -19,7 +19,7 @@ from posegaussian.stages.estimators.anchors import INPUT, anchors
 from posegaussian.stages.estimators.blazepose_files import check_files, missing_sentence, model_files
 from posegaussian.stages.estimators.decoding import CROP, centred, detections, landmarks, sigmoid
 from posegaussian.stages.estimators.interface import PERSON_SIDE, Found, seen_inside
-from posegaussian.stages.estimators.litert import Network
+from posegaussian.stages.estimators.litert import LiteRTNetwork
 from posegaussian.stages.estimators.suppression import overlap
 from posegaussian.stages.imaging.regions import crop, region_of, squares, to_picture, whole
 from posegaussian.storage.model.errors import ConfigError
@@ -68,8 +68,8 @@ class BlazePose:
         if found is None:
             raise ConfigError(missing_sentence())
         check_files(found)
-        self._detector = Network(found["pose_detection"])
-        self._landmarks = Network(found["pose_landmark_full"])
+        self._detector = LiteRTNetwork(found["pose_detection"])
+        self._landmarks = LiteRTNetwork(found["pose_landmark_full"])
         self._anchors = anchors()
         self._rounds, self._zoom = rounds, zoom
 

@@ -34,7 +34,7 @@ def sigmoid(x: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Detections:
+class BoxDetections:
     """D people, by falling score, in shares 0..1 of the detector's square input."""
 
     boxes: np.ndarray
@@ -46,7 +46,7 @@ class Detections:
     """[D] 0..1."""
 
 
-def detections(raw: np.ndarray, logits: np.ndarray, anchors: np.ndarray, least: float) -> Detections:
+def detections(raw: np.ndarray, logits: np.ndarray, anchors: np.ndarray, least: float) -> BoxDetections:
     """People from the detector's answers [N, 12] (x, y, w, h, 4 x (x, y), px of the input from the anchor), logits
     [N] and anchors [N, 2]."""
     scores = sigmoid(np.clip(logits, -SCORE_CLIP, SCORE_CLIP))
@@ -56,7 +56,7 @@ def detections(raw: np.ndarray, logits: np.ndarray, anchors: np.ndarray, least: 
     half = values[:, 2:4] / 2
     boxes = np.concatenate([centre - half, centre + half], axis=1)
     points = values[:, 4:].reshape(-1, 4, 2) + anchors[good][:, None]
-    return Detections(*weighted_suppression(boxes, points, scores[good].astype(np.float64), OVERLAP))
+    return BoxDetections(*weighted_suppression(boxes, points, scores[good].astype(np.float64), OVERLAP))
 
 
 def landmarks(raw: np.ndarray, heatmaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

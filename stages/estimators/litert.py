@@ -36,7 +36,7 @@ def _without_log() -> Iterator[None]:
         os.close(nowhere)
 
 
-class Network:
+class LiteRTNetwork:
     """A `.tflite` model with one input; call it with the input, get its outputs in the model's own order."""
 
     def __init__(self, file: Path) -> None:

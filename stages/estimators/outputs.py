@@ -15,7 +15,7 @@ from posegaussian.storage.model.cameras import points_from_integer_centres, poin
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class OutputReading:
     """J joints of one region."""
 
     places: np.ndarray
@@ -26,16 +26,18 @@ class Reading:
     """[J, 64, 64] float32 over the region, largest value 1; zero where the crop does not reach."""
 
 
-def read_heatmaps(raw: np.ndarray, description: Description, share: np.ndarray) -> Reading:
+def read_heatmaps(raw: np.ndarray, description: Description, share: np.ndarray) -> OutputReading:
     """Heatmaps [J, h, w] over a crop that is `share` (across, down) of its region."""
     maps = np.maximum(sigmoid(raw) if description.values == "logits" else raw, 0)
     cells, peaks = heatmap_peaks(maps)
     counts = np.array(maps.shape[:0:-1])
     across, down = _grids(counts, description, share)
-    return Reading(crop_to_own(_to_shares(cells, counts, description), share), peaks, _unit(down @ maps @ across.T))
+    return OutputReading(
+        crop_to_own(_to_shares(cells, counts, description), share), peaks, _unit(down @ maps @ across.T)
+    )
 
 
-def read_simcc(along_x: np.ndarray, along_y: np.ndarray, description: Description, share: np.ndarray) -> Reading:
+def read_simcc(along_x: np.ndarray, along_y: np.ndarray, description: Description, share: np.ndarray) -> OutputReading:
     """Bins [J, n] along the crop's width and [J, m] along its height; a peak's value is the lesser of the two, a map
     their outer product."""
     logs = [b if description.values == "logits" else np.log(np.maximum(b, LEAST)) for b in (along_x, along_y)]
@@ -44,7 +46,7 @@ def read_simcc(along_x: np.ndarray, along_y: np.ndarray, description: Descriptio
     weights = [np.exp(b - b.max(1, keepdims=True)) for b in logs]
     across, down = _grids(counts, description, share)
     maps = (weights[1] @ down.T)[:, :, None] * (weights[0] @ across.T)[:, None, :]
-    return Reading(
+    return OutputReading(
         crop_to_own(_to_shares(cells, counts, description), share),
         np.minimum(along_x.max(1), along_y.max(1)),
         _unit(maps),

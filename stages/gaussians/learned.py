@@ -6,7 +6,14 @@ import numpy as np
 import torch
 
 from posegaussian.stages.gaussians.prior import rays
-from posegaussian.stages.network.model.heads import Maps, Prior, blend, learned_normal, learned_opacity, learned_scale
+from posegaussian.stages.network.model.heads import (
+    HeadMaps,
+    Prior,
+    blend,
+    learned_normal,
+    learned_opacity,
+    learned_scale,
+)
 
 CHANNELS = {"scale": slice(0, 3), "rotation": slice(3, 6), "opacity": slice(6, 8)}
 """Of `network/numbers`."""
@@ -29,7 +36,7 @@ def over_prior(
     toward = torch.from_numpy(ray / np.sqrt((ray**2).sum(axis=0)))[None]
     share = torch.from_numpy(confidence.astype(np.float32))[None, None]
     analytic = Prior(torch.zeros_like(share), scale, normal, opacity)
-    said = Maps(
+    said = HeadMaps(
         torch.zeros_like(share),
         learned_scale(x["scale"], scale),
         learned_normal(x["rotation"], normal, toward),

@@ -30,7 +30,7 @@ MIN_BODY = 0.98
 """Share of the body seen in a source picture that must lie inside its rectified picture."""
 
 
-class Verdict(StrEnum):
+class PairVerdict(StrEnum):
     """What a pair is good for."""
 
     USABLE = "usable"
@@ -51,7 +51,7 @@ class PairReport:
     """Indices of the two views."""
     angle: float
     """Degrees between the lines of sight to the subject."""
-    verdict: Verdict
+    verdict: PairVerdict
     """Usable, or the first reason why not."""
     measured: float
     """The value that decided, in the unit the sentence names; the angle for a usable pair."""
@@ -63,7 +63,7 @@ class PairReport:
     @property
     def usable(self) -> bool:
         """Whether the pair may be matched."""
-        return self.verdict is Verdict.USABLE
+        return self.verdict is PairVerdict.USABLE
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
@@ -97,13 +97,13 @@ def classify(
     angle = angle_between(sight[0], sight[1])
     name = f"{rig.names[first]} and {rig.names[second]}"
 
-    def report(verdict: Verdict, measured: float, bound: float, sentence: str) -> PairReport:
+    def report(verdict: PairVerdict, measured: float, bound: float, sentence: str) -> PairReport:
         return PairReport((first, second), angle, verdict, measured, bound, f"{name}: {sentence}")
 
     for view in (first, second):
         if not seen_body(rig, view, subject, up).any():
             return report(
-                Verdict.UNSEEN,
+                PairVerdict.UNSEEN,
                 0.0,
                 0.0,
                 f"without the subject in view, {rig.names[view]} has nothing of a person at the point all cameras look"
@@ -112,14 +112,14 @@ def classify(
     ratio = float(np.linalg.norm(baseline) / np.linalg.norm(sight, axis=1).min())
     if ratio < MIN_BASELINE:
         return report(
-            Verdict.COINCIDENT,
+            PairVerdict.COINCIDENT,
             ratio,
             MIN_BASELINE,
             f"coincident, the baseline is {ratio:.2g} of the distance (at least {MIN_BASELINE:g})",
         )
     if angle > max_angle:
         return report(
-            Verdict.TOO_WIDE,
+            PairVerdict.TOO_WIDE,
             angle,
             max_angle,
             f"too wide, {angle:.1f} degrees at the subject (at most {max_angle:g}, setting depth.max_angle)",
@@ -127,7 +127,7 @@ def classify(
     aside = min(min(t, 180 - t) for t in (angle_between(baseline, s) for s in sight))
     if aside < MIN_ASIDE:
         return report(
-            Verdict.BEHIND,
+            PairVerdict.BEHIND,
             aside,
             MIN_ASIDE,
             f"one behind the other, the baseline lies {aside:.1f} degrees off the line of sight (at least"
@@ -136,7 +136,7 @@ def classify(
     rolled = _rolled(rig, (first, second), baseline, up)
     if rolled > MAX_ROLL:
         return report(
-            Verdict.ROLLED,
+            PairVerdict.ROLLED,
             rolled,
             MAX_ROLL,
             f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})",
@@ -145,7 +145,7 @@ def classify(
     tilt = max(min(t, 180 - t) for t in tilts)
     if tilt > MAX_TILT:
         return report(
-            Verdict.VERTICAL,
+            PairVerdict.VERTICAL,
             tilt,
             MAX_TILT,
             f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most"
@@ -154,12 +154,12 @@ def classify(
     share = body_share(rig, first, second, subject, up)
     if share < MIN_BODY:
         return report(
-            Verdict.CLIPPED,
+            PairVerdict.CLIPPED,
             share,
             MIN_BODY,
             f"clipped, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})",
         )
-    return report(Verdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
+    return report(PairVerdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
 
 
 def _tilt(rotation: np.ndarray, direction: np.ndarray) -> float:
@@ -240,7 +240,7 @@ def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -
     one a verdict with an example, one for views no pair serves."""
     reports = pair_report(rig, sources, max_angle)
     notes = []
-    for verdict in Verdict:
+    for verdict in PairVerdict:
         refused = [r for r in reports if r.verdict is verdict and not r.usable]
         if refused:
             nearest = min(refused, key=lambda r: r.angle)

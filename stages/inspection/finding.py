@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Verdict(StrEnum):
+class FindingVerdict(StrEnum):
     """What a number means for a reconstruction."""
 
     GOOD = "good"
@@ -18,7 +18,7 @@ class Verdict(StrEnum):
     """Neither good nor bad by itself: what counts is the whole."""
 
 
-ORDER = (Verdict.BAD, Verdict.DOUBTFUL, Verdict.UNKNOWN, Verdict.NOTE, Verdict.GOOD)
+ORDER = (FindingVerdict.BAD, FindingVerdict.DOUBTFUL, FindingVerdict.UNKNOWN, FindingVerdict.NOTE, FindingVerdict.GOOD)
 """Worst first; what could not be measured before what is good."""
 
 
@@ -42,7 +42,7 @@ class Finding:
     """What was found, or why nothing could be."""
     advice: str
     """What to do about it; empty where nothing needs doing."""
-    verdict: Verdict
+    verdict: FindingVerdict
 
     @property
     def about(self) -> str:
@@ -70,12 +70,12 @@ class Finding:
         return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g}"
 
 
-def graded(value: float, good: float, bad: float) -> Verdict:
+def graded(value: float, good: float, bad: float) -> FindingVerdict:
     """The verdict on a value: small is good where `good` <= `bad`, else large is."""
     sign = 1.0 if good <= bad else -1.0
     if sign * value <= sign * good:
-        return Verdict.GOOD
-    return Verdict.BAD if sign * value > sign * bad else Verdict.DOUBTFUL
+        return FindingVerdict.GOOD
+    return FindingVerdict.BAD if sign * value > sign * bad else FindingVerdict.DOUBTFUL
 
 
 def measured(
@@ -91,7 +91,7 @@ def measured(
         good,
         bad,
         sentence,
-        "" if verdict is Verdict.GOOD else advice,
+        "" if verdict is FindingVerdict.GOOD else advice,
         verdict,
     )
 
@@ -100,7 +100,7 @@ def unmeasured(
     measure: str, cameras: Sequence[str], unit: str, good: float, bad: float, why: str, advice: str = ""
 ) -> Finding:
     """A finding without a number."""
-    return Finding(measure, tuple(cameras), None, unit, good, bad, why, advice, Verdict.UNKNOWN)
+    return Finding(measure, tuple(cameras), None, unit, good, bad, why, advice, FindingVerdict.UNKNOWN)
 
 
 def worst_first(findings: Sequence[Finding]) -> list[Finding]:
@@ -115,7 +115,7 @@ def by_measure(findings: Sequence[Finding]) -> list[Finding]:
     return sorted(ordered, key=lambda f: places[f.measure])
 
 
-def overall(findings: Sequence[Finding]) -> Verdict:
+def overall(findings: Sequence[Finding]) -> FindingVerdict:
     """The worst verdict of all that could be measured; unknown where nothing could."""
-    known = [f.verdict for f in findings if f.verdict not in (Verdict.UNKNOWN, Verdict.NOTE)]
-    return min(known, key=ORDER.index) if known else Verdict.UNKNOWN
+    known = [f.verdict for f in findings if f.verdict not in (FindingVerdict.UNKNOWN, FindingVerdict.NOTE)]
+    return min(known, key=ORDER.index) if known else FindingVerdict.UNKNOWN

@@ -9,8 +9,8 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, SEGMENTED
 from posegaussian.stages.estimators.blazepose_files import FETCH
-from posegaussian.stages.geometry.pairs import Verdict as Pair
-from posegaussian.stages.inspection.finding import Finding, Verdict, measured
+from posegaussian.stages.geometry.pairs import PairVerdict
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured
 from posegaussian.stages.inspection.planned import Planned
 
 MATTE = (0.93, 0.5)
@@ -73,7 +73,9 @@ def of_matte(planned: Planned) -> Finding:
     """What `frames.matte` takes, with how well that fits outlines elsewhere."""
     matte, why = planned.matte
     if matte == "given":
-        return Finding("matte", (), 1.0, "as given", 0, 0, f"frames.matte: given, because {why}", "", Verdict.NOTE)
+        return Finding(
+            "matte", (), 1.0, "as given", 0, 0, f"frames.matte: given, because {why}", "", FindingVerdict.NOTE
+        )
     low, high = OVERLAPS["segmented" if matte == "person" and SEGMENTED in planned.facts else matte]
     told = (
         f"frames.matte: {matte}, because {why}; on other captures {low:.2f} to {high:.2f} overlap with outlines by hand"
@@ -105,7 +107,7 @@ def pair_lines(planned: Planned) -> list[str]:
             else f"run matches none of {len(planned.source_reports)} pairs"
         )
     ]
-    for reason in Pair:
+    for reason in PairVerdict:
         same = sorted((r for r in planned.refused if r.verdict is reason), key=lambda r: r.angle)
         if same:
             pair, _, why = same[0].sentence.partition(": ")
@@ -126,7 +128,7 @@ def pair_lines(planned: Planned) -> list[str]:
 def tier(planned: Planned, findings: Sequence[Finding]) -> str:
     """One of `TIERS`: what neighbours so far apart allow, a step less for a doubtful matte and for anything else
     that is doubtful, the last where anything is bad."""
-    if any(f.verdict is Verdict.BAD for f in findings):
+    if any(f.verdict is FindingVerdict.BAD for f in findings):
         return TIERS[-1]
     if planned.gap is None:
         return TIERS[3]
@@ -142,7 +144,9 @@ def _lowering(planned: Planned, findings: Sequence[Finding]) -> list[Finding]:
     return [
         f
         for f in findings
-        if f.verdict in (Verdict.BAD, Verdict.DOUBTFUL) and f.measure in COSTS and not (cut and f.measure == "people")
+        if f.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL)
+        and f.measure in COSTS
+        and not (cut and f.measure == "people")
     ]
 
 

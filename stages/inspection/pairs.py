@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import MIN_BODY, PairReport, Verdict, body_share
+from posegaussian.stages.geometry.pairs import MIN_BODY, PairReport, PairVerdict, body_share
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
-from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
-from posegaussian.stages.inspection.finding import Verdict as Grade
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.storage.model.cameras import Rig
 
@@ -22,21 +21,21 @@ NEIGHBOURS = (50.0, 66.0)
 """Degrees from a camera to its nearest partner: people filmed by eight cameras on a ring (45 degrees, a few more by
 hand) come out whole; beyond 66 nothing is matched, see docs/measurements/quality.md."""
 REMEDY = {
-    Verdict.TOO_WIDE: (
+    PairVerdict.TOO_WIDE: (
         "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject"
     ),
-    Verdict.CLIPPED: (
+    PairVerdict.CLIPPED: (
         "move the cameras closer together, or farther away from the subject; or try depth.method: sweep, which compares"
         " them all the same"
     ),
-    Verdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
-    Verdict.VERTICAL: (
+    PairVerdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
+    PairVerdict.VERTICAL: (
         "set the cameras beside each other rather than above;"
         " or try depth.method: sweep, which compares them all the same"
     ),
-    Verdict.COINCIDENT: "move one of the two aside",
-    Verdict.BEHIND: "move one of the two aside",
-    Verdict.UNSEEN: "turn the camera to the subject, or leave it out with views.sources",
+    PairVerdict.COINCIDENT: "move one of the two aside",
+    PairVerdict.BEHIND: "move one of the two aside",
+    PairVerdict.UNSEEN: "turn the camera to the subject, or leave it out with views.sources",
 }
 """What to do about a pair that is refused, by reason."""
 
@@ -48,7 +47,7 @@ class Rectified:
     views: tuple[int, int]
     """Indices of the cameras in the footage."""
     kind: str
-    """ok, wide, clipped, useless, or the reason of `posegaussian.stages.geometry.pairs.Verdict`."""
+    """ok, wide, clipped, useless, or the reason of `posegaussian.stages.geometry.pairs.PairVerdict`."""
     fate: str
     """matched, not needed (other partners are nearer), not asked for (not two sources, or depth compares no
     pictures), or refused."""
@@ -69,7 +68,7 @@ def rectified(rig: Rig, report: PairReport, fate: str, views: tuple[int, int]) -
     baseline = float(np.linalg.norm(rig.centres[first] - rig.centres[second]))
     body = body_share(rig, first, second, look_at_point(rig), up_direction(rig))
     kind = "ok" if report.usable else str(report.verdict)
-    if report.verdict in (Verdict.TOO_WIDE, Verdict.CLIPPED):
+    if report.verdict in (PairVerdict.TOO_WIDE, PairVerdict.CLIPPED):
         kind = "useless" if body < USELESS else "clipped" if body < MIN_BODY else "wide"
     return Rectified(views, kind, fate, report.angle, baseline, body, report.sentence.partition(": ")[2])
 
@@ -153,7 +152,7 @@ def _neighbours(planned: Planned) -> Finding:
         nearest = min(planned.source_reports, key=lambda r: r.angle)
         told = f"no two source cameras can be matched; {refusal(planned, nearest.views[0])}"
         return Finding(
-            "neighbours", (), nearest.angle, unit, *bounds, told, remedy(planned, nearest.views[0]), Grade.BAD
+            "neighbours", (), nearest.angle, unit, *bounds, told, remedy(planned, nearest.views[0]), FindingVerdict.BAD
         )
     (widest, other), view = max((found, v) for v, found in planned.nearest.items())
     told = f"the nearest partner of {planned.rig.names[view]} is {planned.rig.names[other]}, {widest:.1f} degrees away"
@@ -190,5 +189,5 @@ def _note(planned: Planned, pair: Rectified) -> Finding:
         0,
         sentence,
         "",
-        Grade.GOOD if pair.kind == "ok" else Grade.NOTE,
+        FindingVerdict.GOOD if pair.kind == "ok" else FindingVerdict.NOTE,
     )

@@ -10,7 +10,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.geometry.pairs import PairReport, Verdict, choose_pairs, pair_report
+from posegaussian.stages.geometry.pairs import PairReport, PairVerdict, choose_pairs, pair_report
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.sweep import nearest
 from posegaussian.storage.model.cameras import Rig
@@ -80,7 +80,9 @@ class Planned:
         no_row_needed = self.method.matches and not self.method.rectifies
         barred = [r for r in self.source_reports if not r.usable and tuple(sorted(r.views)) not in self.matched]
         return [
-            r for r in barred if not no_row_needed or r.angle > self.depth.max_angle or r.verdict is Verdict.COINCIDENT
+            r
+            for r in barred
+            if not no_row_needed or r.angle > self.depth.max_angle or r.verdict is PairVerdict.COINCIDENT
         ]
 
     @cached_property

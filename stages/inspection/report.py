@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from posegaussian.stages.geometry.sync import TimeOffsets
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
-from posegaussian.stages.inspection.finding import ORDER, Finding, Verdict, overall, worst_first
+from posegaussian.stages.inspection.finding import ORDER, Finding, FindingVerdict, overall, worst_first
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.light import of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
@@ -17,10 +17,10 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
 
 WORDS = {
-    Verdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
-    Verdict.DOUBTFUL: "This capture is doubtful: it can be reconstructed, but what is listed below will show.",
-    Verdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
-    Verdict.UNKNOWN: "Nothing of this capture could be measured.",
+    FindingVerdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
+    FindingVerdict.DOUBTFUL: "This capture is doubtful: it can be reconstructed, but what is listed below will show.",
+    FindingVerdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
+    FindingVerdict.UNKNOWN: "Nothing of this capture could be measured.",
 }
 IMPACT = (
     "picture size",
@@ -64,7 +64,7 @@ class Report:
     """What a run will make of the capture."""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> FindingVerdict:
         """The worst of all."""
         return overall(self.findings)
 
@@ -72,28 +72,28 @@ class Report:
     def sentence(self) -> str:
         """The verdict in one sentence, with what it is about."""
         faults = dict.fromkeys(f.measure for f in worst_first(self.findings) if f.verdict is self.verdict)
-        about = f" ({', '.join(faults)})" if self.verdict in (Verdict.BAD, Verdict.DOUBTFUL) else ""
+        about = f" ({', '.join(faults)})" if self.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL) else ""
         head, _, tail = WORDS[self.verdict].partition(":")
         return f"{head}{about}:{tail}" if tail else head
 
     @property
     def unmeasured(self) -> list[str]:
         """What could not be measured of anybody, and why."""
-        known = {f.measure for f in self.findings if f.verdict is not Verdict.UNKNOWN}
+        known = {f.measure for f in self.findings if f.verdict is not FindingVerdict.UNKNOWN}
         return [
             f"{m}: {why}" for m, why in {f.measure: f.sentence for f in self.findings if f.measure not in known}.items()
         ]
 
     @property
-    def to_do(self) -> list[tuple[Verdict, str, str]]:
+    def to_do(self) -> list[tuple[FindingVerdict, str, str]]:
         """(verdict, what was found, what to do), the most useful first;
         findings with the same advice stand together."""
-        out: dict[tuple[str, str], tuple[Verdict, list[Finding]]] = {}
+        out: dict[tuple[str, str], tuple[FindingVerdict, list[Finding]]] = {}
         for f in sorted(
             worst_first(self.findings),
             key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT)),
         ):
-            if f.advice and f.verdict in (Verdict.BAD, Verdict.DOUBTFUL):
+            if f.advice and f.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL):
                 out.setdefault((f.measure, f.advice), (f.verdict, []))[1].append(f)
         return [
             (verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice)

@@ -19,7 +19,7 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
-from posegaussian.stages.network.model.pairs import SourceView, Views, rectified_pair, windows
+from posegaussian.stages.network.model.pairs import PairViews, SourceView, rectified_pair, windows
 from posegaussian.stages.network.third_view import candidates, third_of
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
@@ -109,7 +109,7 @@ def look(
 
 
 def predict(
-    network: PoseGaussianNetwork, views: Views, iterations: int, precision: str, timer: Timer | None = None
+    network: PoseGaussianNetwork, views: PairViews, iterations: int, precision: str, timer: Timer | None = None
 ) -> Prediction:
     """One forward pass without gradients."""
     with torch.inference_mode(), torch.autocast(views.color.device.type, torch.bfloat16, enabled=precision == "bf16"):
@@ -127,7 +127,7 @@ def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
 
 
 def learned_of(
-    pair: RectifiedPair, which: int, window: Window, views: Views, prediction: Prediction, depth: np.ndarray
+    pair: RectifiedPair, which: int, window: Window, views: PairViews, prediction: Prediction, depth: np.ndarray
 ) -> Learned:
     """One direction of a pair on its view's own pixels [h, w], those with a depth."""
     rectified, ratio = pair.rectified_pixels(which, pixel_centres(depth.shape[::-1]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from posegaussian.stages.rendering.lift import Maps, Pixels
+from posegaussian.stages.rendering.lift import GaussianMaps, Pixels
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
 CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1}
@@ -51,7 +51,7 @@ class ViewGaussians:
     """The Gaussians of one frame of one source view, float32 on the CPU; their opacity does not depend on the side
     they are seen from."""
 
-    def __init__(self, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> None:
+    def __init__(self, maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> None:
         """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. All
         offsets are 0."""
         self.given = maps
@@ -127,7 +127,7 @@ class ViewGaussians:
         """Take over, pixel by pixel, what another frame of the same view learnt."""
         self.put({name: self._at(m) for name, m in learnt.maps.items()})
 
-    def maps(self) -> Maps:
+    def maps(self) -> GaussianMaps:
         """The optimised maps, types as given;
         a pixel whose Gaussian is not finite, or that has none, stays as it was."""
         with torch.no_grad():
@@ -153,7 +153,7 @@ class ViewGaussians:
             (opacities, opacity),
         ):
             target[:, rows, columns] = values[:, good]
-        return Maps(colors, depths, scales, normals, opacities)
+        return GaussianMaps(colors, depths, scales, normals, opacities)
 
 
 def _logit(p: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ class Filmed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class OptimisedFrame:
     """How the optimisation of one frame went."""
 
     usable: int
@@ -147,7 +147,7 @@ def optimise(
     steps: int,
     before: Mapping[int, Learnt],
     error: float,
-) -> Outcome:
+) -> OptimisedFrame:
     """Change the offsets of a frame's Gaussians, by view, to those of the best judged step with less than `error`, if
     there is one.
 
@@ -175,7 +175,7 @@ def optimise(
     for view, g in gaussians.items():
         if kept is not None:
             g.put(kept[view])
-    return Outcome(len(gaussians), plan.judge, error, best, at, warm, sum(w.masked for w in walks.values()))
+    return OptimisedFrame(len(gaussians), plan.judge, error, best, at, warm, sum(w.masked for w in walks.values()))
 
 
 def _start(gaussians: Mapping[int, ViewGaussians], plan: Schedule, judge: Filmed, before: Mapping[int, Learnt]) -> bool:

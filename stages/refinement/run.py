@@ -10,11 +10,11 @@ import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.refinement.attributes import Learnt, ViewGaussians
-from posegaussian.stages.refinement.optimise import Filmed, Outcome, optimise, unrefined
+from posegaussian.stages.refinement.optimise import Filmed, OptimisedFrame, optimise, unrefined
 from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.schedule import FEWEST, schedule
 from posegaussian.stages.refinement.thinning import thinned
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.splatting.definition.scene import Camera
 
@@ -48,26 +48,26 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     yield Block("refinement/outcome", np.array(outcomes, np.float32).reshape(len(inputs.partition), -1))
 
 
-def _arrays(maps: Maps) -> tuple[np.ndarray, ...]:
+def _arrays(maps: GaussianMaps) -> tuple[np.ndarray, ...]:
     """In the order of `REFINED`."""
     return tuple(np.asarray(a) for a in (maps.color, maps.depth, maps.scale, maps.normal, maps.opacity))
 
 
-def _nothing(width: int, height: int) -> Maps:
+def _nothing(width: int, height: int) -> GaussianMaps:
     """The maps of a view that is no source."""
     channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2)]
-    return Maps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
+    return GaussianMaps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
 
 
 def _refined(
     frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: dict[int, Learnt]
-) -> Outcome:
+) -> OptimisedFrame:
     """Optimise the Gaussians of frame `i` in place, where enough views can teach and judge."""
     plan = schedule(
         frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians))
     )
     if plan is None:
-        return Outcome(len(gaussians))
+        return OptimisedFrame(len(gaussians))
     filmed, rig = {v: frames.filmed(i, v) for v in gaussians}, frames.inputs.rig
     lifted = {
         v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
@@ -87,9 +87,9 @@ class _Frames:
         }
         self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
 
-    def maps(self, i: int, view: int) -> Maps:
+    def maps(self, i: int, view: int) -> GaussianMaps:
         """As they are before refinement."""
-        return Maps(*(a[i - self.start] for a in self.arrays[view]))
+        return GaussianMaps(*(a[i - self.start] for a in self.arrays[view]))
 
     def usable(self, i: int) -> dict[int, ViewGaussians]:
         """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of

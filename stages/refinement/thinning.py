@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posegaussian.stages.rendering.lift import Maps
+from posegaussian.stages.rendering.lift import GaussianMaps
 
 EVERY = 6
 """Pixels of which one keeps its Gaussian."""
@@ -22,7 +22,7 @@ STEP = (0.7548776662466927, 0.5698402909980532)
 """Of a row and a column: the R2 sequence, whose fractional parts spread evenly (Roberts, 2018)."""
 
 
-def thinned(maps: Maps) -> Maps:
+def thinned(maps: GaussianMaps) -> GaussianMaps:
     """The maps with opacity, the same from all sides, at every sixth pixel that had some, and none elsewhere; other
     values as they were."""
     rows, columns = np.indices(np.shape(maps.depth))

@@ -11,7 +11,7 @@ from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
 from posegaussian.stages.rendering.facts import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
-from posegaussian.stages.rendering.lift import Lifted, Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
@@ -39,12 +39,12 @@ class MapReader:
         self._maps: dict[int, tuple[np.ndarray, ...]] = {}
         self._masks: dict[int, np.ndarray] = {}
 
-    def maps(self, i: int, view: int) -> tuple[Maps, np.ndarray, np.ndarray]:
+    def maps(self, i: int, view: int) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
         """Maps of the i-th frame of the partition, and the view's intrinsics [3, 3] and pose [4, 4]."""
         if view not in self._maps:
             self._maps[view] = tuple(self.inputs.read(name, view) for name in map_arrays(self.inputs.facts))
         return (
-            Maps(*(a[i] for a in self._maps[view])),
+            GaussianMaps(*(a[i] for a in self._maps[view])),
             self.inputs.rig.intrinsics[view],
             self.inputs.rig.world_to_camera[view],
         )

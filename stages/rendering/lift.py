@@ -17,7 +17,7 @@ Values: TypeAlias = np.ndarray | torch.Tensor
 
 
 @dataclass(frozen=True, eq=False)
-class Maps:
+class GaussianMaps:
     """One frame of one source view: arrays as the archive holds them, or tensors, whose gradients are kept."""
 
     color: Values  # [h, w, 3] uint8, or a tensor of sRGB 0..1
@@ -122,7 +122,7 @@ class Pixels:
 
 
 def lift(
-    maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
+    maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
 ) -> Lifted:
     """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 

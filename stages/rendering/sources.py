@@ -20,7 +20,7 @@ OUTCOME = "refinement/outcome"
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
     """What the Gaussians of a view are lifted from before refinement, in the order
-    `posegaussian.stages.rendering.lift.Maps` takes it."""
+    `posegaussian.stages.rendering.lift.GaussianMaps` takes it."""
     return ("frames/color", depth_array(facts), *OF_GAUSSIANS)
 
 

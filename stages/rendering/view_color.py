@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.geometry.consistency import SAME_SURFACE
-from posegaussian.stages.rendering.lift import Lifted, Maps
+from posegaussian.stages.rendering.lift import GaussianMaps, Lifted
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
 from posegaussian.storage.model.cameras import camera_centre, points_to_integer_centres
 
@@ -40,7 +40,12 @@ class Photo:
 
     @classmethod
     def of(
-        cls, maps: Maps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
+        cls,
+        maps: GaussianMaps,
+        intrinsics: np.ndarray,
+        world_to_camera: np.ndarray,
+        dtype: torch.dtype,
+        device: torch.device,
     ) -> Photo:
         """From the maps that Gaussians are lifted from."""
         color = torch.as_tensor(maps.color).to(device)

@@ -10,7 +10,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.simulator.effects.base import generator
-from posegaussian.stages.simulator.scene import Arc, Camera, Dome, Listed, Ring, Scene, Stereo
+from posegaussian.stages.simulator.scene import Arc, Dome, Listed, Ring, Scene, SceneCamera, Stereo
 from posegaussian.storage.model.cameras import Rig, camera_centre, rigid
 
 
@@ -175,7 +175,7 @@ def _placed(
 
 
 def _listed(
-    camera: Camera, target: np.ndarray, subject_height: float
+    camera: SceneCamera, target: np.ndarray, subject_height: float
 ) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
     centre = np.array(camera.position)
     at = target if camera.look_at is None else np.array(camera.look_at)

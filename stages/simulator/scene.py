@@ -148,7 +148,7 @@ class THuman(_Around):
     size: Size = Field((1024, 1024), description="(width, height) of the pictures in px.")
 
 
-class Camera(_Lens):
+class SceneCamera(_Lens):
     """One camera."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Unique name.")
@@ -161,7 +161,7 @@ class Listed(Params):
     """Cameras one by one."""
 
     kind: Literal["list"]
-    cameras: list[Camera] = Field(min_length=1, description="The cameras.")
+    cameras: list[SceneCamera] = Field(min_length=1, description="The cameras.")
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
 
 
@@ -225,7 +225,7 @@ class Scene(Params):
     subject: AnySubject = Field(Person.model_validate({}), description="Who is filmed.")
     motion: Motion = Field(Motion.model_validate({}), description="What a person does; a scan only turns.")
     rig: AnyRig = Field(Ring.model_validate({}), description="Source cameras.")
-    held_out: int | list[Camera] = Field(
+    held_out: int | list[SceneCamera] = Field(
         0, description="Cameras to compare with: a number of them midway between source cameras, or a list."
     )
     effects: SceneEffects = Field(SceneEffects(), description="What is simulated besides the plain picture.")
@@ -328,10 +328,10 @@ def known_fields(path: tuple[str | int, ...], tag: str | None = None) -> list[st
             else next((list(e.params.model_fields) for e in EFFECTS if e.name == path[1]), [])
         )
     if top == "rig":
-        return list((Camera if len(path) > 1 else RIGS.get(str(tag), Ring)).model_fields)
+        return list((SceneCamera if len(path) > 1 else RIGS.get(str(tag), Ring)).model_fields)
     models: dict[str, tuple[type[BaseModel], ...]] = {
         "subject": (Person, Scan),
         "motion": (Motion,),
-        "held_out": (Camera,),
+        "held_out": (SceneCamera,),
     }
     return [n for m in models.get(top, ()) for n in m.model_fields]

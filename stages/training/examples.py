@@ -16,7 +16,15 @@ from posegaussian.stages.geometry.projection import pixel_centres, project
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.network.model.encoders import HEATMAP_CELL
-from posegaussian.stages.network.model.pairs import SourceView, Third, Views, places, rectified_pair, start_on, windows
+from posegaussian.stages.network.model.pairs import (
+    PairViews,
+    SourceView,
+    Third,
+    places,
+    rectified_pair,
+    start_on,
+    windows,
+)
 from posegaussian.stages.network.third_view import candidates, finer, intrinsics_of, third_view, window_around
 from posegaussian.stages.pose.heatmaps import draw
 from posegaussian.stages.splatting.definition.scene import Camera
@@ -45,7 +53,7 @@ Frame = Mapping[str, np.ndarray]
 class Example:
     """One pair of views."""
 
-    views: Views
+    views: PairViews
     """Both directions."""
     truth: torch.Tensor
     """[2, 1, H, W] true disparity, px, NaN where there is none."""

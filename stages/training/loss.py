@@ -13,11 +13,10 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import rays
 from posegaussian.stages.gaussians.run import prior
 from posegaussian.stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
-from posegaussian.stages.network.model.heads import Maps, Prior, blend, learned, limited, normal_of
+from posegaussian.stages.network.model.heads import HeadMaps, Prior, blend, learned, limited, normal_of
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
-from posegaussian.stages.network.model.pairs import Views
-from posegaussian.stages.rendering.lift import Maps as LiftMaps
-from posegaussian.stages.rendering.lift import lift
+from posegaussian.stages.network.model.pairs import PairViews
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.stages.training.config import TrainingConfig
@@ -35,7 +34,7 @@ OUTSIDE = 0.25
 """Weight of a target's pixels beside the subject: what is drawn there is clipped by the silhouettes later."""
 
 
-class Terms(NamedTuple):
+class LossTerms(NamedTuple):
     """Parts of the loss, each with its weight in it."""
 
     depth: torch.Tensor
@@ -54,7 +53,7 @@ class Terms(NamedTuple):
 class Batch(NamedTuple):
     """Examples as one, on a device."""
 
-    views: Views
+    views: PairViews
     truth: torch.Tensor
     """[B, 1, H, W] true disparity, px, 0 where there is none."""
     valid: torch.Tensor
@@ -66,7 +65,7 @@ class Batch(NamedTuple):
 def together(examples: Sequence[Example], device: torch.device) -> Batch:
     """Examples of one size as a batch."""
     views, truth = (
-        Views.batch([e.views for e in examples]).to(device),
+        PairViews.batch([e.views for e in examples]).to(device),
         torch.cat([e.truth for e in examples]).to(device),
     )
     strange = torch.tensor([e.strange for e in examples for _ in (0, 1)], device=device)
@@ -105,7 +104,9 @@ def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) ->
     )
 
 
-def pose_terms(fusion: PoseFusion | None, prediction: Prediction, views: Views, config: TrainingConfig) -> torch.Tensor:
+def pose_terms(
+    fusion: PoseFusion | None, prediction: Prediction, views: PairViews, config: TrainingConfig
+) -> torch.Tensor:
     """Zero where the decoder does not see the pose."""
     if fusion is None or prediction.pose is None:
         return prediction.joint.new_zeros(())
@@ -132,7 +133,7 @@ def render_terms(
 
 def gaussian_maps(
     network: PoseGaussianNetwork, prediction: Prediction, example: Example, direction: int, which: int
-) -> LiftMaps:
+) -> GaussianMaps:
     """What the Gaussians of one direction are lifted from: the blend over the analytic prior on the rectified grid."""
     disparity = prediction.disparity[direction : direction + 1]
     there = torch.isfinite(disparity)
@@ -140,13 +141,13 @@ def gaussian_maps(
     analytic, ray = _prior(example, which, depth.detach()[0, 0].cpu().numpy())
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
-    blended: Maps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
-    return LiftMaps(
+    blended: HeadMaps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
+    return GaussianMaps(
         example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0]
     )
 
 
-def draw(example: Example, maps: Sequence[LiftMaps], threads: int) -> torch.Tensor:
+def draw(example: Example, maps: Sequence[GaussianMaps], threads: int) -> torch.Tensor:
     """[1, 3, h, w] the picture of the target camera, premultiplied."""
     parts = []
     for which, m in enumerate(maps):

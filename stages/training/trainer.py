@@ -19,7 +19,7 @@ from posegaussian.stages.network.weights import load_weights
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.contract import Frame
 from posegaussian.stages.training.examples import Example, drawn, unfitting, whole
-from posegaussian.stages.training.loss import Terms, depth_terms, pose_terms, render_terms, together
+from posegaussian.stages.training.loss import LossTerms, depth_terms, pose_terms, render_terms, together
 
 SETTLED = 1000
 """Steps after which the learning rate falls with the root of the steps."""
@@ -31,7 +31,7 @@ MISSED = 16.0
 """Px that a pixel without a depth counts in the error."""
 
 
-class Trainer:
+class NetworkTrainer:
     """Network, averaged weights and optimiser."""
 
     def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
@@ -92,7 +92,7 @@ class Trainer:
             **seconds,
         }
 
-    def _terms(self, examples: list[Example], iterations: int) -> tuple[Terms, dict[str, float]]:
+    def _terms(self, examples: list[Example], iterations: int) -> tuple[LossTerms, dict[str, float]]:
         batch = together(examples, self.device)
         views, truth, valid, strange = batch
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
@@ -120,7 +120,7 @@ class Trainer:
                 "confidence strange": doubtful,
                 "iterations": float(iterations),
             }
-        return Terms(depth, pose, render), numbers
+        return LossTerms(depth, pose, render), numbers
 
     def _rate(self) -> float:
         """Rising over the warm-up, then level, then with the inverse root of the steps."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from posegaussian.storage.archive.array_metadata import read_metadata, separator
 from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 
 
 def shard_key(name: str, array: Any, where: tuple[int, ...]) -> str:
@@ -38,7 +38,7 @@ def unpromised(name: str, array: Any, index: tuple[int | slice, ...], files: Col
     return next((key for key in keys_read(name, array, index) if key not in promised), None)
 
 
-def named_as_in(sequence: Sequence, receipt: Receipt) -> Receipt:
+def named_as_in(sequence: SequenceGroup, receipt: Receipt) -> Receipt:
     """A receipt of the same task elsewhere, with the keys that the shards have in this sequence's arrays.
 
     Tables keep theirs, and so do arrays that are not there. Raises ForeignArray.
@@ -46,7 +46,7 @@ def named_as_in(sequence: Sequence, receipt: Receipt) -> Receipt:
     return dataclasses.replace(receipt, outputs=tuple(_named(sequence, o) for o in receipt.outputs))
 
 
-def _named(sequence: Sequence, output: Output) -> Output:
+def _named(sequence: SequenceGroup, output: Output) -> Output:
     try:
         between = separator(read_metadata(sequence.place(output.array)))
     except FileNotFoundError:

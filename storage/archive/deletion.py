@@ -24,7 +24,7 @@ from posegaussian.storage.archive.receipts import (
     remove_receipt,
     write_receipt,
 )
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import files_below, refuse_link, refuse_links
 from posegaussian.storage.files.write import sync_folder
 from posegaussian.storage.model.errors import LeaseHeld
@@ -38,7 +38,7 @@ def bytes_of(files: Iterable[ShardFile]) -> int:
     return sum(f.size for f in files)
 
 
-def drop_outputs(sequence: Sequence, receipt: Receipt, chosen: Collection[tuple[str, int | None]]) -> Receipt:
+def drop_outputs(sequence: SequenceGroup, receipt: Receipt, chosen: Collection[tuple[str, int | None]]) -> Receipt:
     """Give up the bytes of some (array, view) of a task; its receipt keeps their digests and says that they are
     dropped.
 
@@ -54,7 +54,9 @@ def drop_outputs(sequence: Sequence, receipt: Receipt, chosen: Collection[tuple[
         return receipt
 
 
-def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collection[tuple[str, int | None]]) -> Receipt:
+def _drop(
+    sequence: SequenceGroup, key: ReceiptKey, receipt: Receipt, chosen: Collection[tuple[str, int | None]]
+) -> Receipt:
     now = read_receipt(sequence, key)
     if now is None or now.fingerprint != receipt.fingerprint or now.contents != receipt.contents:
         return receipt
@@ -72,14 +74,14 @@ def _drop(sequence: Sequence, key: ReceiptKey, receipt: Receipt, chosen: Collect
     return marked
 
 
-def _partition_folder(sequence: Sequence, key: str) -> Path:
+def _partition_folder(sequence: SequenceGroup, key: str) -> Path:
     """The folder of a shard that other tasks may be writing into, so that a run leaves it: the array's, or
     `<array>/c/<partition>` of arrays of earlier versions."""
     array, nested, rest = key.partition("/c/")
     return sequence.root / array / "c" / rest.partition("/")[0] if nested else (sequence.root / key).parent
 
 
-def forget(sequence: Sequence, receipt: Receipt) -> None:
+def forget(sequence: SequenceGroup, receipt: Receipt) -> None:
     """Delete a task's receipt, then its outputs.
     Raises Unsafe, with nothing deleted, where a link lies on the way to one."""
     files = [sequence.place(f.key) for o in receipt.outputs for f in o.files]
@@ -149,7 +151,7 @@ def partial_files(root: Path) -> list[Path]:
     return found
 
 
-def strays(sequence: Sequence, receipts: Iterable[Receipt], arrays: Collection[str]) -> Iterator[Path]:
+def strays(sequence: SequenceGroup, receipts: Iterable[Receipt], arrays: Collection[str]) -> Iterator[Path]:
     """Shards and tables of the given arrays that no receipt names:
     unfinished work, or what a killed sweep left. Raises Unsafe."""
     named = {f.key for r in receipts for o in r.outputs if not o.dropped for f in o.files}

@@ -40,7 +40,7 @@ from posegaussian.storage.archive.receipts import (
 )
 from posegaussian.storage.archive.records import FILE, write_record
 from posegaussian.storage.archive.shards import table_digest
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import Unsafe, files_below
 from posegaussian.storage.model.errors import ArchiveError, ShardMissing
 from posegaussian.storage.model.spec import array_digest
@@ -79,7 +79,7 @@ class Count:
     """Records and descriptions of arrays that have no checksum."""
 
 
-def faults(sequence: Sequence, count: Count) -> Iterator[Fault]:
+def faults(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
     """All faults of one sequence. Outputs that were dropped have nothing to verify; tasks that a run works on are left
     out.
 
@@ -116,7 +116,7 @@ def faults(sequence: Sequence, count: Count) -> Iterator[Fault]:
         )
 
 
-def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
+def _arrays(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
     """Faults of what no receipt speaks of:
     descriptions of arrays, and arrays that are written whole (cameras, times, truth)."""
     for folder in sequence.walk_arrays():
@@ -133,7 +133,7 @@ def _arrays(sequence: Sequence, count: Count) -> Iterator[Fault]:
             yield Fault(f"{ARRAY_BROKEN} ({e})", f"{name}/{FILE}")
 
 
-def seal_all(sequence: Sequence) -> int:
+def seal_all(sequence: SequenceGroup) -> int:
     """Add the checksums that the record and the descriptions of arrays lack, as they are now;
     returns how many were added."""
     added = 0
@@ -159,7 +159,7 @@ def key_of(receipt: Receipt) -> ReceiptKey:
     return ReceiptKey(receipt.stage, receipt.partition, receipt.view, receipt.path)
 
 
-def _of_output(sequence: Sequence, receipt: Receipt, output: Output, count: Count) -> list[Fault]:
+def _of_output(sequence: SequenceGroup, receipt: Receipt, output: Output, count: Count) -> list[Fault]:
     """Faults of the files of one output; of its content only where every file is as promised."""
     causes = [(f, _of_file(sequence, f)) for f in output.files]
     count.files += len(output.files)
@@ -170,7 +170,7 @@ def _of_output(sequence: Sequence, receipt: Receipt, output: Output, count: Coun
     return found
 
 
-def _of_file(sequence: Sequence, promised: ShardFile) -> str | None:
+def _of_file(sequence: SequenceGroup, promised: ShardFile) -> str | None:
     try:
         data = read_shard(sequence, promised.key)
     except FileNotFoundError:
@@ -186,7 +186,7 @@ def _of_file(sequence: Sequence, promised: ShardFile) -> str | None:
     return None if zlib.crc32(data) == promised.crc32 else "bits changed: the checksum is not the promised one"
 
 
-def _of_content(sequence: Sequence, receipt: Receipt, output: Output) -> str | None:
+def _of_content(sequence: SequenceGroup, receipt: Receipt, output: Output) -> str | None:
     """Decode and compare with the content digest."""
     files = [sequence.place(f.key) for f in output.files]
     try:
@@ -206,7 +206,7 @@ def _of_content(sequence: Sequence, receipt: Receipt, output: Output) -> str | N
     return None if found == output.digest else "its content is not the promised one"
 
 
-def _block(sequence: Sequence, receipt: Receipt, output: Output) -> np.ndarray | None:
+def _block(sequence: SequenceGroup, receipt: Receipt, output: Output) -> np.ndarray | None:
     """The block as it was written; None where the array was cut or grown since, so that it cannot be read back whole.
 
     Raises ShardMissing where the array is read from other files than the output's.
@@ -236,7 +236,7 @@ def _block(sequence: Sequence, receipt: Receipt, output: Output) -> np.ndarray |
     return np.asarray(array[tuple(index)])
 
 
-def repair(sequence: Sequence, fault: Fault) -> None:
+def repair(sequence: SequenceGroup, fault: Fault) -> None:
     """Have the next run make anew what is broken. Raises LeaseHeld when a run works on it."""
     if fault.receipt is None:
         if not fault.file.startswith(GIVEN):
@@ -248,7 +248,7 @@ def repair(sequence: Sequence, fault: Fault) -> None:
             remove_receipt(sequence, *key)
 
 
-def _remove(sequence: Sequence, key: str) -> None:
+def _remove(sequence: SequenceGroup, key: str) -> None:
     """Remove one file; the calibrated cameras, which no run makes, are written again from the record."""
     sequence.place(key).unlink(missing_ok=True)
     if key.startswith("source/") and key.endswith(FILE):

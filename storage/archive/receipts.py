@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posegaussian.storage.archive import checksums
-from posegaussian.storage.archive.store import Sequence
-from posegaussian.storage.files.names import Look, Unsafe, files_below, is_word, parse_json, read_file
+from posegaussian.storage.archive.store import SequenceGroup
+from posegaussian.storage.files.names import FileSizes, Unsafe, files_below, is_word, parse_json, read_file
 from posegaussian.storage.files.write import refusals, sync_folder, write_atomically
 
 MOST_BYTES = 2**26
@@ -213,13 +213,15 @@ class ReceiptKey(NamedTuple):
     """Camera path."""
 
 
-def receipt_file(sequence: Sequence, stage: str, partition: int | None, view: int | None, path: str | None) -> Path:
+def receipt_file(
+    sequence: SequenceGroup, stage: str, partition: int | None, view: int | None, path: str | None
+) -> Path:
     """Where a task's receipt lies. Raises Unsafe where a link lies on the way."""
     parts = ["_receipts", stage, *([path] if path is not None else []), *([f"v{view:03d}"] if view is not None else [])]
     return sequence.place("/".join([*parts, f"{'all' if partition is None else f'p{partition:06d}'}.json"]))
 
 
-def lease_file(sequence: Sequence, key: ReceiptKey) -> Path:
+def lease_file(sequence: SequenceGroup, key: ReceiptKey) -> Path:
     """Where the lease of a task lies: beside its receipt."""
     return receipt_file(sequence, *key).with_suffix(".lease")
 
@@ -243,7 +245,7 @@ def load_receipt(file: Path | str) -> Receipt:
         ) from None
 
 
-def read_receipt(sequence: Sequence, key: ReceiptKey) -> Receipt | None:
+def read_receipt(sequence: SequenceGroup, key: ReceiptKey) -> Receipt | None:
     """One receipt; None when there is none or it cannot be read. Raises Unsafe."""
     try:
         return load_receipt(receipt_file(sequence, *key))
@@ -251,14 +253,16 @@ def read_receipt(sequence: Sequence, key: ReceiptKey) -> Receipt | None:
         return None
 
 
-def write_receipt(sequence: Sequence, receipt: Receipt) -> None:
+def write_receipt(sequence: SequenceGroup, receipt: Receipt) -> None:
     """Write atomically and sync: the last act of a task."""
     write_atomically(
         receipt_file(sequence, receipt.stage, receipt.partition, receipt.view, receipt.path), receipt.to_json()
     )
 
 
-def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: int | None, path: str | None) -> None:
+def remove_receipt(
+    sequence: SequenceGroup, stage: str, partition: int | None, view: int | None, path: str | None
+) -> None:
     """Remove and sync: the first act of a task, so that new bytes never lie under an old receipt."""
     file = receipt_file(sequence, stage, partition, view, path)
     if file.exists():
@@ -267,7 +271,7 @@ def remove_receipt(sequence: Sequence, stage: str, partition: int | None, view: 
             sync_folder(file.parent)
 
 
-def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:
+def scan_receipts(sequence: SequenceGroup) -> Iterator[Receipt]:
     """All readable receipts. One that cannot be parsed proves nothing, one that a running task just removed is gone:
     both are absent.
 
@@ -281,18 +285,18 @@ def scan_receipts(sequence: Sequence) -> Iterator[Receipt]:
                 continue
 
 
-def missing_files(sequence: Sequence, receipt: Receipt, look: Look | None = None) -> list[str]:
+def missing_files(sequence: SequenceGroup, receipt: Receipt, look: FileSizes | None = None) -> list[str]:
     """Keys of shards that are gone or of another size than the receipt says; dropped outputs have none to miss.
 
     `look`: one for many receipts of the sequence. Raises Unsafe where a link lies on the way to a shard.
     """
-    look = look or Look(sequence.root)
+    look = look or FileSizes(sequence.root)
     return [
         f.key for output in receipt.outputs if not output.dropped for f in output.files if look.size(f.key) != f.size
     ]
 
 
-def damaged_files(sequence: Sequence, receipt: Receipt) -> list[str]:
+def damaged_files(sequence: SequenceGroup, receipt: Receipt) -> list[str]:
     """Keys of shards that are gone, or whose bytes are not those the receipt describes. Reads every file of the
     outputs that were not dropped."""
     bad = []
@@ -306,6 +310,6 @@ def damaged_files(sequence: Sequence, receipt: Receipt) -> list[str]:
     return bad
 
 
-def read_shard(sequence: Sequence, key: str) -> bytes:
+def read_shard(sequence: SequenceGroup, key: str) -> bytes:
     """The bytes of one file of an output. Raises OSError, and Unsafe where a link lies on the way or in its place."""
     return read_file(sequence.place(key), MOST_SHARD_BYTES)

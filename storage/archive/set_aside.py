@@ -32,7 +32,7 @@ from posegaussian.storage.archive.receipts import (
     remove_receipt,
     write_receipt,
 )
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import files_below, folders_in, parse_json, read_file
 from posegaussian.storage.files.write import PARTIAL, link_or_copy, sync_folder
 from posegaussian.storage.model.errors import ArchiveError
@@ -64,11 +64,11 @@ def key_of(receipt: Receipt) -> ReceiptKey:
     return ReceiptKey(receipt.stage, receipt.partition, receipt.view, receipt.path)
 
 
-def _place(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Path:
+def _place(sequence: SequenceGroup, key: ReceiptKey, fingerprint: str) -> Path:
     return Archive(sequence.root.parent).place(f"{FOLDER}/{sequence.name}/{digest([*key, fingerprint])}")
 
 
-def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
+def put(sequence: SequenceGroup, receipts: Iterable[Receipt]) -> bool:
     """Put whole results aside, all with the same time of use; False where the file system has no hard links: then
     nothing is kept."""
     now = time.time()
@@ -98,7 +98,7 @@ def put(sequence: Sequence, receipts: Iterable[Receipt]) -> bool:
     return True
 
 
-def _layout(sequence: Sequence, array: str) -> str:
+def _layout(sequence: SequenceGroup, array: str) -> str:
     """Digest of how an array's shards are laid out, its lengths along frames and views and the names of its shards
     left out; of a table nothing."""
     try:
@@ -116,12 +116,12 @@ def _layout(sequence: Sequence, array: str) -> str:
     )
 
 
-def find(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> Receipt | None:
+def find(sequence: SequenceGroup, key: ReceiptKey, fingerprint: str) -> Receipt | None:
     """The receipt of a result that was put aside and whose files have the right sizes; None where there is none."""
     return _read(sequence, key, fingerprint)[0]
 
 
-def _read(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> tuple[Receipt | None, dict[str, str]]:
+def _read(sequence: SequenceGroup, key: ReceiptKey, fingerprint: str) -> tuple[Receipt | None, dict[str, str]]:
     place = _place(sequence, key, fingerprint)
     try:
         found = parse_json(read_file(place / ENTRY, MOST_BYTES))
@@ -135,7 +135,7 @@ def _read(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> tuple[Receip
     return (receipt, found["layouts"]) if whole and asked_for else (None, {})
 
 
-def take(sequence: Sequence, key: ReceiptKey, fingerprint: str, run: str, seconds: float) -> Receipt | None:
+def take(sequence: SequenceGroup, key: ReceiptKey, fingerprint: str, run: str, seconds: float) -> Receipt | None:
     """Take a result over in the place of what the sequence has; its receipt, or None where there is none that is whole.
 
     The arrays must be there. The order is a task's: lease, old receipt removed, shards, receipt; a death in between
@@ -166,7 +166,7 @@ def take(sequence: Sequence, key: ReceiptKey, fingerprint: str, run: str, second
     return receipt
 
 
-def forget(sequence: Sequence, key: ReceiptKey, fingerprint: str) -> None:
+def forget(sequence: SequenceGroup, key: ReceiptKey, fingerprint: str) -> None:
     """Delete an entry, if there is one."""
     _delete(_place(sequence, key, fingerprint))
 
@@ -232,6 +232,6 @@ def _sweep(archive: Archive) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def place_of(sequence: Sequence, receipt: Receipt) -> Path:
+def place_of(sequence: SequenceGroup, receipt: Receipt) -> Path:
     """Where a result is or would be put aside."""
     return _place(sequence, key_of(receipt), receipt.fingerprint)

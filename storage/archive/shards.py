@@ -14,8 +14,8 @@ import numpy as np
 from posegaussian.storage.archive.array_metadata import refuse_huge
 from posegaussian.storage.archive.chunk_keys import shard_key, unpromised
 from posegaussian.storage.archive.receipts import Output, ShardFile
-from posegaussian.storage.archive.store import Sequence
-from posegaussian.storage.files.names import Look
+from posegaussian.storage.archive.store import SequenceGroup
+from posegaussian.storage.files.names import FileSizes
 from posegaussian.storage.files.write import refusals, sync_folder, write_atomically
 from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing
 from posegaussian.storage.model.spec import ArraySpec, TableSpec, array_digest, digest
@@ -29,7 +29,7 @@ def free() -> None:
     """The guard of a writer nobody else can disturb."""
 
 
-def _record(sequence: Sequence, key: str, made: Iterable[Path]) -> ShardFile:
+def _record(sequence: SequenceGroup, key: str, made: Iterable[Path]) -> ShardFile:
     """Sync a shard, its folder, and where folders were made for it; and describe it."""
     path = sequence.place(key)
     with refusals(path), open(path, "rb") as f:
@@ -45,7 +45,7 @@ def _missing_folders(path: Path) -> list[Path]:
     return list(takewhile(lambda folder: not folder.is_dir(), path.parents))
 
 
-def _open(sequence: Sequence, name: str, mode: Literal["r", "r+"]) -> Any:
+def _open(sequence: SequenceGroup, name: str, mode: Literal["r", "r+"]) -> Any:
     import zarr  # not above: see storage/archive/store.py
 
     # Without this a shard of zeros would not be written, and an absent shard must never mean zeros.
@@ -60,7 +60,7 @@ def _open(sequence: Sequence, name: str, mode: Literal["r", "r+"]) -> Any:
 
 
 def write_array(
-    sequence: Sequence,
+    sequence: SequenceGroup,
     spec: ArraySpec,
     path: str,
     frames: range,
@@ -131,7 +131,7 @@ def _region(
 
 
 def write_table(
-    sequence: Sequence,
+    sequence: SequenceGroup,
     spec: TableSpec,
     path: str,
     partition: int | None,
@@ -159,9 +159,9 @@ def table_digest(columns: Mapping[str, list[Any]]) -> str:
     return digest([[str(v) if isinstance(v, float) else v for v in column] for column in columns.values()])
 
 
-def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
+def verify_files(sequence: SequenceGroup, files: Iterable[ShardFile]) -> None:
     """Raise ShardMissing or ShardCorrupt when a file is not there or not of the promised size."""
-    look = Look(sequence.root)
+    look = FileSizes(sequence.root)
     for f in files:
         size = look.size(f.key)
         if size < 0:
@@ -174,7 +174,7 @@ def verify_files(sequence: Sequence, files: Iterable[ShardFile]) -> None:
 
 
 def read_array(
-    sequence: Sequence, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]
+    sequence: SequenceGroup, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]
 ) -> np.ndarray:
     """Read the frames of `span` of one view, after checking the shards that hold them.
 
@@ -212,7 +212,7 @@ def read_array(
 
 
 def read_frames(
-    sequence: Sequence,
+    sequence: SequenceGroup,
     name: str,
     outputs: Mapping[tuple[int, int | None], Output],
     grid: TimeGrid,

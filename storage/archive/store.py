@@ -148,21 +148,21 @@ class Archive:
         Raises Unsafe where the key or a symbolic link leads out of it."""
         return below(self.root, key)
 
-    def sequence(self, name: str) -> Sequence:
+    def sequence(self, name: str) -> SequenceGroup:
         """One sequence. Raises ArchiveError with the known names, or for a newer format;
         Unsafe for a link in its place."""
         if (why := sequence_name_fault(name)) is not None:
             raise Unsafe(
                 f"archive {self.root} has a folder {name!r} that cannot be a sequence: {why}; take it away or rename it"
             )
-        sequence = Sequence(self.place(name))
+        sequence = SequenceGroup(self.place(name))
         if not sequence.place(FILE).is_file():
             known = ", ".join(self.names()) or "none yet"
             raise ArchiveError(f"archive {self.root} has no sequence {name!r}; it has: {known}")
         _ = sequence.record  # refuses a newer format
         return sequence
 
-    def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> Sequence:
+    def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> SequenceGroup:
         """Register a capture under a name, replacing an earlier registration but not its results.
 
         Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a
@@ -179,11 +179,11 @@ class Archive:
                 shutil.rmtree(root, ignore_errors=True)
             raise
 
-    def _registered(self, root: Path, capture: Capture, partition_frames: int) -> Sequence:
+    def _registered(self, root: Path, capture: Capture, partition_frames: int) -> SequenceGroup:
         # The record is there from the first moment:
         # a kill in between must not leave a folder that looks like a broken sequence.
         write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
-        sequence = Sequence(root)
+        sequence = SequenceGroup(root)
         sequence.put_cameras()
         sync_folder(root)
         self.write_catalog()
@@ -224,7 +224,7 @@ class Archive:
 
 
 @dataclass(frozen=True)
-class Sequence:
+class SequenceGroup:
     """One sequence's group and the folders of its receipts."""
 
     root: Path

@@ -184,7 +184,7 @@ def parse_json(text: bytes) -> Any:
         raise ValueError("it is nested too deep") from None
 
 
-class Look:
+class FileSizes:
     """One look at the files of a folder: every folder on the way to them is looked at once.
     Keys are those of receipts, checked."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from posegaussian.storage.archive.checkpoints import steps_kept
-from tests.dags.test_training import assert_alike, run, start
+from tests.dags.training.test_training import assert_alike, run, start
 
 KILLS = 12
 

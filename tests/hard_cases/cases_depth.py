@@ -24,7 +24,7 @@ from posegaussian.stages.matching.sgbm import match
 from posegaussian.stages.metrics.depth_error import depth_error
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.masks import foreground
 from posegaussian.storage.readers.images import read_depth, write_exr
@@ -137,7 +137,7 @@ def farthest() -> float:
     """Metres to the farthest Gaussian that is made of such pixels; 0 where none is."""
     pair = rectify(pair_rig(22.5), 0, 1, ORIGIN)
     depth = torch.as_tensor(pair.depth(behind_infinity(pair)), dtype=torch.float32)
-    maps = Maps(torch.ones(1, 3, 3), depth, torch.ones(3, 1, 3), -torch.ones(3, 1, 3), torch.ones(2, 1, 3))
+    maps = GaussianMaps(torch.ones(1, 3, 3), depth, torch.ones(3, 1, 3), -torch.ones(3, 1, 3), torch.ones(2, 1, 3))
     return float(
         np.linalg.norm(lift(maps, np.eye(3), np.eye(4), torch.float32, torch.device("cpu")).mean.numpy(), axis=1).max(
             initial=0.0

@@ -12,7 +12,7 @@ from posegaussian.stages.network.losses import sequence_loss
 from posegaussian.stages.network.model.encoders import image_encoder
 from posegaussian.stages.network.model.heads import Heads, Prior, blend_quaternions, growth, limited
 from posegaussian.stages.network.model.presets import PRESETS, Normalisation
-from posegaussian.stages.training.trainer import Trainer
+from posegaussian.stages.training.trainer import NetworkTrainer
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.support.training_examples import ball, tiny
 
@@ -115,10 +115,10 @@ def naive_bad_batch() -> float:
     return float((~torch.isfinite(line.weight)).double().mean())
 
 
-def bad_batch() -> tuple[float, Trainer]:
+def bad_batch() -> tuple[float, NetworkTrainer]:
     """Largest change of a weight, averaged or not, by a step of a frame whose confidence is no number;
     the trainer after it."""
-    trainer = Trainer(tiny())
+    trainer = NetworkTrainer(tiny())
     before = [p.detach().clone() for p in (*trainer.learnt, *trainer.averaged.parameters())]
     frame = ball()
     trainer.advance({0: {**frame, "confidence": np.full_like(frame["confidence"], np.nan)}})

@@ -16,7 +16,7 @@ from posegaussian.stages.matching.bounds import Bounds, around, between, inverse
 from posegaussian.stages.matching.fuse import complete, fuse
 from posegaussian.stages.matching.sampling import extend, sample
 from posegaussian.stages.matching.sgbm import match
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.images import read_depth, write_png
@@ -76,7 +76,7 @@ def test_d3_lifting_makes_nothing_of_impossible_depth_and_counts_it(bad: float) 
     depth = torch.full((2, 2), 2.0, requires_grad=True)
     given = torch.where(torch.tensor([[True, False], [False, False]]), torch.tensor(bad), depth)
     lifted = lift(
-        Maps(torch.ones(2, 2, 3), given, torch.ones(3, 2, 2), -torch.ones(3, 2, 2), torch.ones(2, 2, 2)),
+        GaussianMaps(torch.ones(2, 2, 3), given, torch.ones(3, 2, 2), -torch.ones(3, 2, 2), torch.ones(2, 2, 2)),
         np.eye(3),
         np.eye(4),
         torch.float32,

@@ -13,7 +13,7 @@ from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
 from posegaussian.stages.splatting.quaternions import rotations
 from posegaussian.stages.splatting.splat_scene import scene_of
 from tests.hard_cases.laws import FIELDS, agree, derivative, drawn, pictures, to
-from tests.storage.test_splat_files import made
+from tests.storage.formats.test_splat_files import made
 from tests.support.gaussian_scenes import camera, cloud, draw, gaussians, turned_about_y
 
 pytestmark = pytest.mark.usefixtures("each_compiled")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from posegaussian.storage.archive.array_metadata import NESTED_NAMES, read_metadata, seal
 from posegaussian.storage.archive.receipts import Output, Receipt, scan_receipts, write_receipt
-from posegaussian.storage.archive.store import Sequence
+from posegaussian.storage.archive.store import SequenceGroup
 
 
 def nest_description(folder: Path) -> None:
@@ -48,7 +48,7 @@ def nested_output(output: Output) -> Output:
     return dataclasses.replace(output, files=tuple(files))
 
 
-def nest(sequence: Sequence) -> Sequence:
+def nest(sequence: SequenceGroup) -> SequenceGroup:
     """A whole sequence as it was, arrays and receipts."""
     for folder in list(sequence.walk_arrays()):
         nest_array(folder)

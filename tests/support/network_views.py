@@ -11,7 +11,7 @@ from posegaussian.stages.geometry.projection import pixel_centres, rays, unproje
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
-from posegaussian.stages.network.model.pairs import SourceView, Views
+from posegaussian.stages.network.model.pairs import PairViews, SourceView
 from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import camera, on_ring, rig_of
@@ -71,7 +71,7 @@ def pair_of(rig: Rig) -> RectifiedPair:
     return rectify(rig, 0, 1, np.zeros(3))
 
 
-def random_views(pairs: int, side: int = 64, seed: int = 0) -> Views:
+def random_views(pairs: int, side: int = 64, seed: int = 0) -> PairViews:
     """Pictures and heatmaps of noise over smooth starts with a hole."""
     g = torch.Generator().manual_seed(seed)
     batch = 2 * pairs
@@ -92,7 +92,7 @@ def random_views(pairs: int, side: int = 64, seed: int = 0) -> Views:
         torch.rand(batch, 17, side // 4, side // 4, generator=g),
         torch.rand(batch, 1, side, side, generator=g),
     )
-    return Views(color, heatmaps, start, torch.where(torch.isfinite(start), confidence, 0), cover, coding)
+    return PairViews(color, heatmaps, start, torch.where(torch.isfinite(start), confidence, 0), cover, coding)
 
 
 def network(preset: str = "fast", shaken: bool = True, seed: int = 0, **variant: object) -> PoseGaussianNetwork:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.archive.store import Archive, Sequence
+from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.model.cameras import Rig, rigid
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 
@@ -54,7 +54,7 @@ def make_capture(views: int = 3, numbers: range = range(10), joints: bool = True
     )
 
 
-def make_sequence(folder: Path, views: int = 3, partition_frames: int = 4, numbers: range = range(10)) -> Sequence:
+def make_sequence(folder: Path, views: int = 3, partition_frames: int = 4, numbers: range = range(10)) -> SequenceGroup:
     """An archive in `folder` with one sequence named `kick`."""
     return Archive.open(str(folder), create=True).create_sequence(
         "kick", make_capture(views, numbers), partition_frames

@@ -22,7 +22,7 @@ from posegaussian.dags.runtime import threads
 from posegaussian.dags.runtime.executors.dask_worker import Introduction, introduce
 from posegaussian.dags.runtime.failures import Failure, failure
 from posegaussian.dags.runtime.timeout import death
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.dags.runtime.worker import execute
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import OtherCode
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
 
-def attempt(order: Order) -> Receipt | Failure:
+def attempt(order: WorkOrder) -> Receipt | Failure:
     """One attempt at a task in this process."""
     try:
         return execute(order)
@@ -47,7 +47,7 @@ class Child:
         self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
 
-    def attempt(self, order: Order) -> Receipt | Failure:
+    def attempt(self, order: WorkOrder) -> Receipt | Failure:
         """One attempt at a task there; what its end means, where the process ends over it.
 
         Raises OtherCode when files were edited since this process began, so that the child has imported others.

@@ -34,7 +34,7 @@ from posegaussian.dags.runtime.executors.local_cluster import deafness, start_lo
 from posegaussian.dags.runtime.executors.prefetch import Window
 from posegaussian.dags.runtime.failures import Failure, Kind, failure
 from posegaussian.dags.runtime.timeout import death
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import ConfigError, OtherCode, SchedulerLost
 
@@ -94,7 +94,7 @@ class _Flown:
     """A task that was handed to the scheduler."""
 
     task: Task
-    order: Order
+    order: WorkOrder
     pool: str
     where: frozenset[str]
     """Addresses of the workers it may run on; empty for all of the pool."""
@@ -115,7 +115,7 @@ class DaskBackend:
         self._address = None if settings.scheduler in ("local", "serial") else settings.scheduler
         self._windows: defaultdict[str, Window] = defaultdict(partial(Window, settings.window))
         self._tasks: dict[Any, _Flown] = {}
-        self._parked: list[tuple[Task, Order]] = []
+        self._parked: list[tuple[Task, WorkOrder]] = []
         """Tasks that no worker can be given now."""
         self._fit: set[str] = set()
         """Addresses of workers of others that introduced themselves as of this build."""
@@ -283,12 +283,12 @@ class DaskBackend:
                 )
             time.sleep(0.1)
 
-    def submit(self, task: Task, order: Order) -> None:
+    def submit(self, task: Task, order: WorkOrder) -> None:
         """One future; the key groups by stage on Dask's dashboard. Raises SchedulerLost."""
         self._connected()
         self._place(task, order)
 
-    def _place(self, task: Task, order: Order) -> None:
+    def _place(self, task: Task, order: WorkOrder) -> None:
         """Hand a task to the scheduler for the workers of its pool; without any it waits for the next look.
 
         Our own workers are told apart by resources alone while all of them fit: a worker that is started anew has a new

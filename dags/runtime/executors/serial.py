@@ -7,7 +7,7 @@ from posegaussian.dags.planning.resources import CPU, Pool, machine_memory
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.executors.child import Child, attempt
 from posegaussian.dags.runtime.failures import Failure
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.storage.archive.receipts import Receipt
 
 
@@ -18,7 +18,7 @@ class SerialBackend:
         """One slot. `ram`: bytes this process may take; None: all there is."""
         self._ram = ram
         self.sentences: tuple[str, ...] = ("running serially, one task at a time",)
-        self._next: tuple[Task, Order] | None = None
+        self._next: tuple[Task, WorkOrder] | None = None
         self._child = Child()
 
     @property
@@ -34,7 +34,7 @@ class SerialBackend:
         """One, while nothing is in hand."""
         return 0 if self._next else 1
 
-    def submit(self, task: Task, order: Order) -> None:
+    def submit(self, task: Task, order: WorkOrder) -> None:
         """Keep the task for `next_done`."""
         self._next = (task, order)
 

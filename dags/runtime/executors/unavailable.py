@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from posegaussian.dags.planning.resources import Pool, pool_for
 from posegaussian.dags.planning.tasks import Task
-from posegaussian.dags.runtime.work_order import Order
+from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.storage.model.errors import SchedulerLost
 
 
@@ -28,7 +28,7 @@ class UnreachedBackend:
         """Raises SchedulerLost."""
         raise self._why
 
-    def submit(self, task: Task, order: Order) -> NoReturn:
+    def submit(self, task: Task, order: WorkOrder) -> NoReturn:
         """Raises SchedulerLost."""
         raise self._why
 

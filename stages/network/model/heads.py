@@ -47,7 +47,7 @@ class Prior(NamedTuple):
         return self.opacity[:, :1] > 0
 
 
-class Maps(NamedTuple):
+class HeadMaps(NamedTuple):
     """Learned or blended maps; 0 where the prior has no surface."""
 
     disparity: torch.Tensor
@@ -175,7 +175,7 @@ def blend_quaternions(prior: torch.Tensor, learned: torch.Tensor, confidence: to
     return blend_directions(prior, torch.where(product < 0, -learned, learned), confidence)
 
 
-def blend(prior: Prior, learned: Maps) -> Maps:
+def blend(prior: Prior, learned: HeadMaps) -> HeadMaps:
     """The learned maps over the prior by their confidence c: (1 - c) prior + c learned of disparity, scale and opacity.
 
     Disparity is blended, not depth: errors of matching are even in it. Where the prior has no surface every map is 0.
@@ -193,7 +193,7 @@ def blend(prior: Prior, learned: Maps) -> Maps:
             (prior.opacity, learned.opacity),
         )
     )
-    return Maps(disparity, scale, rotation, opacity, c)
+    return HeadMaps(disparity, scale, rotation, opacity, c)
 
 
 class Heads(nn.Module):
@@ -249,7 +249,7 @@ class Heads(nn.Module):
                 for (name, last), h in zip(self.last.items(), hidden, strict=True)
             }
 
-    def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> Maps:
+    def forward(self, features: torch.Tensor, prior: Prior, rays: torch.Tensor) -> HeadMaps:
         """The learned maps, not yet blended: features [B, C, h / upscale, w / upscale], rays [B, 3, h, w] unit, from
         the camera.
 
@@ -264,7 +264,7 @@ class Heads(nn.Module):
         return learned(self.numbers(features), prior, rays, self.reach)
 
 
-def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tensor, reach: float) -> Maps:
+def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tensor, reach: float) -> HeadMaps:
     """The learned maps that the heads' numbers stand for, not yet blended; `reach` as in `Heads`. 0 where the prior
     has no surface."""
     with torch.autocast(prior.normal.device.type, enabled=False):
@@ -278,7 +278,7 @@ def learned(numbers: Mapping[str, torch.Tensor], prior: Prior, rays: torch.Tenso
             learned_opacity(numbers["opacity"], prior.opacity),
             confidence,
         )
-        return Maps(*(torch.where(prior.surface, m, 0) for m in maps))
+        return HeadMaps(*(torch.where(prior.surface, m, 0) for m in maps))
 
 
 def moved(numbers: Mapping[str, torch.Tensor], move: torch.Tensor, reach: float) -> torch.Tensor:

@@ -21,7 +21,7 @@ from posegaussian.stages.network.model.encoders import depth_encoder, heatmaps_o
 from posegaussian.stages.network.model.fusion import depth_fusion
 from posegaussian.stages.network.model.heads import Heads, moved, trust
 from posegaussian.stages.network.model.layout import unshuffled
-from posegaussian.stages.network.model.pairs import EVIDENCE, RELIEF, Third, Views, evidence, others, relief
+from posegaussian.stages.network.model.pairs import EVIDENCE, RELIEF, PairViews, Third, evidence, others, relief
 from posegaussian.stages.network.model.presets import Preset
 from posegaussian.stages.network.model.refine import DepthRefinement
 from posegaussian.stages.network.model.warping import in_cells
@@ -95,7 +95,9 @@ class PoseGaussianNetwork(nn.Module):
             hidden=channels[0],
         )
 
-    def forward(self, views: Views, iterations: int, only_last: bool = False, timer: Timer | None = None) -> Prediction:
+    def forward(
+        self, views: PairViews, iterations: int, only_last: bool = False, timer: Timer | None = None
+    ) -> Prediction:
         """Refine the start of every direction in `iterations` steps and decode.
 
         H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are

@@ -70,7 +70,7 @@ class Third:
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class PairViews:
     """A batch of directions of rectified pairs:
     2 i and 2 i + 1 are the two views of pair i, each the other's other view."""
 
@@ -90,7 +90,7 @@ class Views:
     """Of every pair; None where no pair has one."""
 
     @staticmethod
-    def batch(pairs: Sequence[Views]) -> Views:
+    def batch(pairs: Sequence[PairViews]) -> PairViews:
         """Several pairs of one size, third views of one size too, as one batch."""
         color, heatmaps, start, confidence, cover = (torch.cat([getattr(p, name) for p in pairs]) for name in MAPS)
         codings = (torch.cat([getattr(p.coding, f.name) for p in pairs]) for f in fields(Coding))
@@ -99,9 +99,9 @@ class Views:
         if like is not None:
             thirds = [like.none(len(p.start) // 2) if p.third is None else p.third for p in pairs]
             third = Third(*(torch.cat([getattr(t, f.name) for t in thirds]) for f in fields(Third)))
-        return Views(color, heatmaps, start, confidence, cover, Coding(*codings), third)
+        return PairViews(color, heatmaps, start, confidence, cover, Coding(*codings), third)
 
-    def to(self, device: torch.device) -> Views:
+    def to(self, device: torch.device) -> PairViews:
         """The same on a device; coding and projections stay where they are, their numbers are few."""
         color, heatmaps, start, confidence, cover = (getattr(self, name).to(device) for name in MAPS)
         third = (
@@ -109,7 +109,7 @@ class Views:
             if self.third is None
             else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
         )
-        return Views(color, heatmaps, start, confidence, cover, self.coding, third)
+        return PairViews(color, heatmaps, start, confidence, cover, self.coding, third)
 
     @property
     def known(self) -> torch.Tensor:
@@ -128,7 +128,7 @@ def rectified_pair(
     windows: tuple[Window, Window],
     depths: tuple[float, float] | None = None,
     joints: int = 17,
-) -> Views:
+) -> PairViews:
     """Both views of a pair on windows of equal size, multiples of 4 px wide and high and of equal rows.
 
     depths: nearest and farthest depth, metres, that can come out; None: a tenth beyond those of both starts.
@@ -137,7 +137,7 @@ def rectified_pair(
     maps = [_on_window(pair, which, windows[which], windows[1 - which], views[which], joints) for which in (0, 1)]
     near, far = depths or _depths(pair, maps, windows)
     color, heatmaps, start, confidence, cover = (torch.from_numpy(np.stack(m)) for m in zip(*maps, strict=True))
-    return Views(color, heatmaps, start, confidence, cover, Coding.of(directions, near, far))
+    return PairViews(color, heatmaps, start, confidence, cover, Coding.of(directions, near, far))
 
 
 def _on_window(
@@ -214,7 +214,7 @@ def _depths(
     return 0.9 * float(depths.min()), 1.1 * float(depths.max())
 
 
-def evidence(views: Views) -> torch.Tensor:
+def evidence(views: PairViews) -> torch.Tensor:
     """What speaks for the start [B, 5, H, W] float32: whether it is, its confidence, the mask, how much the other
     picture differs at the match, and how far the other view's own start disagrees there (1: `APART` px; 2 where it has
     none).

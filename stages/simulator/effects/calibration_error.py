@@ -14,7 +14,7 @@ from posegaussian.stages.simulator.effects.base import EffectParams, SceneEffect
 from posegaussian.storage.model.cameras import Rig, rigid
 
 
-class CalibrationError(EffectParams):
+class CalibrationErrorParams(EffectParams):
     """How far off the cameras are."""
 
     pixels: float = Field(
@@ -55,7 +55,7 @@ EFFECT = SceneEffect(
         "px or mm",
         _decide,
     ),
-    CalibrationError,
+    CalibrationErrorParams,
     "calibration",
     "posegaussian.stages.simulator.effects.calibration_error:apply",
     0.0,

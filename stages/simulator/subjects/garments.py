@@ -17,7 +17,7 @@ from posegaussian.stages.simulator.render.patterns import PATTERNS, texture
 from posegaussian.stages.simulator.render.raster import vertex_normals
 from posegaussian.stages.simulator.render.texture import noise
 from posegaussian.stages.simulator.subjects.bodies import EYE_VERTICES, Body, load_body
-from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS, Garment, Look, Outfit, Rgb
+from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS, Appearance, Garment, Outfit, Rgb
 from posegaussian.stages.simulator.subjects.shoes import shoes
 from posegaussian.stages.simulator.subjects.skeleton import SIDES
 
@@ -196,7 +196,7 @@ def _foot_field(body: Body) -> np.ndarray:
     return np.where(feet, body.pivot("left_foot")[2] + TUCK - 0.005 - body.vertices[:, 2], -1.0)
 
 
-def _hair(body: Body, look: Look) -> tuple[Mesh, np.ndarray]:
+def _hair(body: Body, look: Appearance) -> tuple[Mesh, np.ndarray]:
     size = 1.0 / _marks(body)[3, 0]
     ear, eye, nose = body.joints[3:5].mean(axis=0), body.joints[1:3].mean(axis=0), body.joints[0]
     p = (body.vertices - ear) / size
@@ -238,7 +238,7 @@ def _without(mesh: Mesh, hidden: np.ndarray) -> Mesh:
     )
 
 
-def _skin(body: Body, look: Look, covered: np.ndarray) -> list[Mesh]:
+def _skin(body: Body, look: Appearance, covered: np.ndarray) -> list[Mesh]:
     """Skin that shows, and the eyes."""
     everything = np.ones(len(body.vertices))
     eyes = np.all(body.tris >= len(body.vertices) - EYE_VERTICES, axis=1)
@@ -266,7 +266,7 @@ def dressed(subject: str, outfit: str) -> Mesh:
     return _assembled(body, look, clothes)
 
 
-def _assembled(body: Body, look: Look, clothes: Outfit) -> Mesh:
+def _assembled(body: Body, look: Appearance, clothes: Outfit) -> Mesh:
     upper, in_upper = _upper(body, clothes.upper)
     lower, in_lower = _lower(body, clothes.lower)
     hair, in_hair = _hair(body, look)

@@ -40,7 +40,7 @@ class Outfit:
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """A subject's skin and hair."""
 
     skin: Rgb
@@ -95,14 +95,14 @@ OUTFITS: dict[str, Outfit] = {
         (40, 34, 30),
     ),
 }
-LOOKS: dict[str, Look] = {
-    "anna": Look((224, 178, 152), (92, 58, 34), "long"),
-    "boris": Look((206, 158, 130), (58, 42, 30), "short"),
-    "chiara": Look((214, 170, 142), (150, 146, 142), "bob"),
-    "dayo": Look((112, 74, 52), (24, 20, 20), "short"),
-    "emil": Look((220, 176, 154), (196, 194, 190), "short"),
-    "fatima": Look((136, 92, 66), (28, 22, 22), "bob"),
-    "gao": Look((210, 168, 130), (26, 24, 26), "short"),
-    "hana": Look((226, 188, 158), (34, 26, 26), "long"),
-    "ines": Look((176, 126, 94), (44, 30, 24), "bob"),
+LOOKS: dict[str, Appearance] = {
+    "anna": Appearance((224, 178, 152), (92, 58, 34), "long"),
+    "boris": Appearance((206, 158, 130), (58, 42, 30), "short"),
+    "chiara": Appearance((214, 170, 142), (150, 146, 142), "bob"),
+    "dayo": Appearance((112, 74, 52), (24, 20, 20), "short"),
+    "emil": Appearance((220, 176, 154), (196, 194, 190), "short"),
+    "fatima": Appearance((136, 92, 66), (28, 22, 22), "bob"),
+    "gao": Appearance((210, 168, 130), (26, 24, 26), "short"),
+    "hana": Appearance((226, 188, 158), (34, 26, 26), "long"),
+    "ines": Appearance((176, 126, 94), (44, 30, 24), "bob"),
 }

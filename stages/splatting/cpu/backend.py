@@ -44,7 +44,7 @@ MOST_INTERSECTIONS = 2**32 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class CpuJob:
     """One camera's rendering without its Gaussians."""
 
     view: np.ndarray
@@ -69,7 +69,7 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Lists:
+class CpuTileLists:
     """What is composited where."""
 
     records: np.ndarray  # [N, RECORD] flat, padded to a multiple of WIDTH
@@ -80,7 +80,7 @@ class Lists:
     masked: int
 
 
-def job(camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> Job:
+def job(camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> CpuJob:
     """Camera and cut-offs as the kernels want them. Raises TooLarge."""
     for name, side in (("width", camera.width), ("height", camera.height)):
         if side > LARGEST_SIDE:
@@ -120,7 +120,7 @@ def job(camera: Camera, cutoffs: Cutoffs, channels: int, threads: int) -> Job:
         cutoffs.compensation_min,
     ]
     assert len(view) == VIEW
-    return Job(
+    return CpuJob(
         np.array(view, np.float32),
         np.array([cutoffs.alpha_max, cutoffs.transmittance_stop, reach], np.float32),
         w,
@@ -188,7 +188,7 @@ def _new(name: str, size: int, dtype: type) -> np.ndarray:
 
 
 def project(
-    arrays: list[np.ndarray], task: Job, new: Callable[[str, int, type], np.ndarray] = _new
+    arrays: list[np.ndarray], task: CpuJob, new: Callable[[str, int, type], np.ndarray] = _new
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """(records [N, RECORD], reaches [N, REACHES] int32, masked), flat. arrays:
     flat contiguous float32 in the order of ATTRIBUTES."""
@@ -215,7 +215,7 @@ def project(
 
 
 def list_tiles(
-    records: np.ndarray, reaches: np.ndarray, task: Job
+    records: np.ndarray, reaches: np.ndarray, task: CpuJob
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists. Raises TooLarge."""
     n, reach = len(records) // RECORD, float(task.cuts[2])
@@ -237,7 +237,7 @@ def sort_tiles(
     starts: np.ndarray,
     entries: np.ndarray,
     owners: np.ndarray,
-    task: Job,
+    task: CpuJob,
     new: Callable[[str, int, type], np.ndarray] = _new,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(order [M], slots [M]): Gaussians and slots by tile and depth. entries are used up."""
@@ -254,15 +254,15 @@ def sort_tiles(
     return order, slots
 
 
-def prepare(arrays: list[np.ndarray], task: Job, training: bool) -> Lists:
+def prepare(arrays: list[np.ndarray], task: CpuJob, training: bool) -> CpuTileLists:
     """Project, list and sort. Without training the lists last until the thread's next call. Raises TooLarge."""
     new = _new if training else scratch
     records, reaches, masked = project(arrays, task, new)
     bases, starts, entries, owners = list_tiles(records, reaches, task)
-    return Lists(records, bases, starts, *sort_tiles(starts, entries, owners, task, new), masked)
+    return CpuTileLists(records, bases, starts, *sort_tiles(starts, entries, owners, task, new), masked)
 
 
-def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
+def draw(lists: CpuTileLists, task: CpuJob, training: bool) -> tuple[np.ndarray, ...]:
     """(picture [h, w, channels], alpha [h, w], light, ends, blended):
     what the backward pass wants is empty without training."""
     picture, alpha = (
@@ -282,7 +282,7 @@ def draw(lists: Lists, task: Job, training: bool) -> tuple[np.ndarray, ...]:
 
 
 def draw_backward(
-    lists: Lists, task: Job, saved: Sequence[np.ndarray], up_picture: np.ndarray, up_alpha: np.ndarray
+    lists: CpuTileLists, task: CpuJob, saved: Sequence[np.ndarray], up_picture: np.ndarray, up_alpha: np.ndarray
 ) -> np.ndarray:
     """[M, SLOT] flat gradient slots, which last until the thread's next call, from what `draw` saved and the
     gradients of picture and alpha."""
@@ -295,7 +295,7 @@ def draw_backward(
 
 
 def prepare_backward(
-    arrays: list[np.ndarray], lists: Lists, task: Job, slots: np.ndarray
+    arrays: list[np.ndarray], lists: CpuTileLists, task: CpuJob, slots: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Gradients of the attributes, flat, in the order of ATTRIBUTES, and of the camera [CAMERA_GRADIENTS] float64."""
     n = len(arrays[3])
@@ -336,7 +336,7 @@ class _Rasterize(torch.autograd.Function):
         color: torch.Tensor,
         intrinsics: torch.Tensor,
         pose: torch.Tensor,
-        task: Job,
+        task: CpuJob,
     ) -> Any:
         arrays = [flat(t) for t in (mean, rotation, scale, opacity, color)]
         training = any(ctx.needs_input_grad)

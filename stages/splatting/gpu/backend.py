@@ -28,7 +28,7 @@ import torch
 from posegaussian.stages.splatting.definition.projection import project
 from posegaussian.stages.splatting.definition.reference import ByDepth, sorted_by_depth
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
-from posegaussian.stages.splatting.gpu.tiles import Lists, list_tiles
+from posegaussian.stages.splatting.gpu.tiles import GpuTileLists, list_tiles
 
 log = logging.getLogger(__name__)
 ATTRIBUTES = ("mean", "rotation", "scale", "opacity", "color")
@@ -55,7 +55,7 @@ SHAPE = Shape()
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class GpuJob:
     """One camera's rendering without its Gaussians."""
 
     camera: Camera
@@ -127,7 +127,7 @@ def padded(features: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.pad(features.detach(), (0, 2))
 
 
-def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
+def draw(rows: torch.Tensor, lists: GpuTileLists, task: GpuJob, training: bool) -> Drawn:
     """Composite rows [K, 16] by their lists."""
     from posegaussian.stages.splatting.gpu.composite import composite
 
@@ -158,7 +158,12 @@ def draw(rows: torch.Tensor, lists: Lists, task: Job, training: bool) -> Drawn:
 
 
 def draw_backward(
-    rows: torch.Tensor, lists: Lists, task: Job, drawn: Drawn, up_picture: torch.Tensor, up_alpha: torch.Tensor
+    rows: torch.Tensor,
+    lists: GpuTileLists,
+    task: GpuJob,
+    drawn: Drawn,
+    up_picture: torch.Tensor,
+    up_alpha: torch.Tensor,
 ) -> torch.Tensor:
     """[K, 14] gradients of the features, from those of picture and alpha."""
     from posegaussian.stages.splatting.gpu.composite import SLOT, composite_backward
@@ -244,7 +249,7 @@ class _Rasterize(torch.autograd.Function):
         color: torch.Tensor,
         intrinsics: torch.Tensor,
         pose: torch.Tensor,
-        task: Job,
+        task: GpuJob,
     ) -> Any:
         training = any(ctx.needs_input_grad)
         leaves = [
@@ -281,6 +286,6 @@ def render(
         for m in (camera.intrinsics, camera.world_to_camera)
     ]
     picture, alpha, masked = _Rasterize.apply(
-        *(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, Job(camera, cutoffs, channels, SHAPE)
+        *(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, GpuJob(camera, cutoffs, channels, SHAPE)
     )
     return picture, alpha, int(masked)

@@ -17,7 +17,7 @@ MOST_INTERSECTIONS = 2**31 - 1
 """Places in the lists are numbered in 32 bits."""
 
 
-class Lists(NamedTuple):
+class GpuTileLists(NamedTuple):
     """The M intersections of K Gaussians, which come sorted by depth, with the tiles of a picture."""
 
     ids: torch.Tensor  # [M] int32
@@ -30,7 +30,7 @@ class Lists(NamedTuple):
     """First slot of each Gaussian."""
 
 
-def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> Lists:
+def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> GpuTileLists:
     """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open,
     of Gaussians sorted by depth. Raises TooLarge."""
     across, down = -(-camera.width // tile), -(-camera.height // tile)
@@ -51,4 +51,4 @@ def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> Lists:
     starts = torch.searchsorted(
         place, torch.arange(across * down + 1, dtype=torch.int32, device=boxes.device), out_int32=True
     )
-    return Lists(owner[slots].to(torch.int32), slots.to(torch.int32), starts, bases)
+    return GpuTileLists(owner[slots].to(torch.int32), slots.to(torch.int32), starts, bases)

@@ -8,7 +8,7 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, rays, scales
 from posegaussian.stages.gaussians.run import prior
 from posegaussian.stages.geometry.tangent_frame import tangents
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.projection import project
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
 
@@ -77,7 +77,7 @@ def test_a_gaussian_covers_its_own_pixel(normal: np.ndarray) -> None:
     n = np.broadcast_to(normal[:, None, None], (3, H, W)).astype(np.float32)
     s = scales(depth, n, k, 0.5, 0.1, 0.1)
     lifted = lift(
-        Maps(np.full((H, W, 3), 99, np.uint8), depth, s, n, np.full((2, H, W), 0.9)),
+        GaussianMaps(np.full((H, W, 3), 99, np.uint8), depth, s, n, np.full((2, H, W), 0.9)),
         k,
         np.eye(4),
         torch.float64,

@@ -4,7 +4,7 @@ of 1.8 m."""
 import numpy as np
 import pytest
 
-from posegaussian.stages.geometry.pairs import Verdict, choose_pairs, classify, pair_notes, pair_report
+from posegaussian.stages.geometry.pairs import PairVerdict, choose_pairs, classify, pair_notes, pair_report
 from posegaussian.stages.geometry.rectification import rectify
 from posegaussian.stages.geometry.subject import body_points, look_at_point
 from posegaussian.storage.model.cameras import Rig
@@ -18,26 +18,29 @@ def beside(azimuth: float, roll: float = 0.0) -> np.ndarray:
     return camera(on_ring(azimuth), ORIGIN, roll)
 
 
-ROWS: dict[str, tuple[Rig, Verdict]] = {
-    "22.5": (rig_of([REFERENCE, beside(22.5)]), Verdict.USABLE),
-    "45": (rig_of([REFERENCE, beside(45)]), Verdict.USABLE),
-    "60": (rig_of([REFERENCE, beside(60)]), Verdict.USABLE),
-    "67.5": (rig_of([REFERENCE, beside(67.5)]), Verdict.TOO_WIDE),
-    "72": (rig_of([REFERENCE, beside(72)]), Verdict.TOO_WIDE),
-    "90": (rig_of([REFERENCE, beside(90)]), Verdict.TOO_WIDE),
-    "120": (rig_of([REFERENCE, beside(120)]), Verdict.TOO_WIDE),
-    "180": (rig_of([REFERENCE, beside(180)]), Verdict.TOO_WIDE),
-    "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), Verdict.VERTICAL),
-    "diagonal 20/20.5": (rig_of([REFERENCE, camera(on_ring(20, 28.5), ORIGIN)]), Verdict.VERTICAL),
+ROWS: dict[str, tuple[Rig, PairVerdict]] = {
+    "22.5": (rig_of([REFERENCE, beside(22.5)]), PairVerdict.USABLE),
+    "45": (rig_of([REFERENCE, beside(45)]), PairVerdict.USABLE),
+    "60": (rig_of([REFERENCE, beside(60)]), PairVerdict.USABLE),
+    "67.5": (rig_of([REFERENCE, beside(67.5)]), PairVerdict.TOO_WIDE),
+    "72": (rig_of([REFERENCE, beside(72)]), PairVerdict.TOO_WIDE),
+    "90": (rig_of([REFERENCE, beside(90)]), PairVerdict.TOO_WIDE),
+    "120": (rig_of([REFERENCE, beside(120)]), PairVerdict.TOO_WIDE),
+    "180": (rig_of([REFERENCE, beside(180)]), PairVerdict.TOO_WIDE),
+    "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), PairVerdict.VERTICAL),
+    "diagonal 20/20.5": (rig_of([REFERENCE, camera(on_ring(20, 28.5), ORIGIN)]), PairVerdict.VERTICAL),
     # Two cameras alone cannot tell a vertical pair from one whose pictures both lie on their side.
-    "both rolled 90": (rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90)]), Verdict.VERTICAL),
-    "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), Verdict.ROLLED),
-    "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), Verdict.ROLLED),
-    "camera behind camera": (rig_of([REFERENCE, camera(on_ring(0, radius=3.0), ORIGIN)]), Verdict.BEHIND),
-    "coincident": (rig_of([REFERENCE, REFERENCE]), Verdict.COINCIDENT),
-    "same place, turned": (rig_of([REFERENCE, camera(on_ring(0), np.array([0.0, 0.2, 0.0]))]), Verdict.COINCIDENT),
-    "baseline 0.1 mm": (rig_of([REFERENCE, camera(on_ring(0) + np.array([0, 1e-4, 0]), ORIGIN)]), Verdict.COINCIDENT),
-    "focal lengths 1 : 1.5": (rig_of([REFERENCE, beside(22.5)], focal=[819.2, 1228.8]), Verdict.USABLE),
+    "both rolled 90": (rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90)]), PairVerdict.VERTICAL),
+    "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), PairVerdict.ROLLED),
+    "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), PairVerdict.ROLLED),
+    "camera behind camera": (rig_of([REFERENCE, camera(on_ring(0, radius=3.0), ORIGIN)]), PairVerdict.BEHIND),
+    "coincident": (rig_of([REFERENCE, REFERENCE]), PairVerdict.COINCIDENT),
+    "same place, turned": (rig_of([REFERENCE, camera(on_ring(0), np.array([0.0, 0.2, 0.0]))]), PairVerdict.COINCIDENT),
+    "baseline 0.1 mm": (
+        rig_of([REFERENCE, camera(on_ring(0) + np.array([0, 1e-4, 0]), ORIGIN)]),
+        PairVerdict.COINCIDENT,
+    ),
+    "focal lengths 1 : 1.5": (rig_of([REFERENCE, beside(22.5)], focal=[819.2, 1228.8]), PairVerdict.USABLE),
 }
 
 
@@ -57,14 +60,14 @@ def test_every_row_gets_its_verdict_in_either_order(row: str) -> None:
 def test_both_rolled_are_called_rolled_where_the_rig_knows_up():
     upright = [beside(a) for a in (90, 135, 180, 225, 270)]
     rig = rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90), *upright])
-    assert classify(rig, 0, 1).verdict is Verdict.ROLLED
+    assert classify(rig, 0, 1).verdict is PairVerdict.ROLLED
 
 
 def test_the_worse_of_the_two_tilts_decides():
     # Seen from below the second camera's rows are steeper: one picture alone would pass.
     rig = rig_of([REFERENCE, camera(on_ring(20, 24), ORIGIN)])
     report = classify(rig, 0, 1)
-    assert report.verdict is Verdict.VERTICAL
+    assert report.verdict is PairVerdict.VERTICAL
     single = [
         abs(np.degrees(np.arctan2(r[1] @ (b := rig.centres[1] - rig.centres[0]), r[0] @ b))) for r in rig.rotations
     ]
@@ -74,7 +77,7 @@ def test_the_worse_of_the_two_tilts_decides():
 
 def test_a_wide_pair_loses_the_body_when_the_angle_is_allowed():
     report = classify(ROWS["120"][0], 0, 1, max_angle=170)
-    assert report.verdict is Verdict.CLIPPED
+    assert report.verdict is PairVerdict.CLIPPED
     assert report.measured < report.bound
     assert "of the body" in report.sentence
 
@@ -83,11 +86,11 @@ def test_a_camera_that_looks_elsewhere_is_told_by_name_in_either_order():
     away = camera(on_ring(22.5), 10 * on_ring(22.5))
     for poses, name in (([REFERENCE, away], "cam1"), ([away, REFERENCE], "cam0")):
         report = classify(rig_of(poses), 0, 1, subject=ORIGIN, up=np.array([0.0, 0, 1]))
-        assert report.verdict is Verdict.UNSEEN
+        assert report.verdict is PairVerdict.UNSEEN
         assert f"{name} has nothing of a person" in report.sentence
 
 
-@pytest.mark.parametrize("row", [r for r, (_, verdict) in ROWS.items() if verdict is Verdict.USABLE])
+@pytest.mark.parametrize("row", [r for r, (_, verdict) in ROWS.items() if verdict is PairVerdict.USABLE])
 def test_the_body_lies_inside_both_rectified_pictures_of_a_usable_pair(row: str) -> None:
     from posegaussian.stages.geometry.projection import project
 
@@ -131,7 +134,7 @@ def test_no_pair_of_the_report_is_left_out():
     reports = pair_report(ring(8))
     assert len(reports) == 28
     assert sum(r.usable for r in reports) == 8
-    assert {r.verdict for r in reports} == {Verdict.USABLE, Verdict.TOO_WIDE}
+    assert {r.verdict for r in reports} == {PairVerdict.USABLE, PairVerdict.TOO_WIDE}
 
 
 def test_every_pair_that_is_not_matched_is_spoken_of() -> None:

@@ -13,7 +13,7 @@ from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.subject import look_at_point, subject_distance
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.errors import UserError
-from tests.stages.geometry.test_paths import ring, views
+from tests.stages.camera_paths.test_paths import ring, views
 
 
 def single(text: str = "sway", frames: int = 60, distance: float | None = 3.0) -> tuple[Rig, CameraPath]:

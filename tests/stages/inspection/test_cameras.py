@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
-from posegaussian.stages.inspection.finding import Finding, Verdict
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict
 from tests.support.known_geometry import ring
 
 RIG = ring(4, (640, 480), 600.0)
@@ -19,15 +19,15 @@ def named(findings: list[Finding], measure: str) -> Finding:
 
 
 def test_a_plain_camera_is_good() -> None:
-    assert {f.verdict for v in range(4) for f in of_lens(RIG, v)} == {Verdict.GOOD}
-    assert {f.verdict for f in of_aim(RIG)} == {Verdict.GOOD}
-    assert of_sizes(RIG, 0, (640, 480), np.array([1.0, 0, 0])).verdict is Verdict.GOOD
+    assert {f.verdict for v in range(4) for f in of_lens(RIG, v)} == {FindingVerdict.GOOD}
+    assert {f.verdict for f in of_aim(RIG)} == {FindingVerdict.GOOD}
+    assert of_sizes(RIG, 0, (640, 480), np.array([1.0, 0, 0])).verdict is FindingVerdict.GOOD
 
 
 def test_a_principal_point_of_another_size_is_bad() -> None:
     k = RIG.intrinsics.copy()
     k[1, :2, 2] *= 2
-    assert named(of_lens(replace(RIG, intrinsics=k), 1), "principal point").verdict is Verdict.BAD
+    assert named(of_lens(replace(RIG, intrinsics=k), 1), "principal point").verdict is FindingVerdict.BAD
 
 
 def test_unequal_focal_lengths_are_told() -> None:
@@ -35,7 +35,7 @@ def test_unequal_focal_lengths_are_told() -> None:
     k[1, 0, 0] *= 1.05
     found = named(of_lens(replace(RIG, intrinsics=k), 1), "focal lengths")
     assert found.value == pytest.approx(0.05)
-    assert found.verdict is Verdict.DOUBTFUL
+    assert found.verdict is FindingVerdict.DOUBTFUL
 
 
 def test_a_lens_that_folds_back_within_the_picture_is_bad() -> None:
@@ -45,17 +45,17 @@ def test_a_lens_that_folds_back_within_the_picture_is_bad() -> None:
     d[0, 0] = -1.0
     found = of_lens(replace(RIG, distortion=d), 0)
     assert named(found, "lens model").value == pytest.approx(0.3849 / 0.6667, abs=1e-3)
-    assert named(found, "lens model").verdict is Verdict.BAD
-    assert named(found, "lens distortion").verdict is Verdict.BAD
+    assert named(found, "lens model").verdict is FindingVerdict.BAD
+    assert named(found, "lens distortion").verdict is FindingVerdict.BAD
     assert named(found, "lens distortion").advice
 
 
 def test_a_letterbox_is_good_and_half_a_picture_is_not() -> None:
     rig = ring(2, (1088, 1920), 1600.0)
-    assert of_sizes(rig, 0, (1080, 1920), np.array([1.00741, 0, -7.06])).verdict is Verdict.GOOD
-    assert of_sizes(rig, 0, (1080, 1920), np.array([0.5, 0, 0])).verdict is Verdict.BAD
+    assert of_sizes(rig, 0, (1080, 1920), np.array([1.00741, 0, -7.06])).verdict is FindingVerdict.GOOD
+    assert of_sizes(rig, 0, (1080, 1920), np.array([0.5, 0, 0])).verdict is FindingVerdict.BAD
     unexplained = size_unexplained("cam0", (1080, 1920), (1088, 1920), "{crop: ...}")
-    assert unexplained.verdict is Verdict.BAD
+    assert unexplained.verdict is FindingVerdict.BAD
     assert "{crop: ...}" in unexplained.advice
 
 
@@ -65,11 +65,11 @@ def test_a_camera_that_looks_away_is_told() -> None:
     c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
     poses[2, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ poses[2, :3]
     verdicts = {f.cameras[0]: f.verdict for f in of_aim(replace(RIG, world_to_camera=poses))}
-    assert verdicts[RIG.names[2]] is Verdict.BAD
-    assert of_aim(RIG.subset([0]))[0].verdict is Verdict.UNKNOWN
+    assert verdicts[RIG.names[2]] is FindingVerdict.BAD
+    assert of_aim(RIG.subset([0]))[0].verdict is FindingVerdict.UNKNOWN
 
 
 def test_missing_frames_are_counted_against_all_cameras() -> None:
     found = of_frames(("a", "b"), [np.arange(100), np.arange(50)])
     assert [f.value for f in found] == [0.0, 0.5]
-    assert [f.verdict for f in found] == [Verdict.GOOD, Verdict.BAD]
+    assert [f.verdict for f in found] == [FindingVerdict.GOOD, FindingVerdict.BAD]

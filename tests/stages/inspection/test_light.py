@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.imaging.exposure import NONE, match
-from posegaussian.stages.inspection.finding import Verdict
+from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.light import of_light
 from posegaussian.stages.survey.algorithms.surface import colors_at
 
@@ -36,14 +36,19 @@ def test_an_inspection_says_what_the_effect_is_decided_by(surface: np.ndarray) -
     found, matching = of_light(footage()), match(surface)
     assert matching is not None
     assert [f.value for f in found[:3]] == [pytest.approx(p) for p in matching.proven[:3]]
-    assert [f.verdict for f in found] == [Verdict.GOOD, Verdict.DOUBTFUL, Verdict.GOOD, Verdict.UNKNOWN]
+    assert [f.verdict for f in found] == [
+        FindingVerdict.GOOD,
+        FindingVerdict.DOUBTFUL,
+        FindingVerdict.GOOD,
+        FindingVerdict.UNKNOWN,
+    ]
     assert "brighter than the middle camera" in found[1].sentence
 
 
 def test_few_points_and_one_camera_tell_nothing(surface: np.ndarray) -> None:
     surface[..., 10:, :] = NONE
-    assert [f.verdict for f in of_light(footage())] == [Verdict.UNKNOWN]
-    assert [f.verdict for f in of_light(footage(1))] == [Verdict.UNKNOWN]
+    assert [f.verdict for f in of_light(footage())] == [FindingVerdict.UNKNOWN]
+    assert [f.verdict for f in of_light(footage(1))] == [FindingVerdict.UNKNOWN]
 
 
 def test_clipped_black_and_glinting_colours_do_not_count() -> None:

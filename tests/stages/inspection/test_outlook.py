@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.contract.facts import SEGMENTED
-from posegaussian.stages.inspection.finding import Finding, Verdict, measured, overall
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, overall
 from posegaussian.stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
 from posegaussian.stages.inspection.planned import Planned
@@ -54,7 +54,9 @@ def test_the_tier_is_that_of_cameras_mattes_and_faults(
     plan = planned(rig, matte=matte)
     found = findings(plan, *more)
     assert tier(plan, found) == expects
-    assert overall(found) is not Verdict.GOOD or expects in TIERS[:2], "a capture that is called good comes out good"
+    assert overall(found) is not FindingVerdict.GOOD or expects in TIERS[:2], (
+        "a capture that is called good comes out good"
+    )
     assert f"expected: {expects}" in expected(plan, found)
 
 
@@ -79,14 +81,14 @@ def test_every_matched_pair_is_named_and_every_refused_one_has_its_reason() -> N
 @pytest.mark.parametrize(
     ("matte", "facts", "verdict"),
     [
-        ("given", set(), Verdict.NOTE),
-        ("person", {SEGMENTED}, Verdict.GOOD),
-        ("person", set(), Verdict.DOUBTFUL),
-        ("plate", set(), Verdict.DOUBTFUL),
-        ("none", set(), Verdict.BAD),
+        ("given", set(), FindingVerdict.NOTE),
+        ("person", {SEGMENTED}, FindingVerdict.GOOD),
+        ("person", set(), FindingVerdict.DOUBTFUL),
+        ("plate", set(), FindingVerdict.DOUBTFUL),
+        ("none", set(), FindingVerdict.BAD),
     ],
 )
-def test_a_matte_is_judged_by_what_it_reached_elsewhere(matte: str, facts: set[str], verdict: Verdict) -> None:
+def test_a_matte_is_judged_by_what_it_reached_elsewhere(matte: str, facts: set[str], verdict: FindingVerdict) -> None:
     found = of_matte(planned(TWO_PAIRS, matte=matte, facts=frozenset({"joints2d", *facts})))
     assert found.verdict is verdict
     assert f"frames.matte: {matte}" in found.sentence

@@ -7,7 +7,7 @@ import pytest
 
 from posegaussian.stages.depth.algorithms.scene import Geometry
 from posegaussian.stages.depth.methods.registry import METHODS
-from posegaussian.stages.inspection.finding import Finding, Verdict
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
 from posegaussian.stages.inspection.planned import Planned
 from tests.support.inspection_plans import planned
@@ -88,9 +88,9 @@ def test_of_two_pairs_that_face_each_other_four_are_refused_and_it_is_not_good()
     plan = planned(RIGS["two pairs"])
     found = findings(plan)
     assert len(plan.refused) == 4
-    assert of(found, "partners").verdict is Verdict.GOOD
+    assert of(found, "partners").verdict is FindingVerdict.GOOD
     worst = of(found, "neighbours")
-    assert worst.verdict is Verdict.DOUBTFUL
+    assert worst.verdict is FindingVerdict.DOUBTFUL
     assert worst.value == pytest.approx(64.6, abs=1)
     assert "cam0 - cam1" in worst.sentence
 
@@ -109,19 +109,25 @@ def test_cameras_without_partner_count_and_a_pair_that_is_refused_is_a_note() ->
     plan = planned(rig_of(on(0, 30, 180)))
     found = findings(plan)
     assert of(found, "partners").value == pytest.approx(2 / 3)
-    assert of(found, "partners").verdict is Verdict.DOUBTFUL
+    assert of(found, "partners").verdict is FindingVerdict.DOUBTFUL
     assert "cam2" in of(found, "partners").sentence
-    assert [f.verdict for f in found if f.measure == "rectification"] == [Verdict.GOOD, Verdict.NOTE, Verdict.NOTE]
+    assert [f.verdict for f in found if f.measure == "rectification"] == [
+        FindingVerdict.GOOD,
+        FindingVerdict.NOTE,
+        FindingVerdict.NOTE,
+    ]
     half = planned(rig_of(on(0, 30, 180, 270)))
-    assert of(findings(half), "partners").verdict is Verdict.BAD
+    assert of(findings(half), "partners").verdict is FindingVerdict.BAD
     apart = findings(planned(RIGS["far apart"]))
-    assert {of(apart, "partners").verdict, of(apart, "neighbours").verdict} == {Verdict.BAD}
+    assert {of(apart, "partners").verdict, of(apart, "neighbours").verdict} == {FindingVerdict.BAD}
     assert "no two source cameras can be matched" in of(apart, "neighbours").sentence
 
 
 def test_a_good_ring_is_good_and_only_sources_count() -> None:
     ring = RIGS["eight around"]
-    assert {f.verdict for f in findings(planned(ring)) if f.measure in ("partners", "neighbours")} == {Verdict.GOOD}
+    assert {f.verdict for f in findings(planned(ring)) if f.measure in ("partners", "neighbours")} == {
+        FindingVerdict.GOOD
+    }
     some = planned(ring, sources=(0, 1, 4))
     assert of(findings(some), "partners").value == pytest.approx(2 / 3)
     assert {p.fate for p in every_pair(some) if not {0, 1, 4} >= set(p.views)} == {"not asked for"}
@@ -129,4 +135,4 @@ def test_a_good_ring_is_good_and_only_sources_count() -> None:
 
 def test_without_pictures_to_compare_nothing_is_measured() -> None:
     for plan in (planned(RIGS["eight around"], method="hull"), planned(rig_of(on(0)), method="relief")):
-        assert {f.verdict for f in findings(plan)[:2]} == {Verdict.UNKNOWN}
+        assert {f.verdict for f in findings(plan)[:2]} == {FindingVerdict.UNKNOWN}

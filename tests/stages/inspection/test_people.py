@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.estimators.interface import Found
-from posegaussian.stages.inspection.finding import Verdict
+from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import SURE, Finder, of_people, people
 from tests.support.inspection_plans import planned
@@ -69,7 +69,7 @@ def test_people_are_those_with_joints_that_are_not_tiny(found: list[np.ndarray],
 @pytest.mark.parametrize("kind", ["joints", "found"])
 def test_a_second_person_is_named_with_the_cameras_that_show_them(kind: str) -> None:
     (f,) = of_people(footage(**{kind: Joints({1: [person(100), person(80)]})}), planned(RIG, matte="plate"))
-    assert f.verdict is Verdict.DOUBTFUL
+    assert f.verdict is FindingVerdict.DOUBTFUL
     assert f.value == pytest.approx(0.25)
     assert "cam1 up to 2" in f.sentence
     assert "one is reconstructed" in f.sentence
@@ -80,19 +80,19 @@ def test_a_second_person_is_named_with_the_cameras_that_show_them(kind: str) -> 
 def test_the_estimator_sees_whom_the_given_joints_leave_out() -> None:
     looked = Joints({2: [person(100), person(80)]})
     (f,) = of_people(footage(joints=Joints({}), found=looked), planned(RIG))
-    assert f.verdict is Verdict.DOUBTFUL
+    assert f.verdict is FindingVerdict.DOUBTFUL
     assert "cam2" in f.sentence
     assert len(looked.asked) == 4, "one picture a camera"
 
 
 def test_one_person_is_good_only_where_somebody_looked() -> None:
     (looked,) = of_people(footage(joints=Joints({}), found=Joints({})), planned(RIG))
-    assert looked.verdict is Verdict.GOOD
+    assert looked.verdict is FindingVerdict.GOOD
     (told,) = of_people(footage(joints=Joints({})), planned(RIG))
-    assert told.verdict is Verdict.UNKNOWN
+    assert told.verdict is FindingVerdict.UNKNOWN
     assert "models fetch blazepose" in told.sentence
     (nothing,) = of_people(footage(), planned(RIG))
-    assert nothing.verdict is Verdict.UNKNOWN
+    assert nothing.verdict is FindingVerdict.UNKNOWN
 
 
 def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:

@@ -19,7 +19,7 @@ from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.network.inference import Learned, Looks, look
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
-from posegaussian.stages.network.model.pairs import SourceView, Third, Views, windows
+from posegaussian.stages.network.model.pairs import PairViews, SourceView, Third, windows
 from posegaussian.stages.network.model.presets import FURTHER_COSTS, PRESETS, Preset
 from posegaussian.stages.network.model.warping import warp, warped_correlation
 from posegaussian.stages.network.third_view import LEAST, candidates, window_around
@@ -269,7 +269,7 @@ def test_two_cameras_alone_work(net: PoseGaussianNetwork, rig: Rig, shown: dict[
     )
 
 
-def with_third(views: Views, seed: int = 3, size: tuple[int, int] = (CELL * LEAST, 40)) -> Views:
+def with_third(views: PairViews, seed: int = 3, size: tuple[int, int] = (CELL * LEAST, 40)) -> PairViews:
     """Third views of noise that see the middle of the pictures."""
     g, pairs = torch.Generator().manual_seed(seed), len(views.start) // 2
     to = (
@@ -288,7 +288,7 @@ def with_third(views: Views, seed: int = 3, size: tuple[int, int] = (CELL * LEAS
 def test_pairs_with_and_without_a_third_view_stand_in_one_batch(net: PoseGaussianNetwork) -> None:
     one, two = with_third(random_views(1)), random_views(1, seed=1)
     for parts in ([one, two], [two, one]):
-        both = Views.batch(parts).to(torch.device("cpu"))
+        both = PairViews.batch(parts).to(torch.device("cpu"))
         assert both.third is not None
         assert len(both.third.color) == 2
         assert len(both.third.projection) == 4
@@ -298,7 +298,7 @@ def test_pairs_with_and_without_a_third_view_stand_in_one_batch(net: PoseGaussia
             torch.testing.assert_close(
                 found.numbers["scale"][2 * i : 2 * i + 2], alone.numbers["scale"], rtol=1e-4, atol=1e-5
             )
-    assert Views.batch([two, two]).third is None
+    assert PairViews.batch([two, two]).third is None
     assert not torch.equal(net(one, 2).numbers["scale"], net(replace(one, third=None), 2).numbers["scale"])
 
 

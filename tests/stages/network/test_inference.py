@@ -12,7 +12,7 @@ from posegaussian.stages.geometry.rectification import RectifiedPair
 from posegaussian.stages.network.inference import FURTHEST, HEADS, NUMBERS, Learned, Looks, _merged, look, refined
 from posegaussian.stages.network.model.heads import trust
 from posegaussian.stages.network.model.network import Prediction
-from posegaussian.stages.network.model.pairs import SourceView, Views, windows
+from posegaussian.stages.network.model.pairs import PairViews, SourceView, windows
 from posegaussian.stages.network.model.presets import PRESETS, Preset
 from posegaussian.storage.model.cameras import Rig
 from tests.support.network_views import UPRIGHT, network, plane_depth, plane_disparity, source, two_cameras
@@ -31,7 +31,7 @@ class Oracle:
     def __init__(self, moves: list[np.ndarray | float], confidence: float = 0.5) -> None:
         self.moves, self.confidence, self.seen = moves, confidence, 0
 
-    def __call__(self, views: Views, iterations: int, only_last: bool = False, timer: object = None) -> Prediction:
+    def __call__(self, views: PairViews, iterations: int, only_last: bool = False, timer: object = None) -> Prediction:
         move = torch.stack(
             [torch.as_tensor(np.broadcast_to(m, views.start.shape[2:]).copy(), dtype=torch.float32) for m in self.moves]
         )[:, None]

@@ -11,7 +11,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.heads import trust
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
-from posegaussian.stages.network.model.pairs import MAPS, Views
+from posegaussian.stages.network.model.pairs import MAPS, PairViews
 from posegaussian.stages.network.model.presets import COSTS, PRESETS
 from tests.support.network_views import network, random_views
 
@@ -38,17 +38,17 @@ def shaken() -> PoseGaussianNetwork:
 
 
 @pytest.fixture(scope="module")
-def views() -> Views:
+def views() -> PairViews:
     return random_views(2)
 
 
 @pytest.fixture(scope="module")
-def said(shaken: PoseGaussianNetwork, views: Views) -> Prediction:
+def said(shaken: PoseGaussianNetwork, views: PairViews) -> Prediction:
     return shaken(views, 3)
 
 
 def test_a_confidence_of_0_is_the_start_to_the_bit(
-    shaken: PoseGaussianNetwork, views: Views, monkeypatch: pytest.MonkeyPatch
+    shaken: PoseGaussianNetwork, views: PairViews, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     found = shaken(views, 1)
@@ -56,7 +56,7 @@ def test_a_confidence_of_0_is_the_start_to_the_bit(
     assert torch.equal(found.disparity[views.known], views.start[views.known])
 
 
-def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: Views) -> None:
+def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: PairViews) -> None:
     """Its heads are 0, the refinement stays at the start's cells:
     half of what a cell of 8 px blurs, by a confidence of sigmoid(1)."""
     plain = network(shaken=False)(views, 2)
@@ -68,7 +68,7 @@ def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: Views) -
     torch.testing.assert_close(plain.change[known], (plain.disparities[-1] - views.start)[known] / 2)
 
 
-def test_what_has_no_start_gets_none_and_all_else_is_finite(said: Prediction, views: Views) -> None:
+def test_what_has_no_start_gets_none_and_all_else_is_finite(said: Prediction, views: PairViews) -> None:
     assert torch.equal(torch.isfinite(said.disparity), views.known)
     for name, x in outputs(said).items():
         assert name == "disparity" or torch.isfinite(x).all(), name
@@ -86,9 +86,11 @@ def test_a_pair_without_any_start_is_finite(shaken: PoseGaussianNetwork) -> None
     assert all(torch.isfinite(x).all() for name, x in outputs(found).items() if name != "disparity")
 
 
-def test_neighbours_in_the_batch_change_nothing(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
+def test_neighbours_in_the_batch_change_nothing(
+    shaken: PoseGaussianNetwork, said: Prediction, views: PairViews
+) -> None:
     other = random_views(2, seed=1)
-    mixed = Views(
+    mixed = PairViews(
         *(torch.cat([getattr(views, name)[:2], getattr(other, name)[2:]]) for name in MAPS),
         Coding(
             *(torch.cat([getattr(views.coding, f.name)[:2], getattr(other.coding, f.name)[2:]]) for f in fields(Coding))
@@ -99,7 +101,7 @@ def test_neighbours_in_the_batch_change_nothing(shaken: PoseGaussianNetwork, sai
     assert not torch.equal(said.numbers["scale"][2:], found.numbers["scale"][2:])
 
 
-def test_both_directions_see_each_other(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
+def test_both_directions_see_each_other(shaken: PoseGaussianNetwork, said: Prediction, views: PairViews) -> None:
     color = views.color.clone()
     color[1] = 1 - color[1]
     found = shaken(replace(views, color=color), 3)
@@ -108,7 +110,7 @@ def test_both_directions_see_each_other(shaken: PoseGaussianNetwork, said: Predi
 
 
 def test_the_first_iterations_do_not_know_how_many_follow(
-    shaken: PoseGaussianNetwork, said: Prediction, views: Views
+    shaken: PoseGaussianNetwork, said: Prediction, views: PairViews
 ) -> None:
     short = shaken(views, 2)
     assert len(said.disparities) == 3
@@ -120,16 +122,16 @@ def test_the_first_iterations_do_not_know_how_many_follow(
 
 
 def test_sizes_that_hold_no_whole_cells_and_no_iterations_are_refused(
-    shaken: PoseGaussianNetwork, views: Views
+    shaken: PoseGaussianNetwork, views: PairViews
 ) -> None:
     with pytest.raises(ValueError, match="at least 1"):
         shaken(views, 0)
-    odd = Views(*(getattr(views, name)[..., : (15 if name == "heatmaps" else 60)] for name in MAPS), views.coding)
+    odd = PairViews(*(getattr(views, name)[..., : (15 if name == "heatmaps" else 60)] for name in MAPS), views.coding)
     with pytest.raises(ValueError):
         shaken(odd, 1)
 
 
-def test_bfloat16_is_close_to_float32(shaken: PoseGaussianNetwork, said: Prediction, views: Views) -> None:
+def test_bfloat16_is_close_to_float32(shaken: PoseGaussianNetwork, said: Prediction, views: PairViews) -> None:
     with torch.autocast("cpu", torch.bfloat16):
         found = shaken(views, 3)
     for name, x in outputs(found).items():
@@ -141,7 +143,7 @@ def test_bfloat16_is_close_to_float32(shaken: PoseGaussianNetwork, said: Predict
 
 
 @pytest.mark.parametrize("precision", ["float32", "bf16"])
-def test_threads_change_no_byte(shaken: PoseGaussianNetwork, views: Views, precision: str) -> None:
+def test_threads_change_no_byte(shaken: PoseGaussianNetwork, views: PairViews, precision: str) -> None:
     found = []
     try:
         for threads in (1, 2):
@@ -168,7 +170,7 @@ def test_parameters_and_operations_are_those_of_the_table(name: str) -> None:
             "cover": (2, 1, 256, 256),
         }
         with torch.no_grad(), FlopCounterMode(display=False) as counter:
-            whole(Views(*(torch.zeros(s) for s in shapes.values()), coding), 8, only_last=True)
+            whole(PairViews(*(torch.zeros(s) for s in shapes.values()), coding), 8, only_last=True)
     assert sum(p.numel() for p in whole.parameters()) == pytest.approx(COSTS[name].parameters, rel=0.01)
     # rounded to 1 of at least 22
     assert counter.get_total_flops() / 1e9 == pytest.approx(COSTS[name].gflop[256], rel=0.03)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from posegaussian.stages.refinement.thinning import EVERY, OPACITY, WIDER, thinned
-from posegaussian.stages.rendering.lift import Maps
+from posegaussian.stages.rendering.lift import GaussianMaps
 
 
-def maps(size: int = 96) -> Maps:
+def maps(size: int = 96) -> GaussianMaps:
     rng = np.random.default_rng(0)
-    return Maps(
+    return GaussianMaps(
         rng.integers(0, 256, (size, size, 3), np.uint8),
         rng.uniform(1, 2, (size, size)).astype(np.float32),
         rng.uniform(0.001, 0.002, (3, size, size)).astype(np.float16),

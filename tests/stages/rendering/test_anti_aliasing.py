@@ -11,7 +11,7 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.run import prior
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.metrics.measures.psnr import psnr
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
@@ -37,7 +37,7 @@ def gaussians(person: PersonCapture) -> Gaussians:
             person.rig.intrinsics[v],
             GaussiansParams(),
         )
-        maps = Maps(person.color[0, v], person.depth[0, v], scale, normal, opacity)
+        maps = GaussianMaps(person.color[0, v], person.depth[0, v], scale, normal, opacity)
         parts.append(
             lift(
                 maps, person.rig.intrinsics[v], person.rig.world_to_camera[v], torch.float32, torch.device("cpu")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import rigid
 
@@ -13,11 +13,15 @@ H, W = 12, 16
 CPU = torch.device("cpu")
 
 
-def maps(normal: tuple[float, float, float] = (0.0, 0.0, -1.0), face_on: float = 0.8, grazing: float = 0.2) -> Maps:
+def maps(
+    normal: tuple[float, float, float] = (0.0, 0.0, -1.0), face_on: float = 0.8, grazing: float = 0.2
+) -> GaussianMaps:
     depth = np.linspace(1.5, 2.5, H * W, dtype=np.float32).reshape(H, W)
     n = np.broadcast_to(np.array(normal, np.float16)[:, None, None], (3, H, W))
     opacity = np.broadcast_to(np.array([face_on, grazing], np.float16)[:, None, None], (2, H, W)).copy()
-    return Maps(np.full((H, W, 3), 51, np.uint8), depth, np.full((3, H, W), 0.01, np.float16), n.copy(), opacity)
+    return GaussianMaps(
+        np.full((H, W, 3), 51, np.uint8), depth, np.full((3, H, W), 0.01, np.float16), n.copy(), opacity
+    )
 
 
 def pose() -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from posegaussian.stages.rendering.lift import Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.cameras import rigid
@@ -14,7 +14,7 @@ from tests.hard_cases.laws import relative
 
 K = np.array([[20.0, 0.5, 8.3], [0, 21.0, 5.8], [0, 0, 1]])
 H, W = 12, 16
-NAMES = tuple(f.name for f in dataclasses.fields(Maps))
+NAMES = tuple(f.name for f in dataclasses.fields(GaussianMaps))
 
 
 def source() -> dict[str, torch.Tensor]:
@@ -39,7 +39,7 @@ def target() -> Camera:
 
 
 def loss(maps: dict[str, torch.Tensor], dtype: torch.dtype) -> torch.Tensor:
-    lifted = lift(Maps(**maps), K, np.eye(4), dtype, torch.device("cpu"))
+    lifted = lift(GaussianMaps(**maps), K, np.eye(4), dtype, torch.device("cpu"))
     out = rasterize(lifted.seen_from(target()), [target()], ("depth", "normal"))
     rng = np.random.default_rng(1)
     return sum(

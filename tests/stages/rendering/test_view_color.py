@@ -12,7 +12,7 @@ from posegaussian.stages.imaging.exposure import NONE
 from posegaussian.stages.metrics.measures.psnr import psnr
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.effects import VIEW_DEPENDENT_COLOR
-from posegaussian.stages.rendering.lift import Lifted, Maps, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -28,9 +28,9 @@ def person() -> PersonCapture:
     return capture_person(views=8, size=SIZE, frames=1, held_out=1)
 
 
-def posed(c: PersonCapture, view: int, color: np.ndarray | None = None) -> tuple[Maps, np.ndarray, np.ndarray]:
+def posed(c: PersonCapture, view: int, color: np.ndarray | None = None) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
     shape = (SIZE, SIZE)
-    maps = Maps(
+    maps = GaussianMaps(
         c.color[0, view] if color is None else color,
         c.depth[0, view],
         np.full((3, *shape), 0.01),
@@ -76,7 +76,7 @@ def test_halfway_between_two_views_both_have_a_say_where_both_see_the_point(pers
 def test_a_view_that_sees_another_surface_there_has_no_say(person: PersonCapture) -> None:
     maps, k, pose = posed(person, 1, plain(0, 200, 0))
     nearer = Photo.of(
-        Maps(
+        GaussianMaps(
             maps.color,
             np.where(person.depth[0, 1] > 0, person.depth[0, 1] * 0.9, 0),
             maps.scale,

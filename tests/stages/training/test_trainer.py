@@ -14,7 +14,7 @@ from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.contract import Frame
 from posegaussian.stages.training.examples import drawn, frames_of_step
 from posegaussian.stages.training.loss import depth_terms, together
-from posegaussian.stages.training.trainer import Trainer
+from posegaussian.stages.training.trainer import NetworkTrainer
 from tests.support.training_examples import ball, tiny
 
 torch.set_num_threads(1)
@@ -29,7 +29,7 @@ def frames() -> dict[int, Frame]:
     return {0: ball()}
 
 
-def cost(trainer: Trainer, config: TrainingConfig, frames: Mapping[int, Frame]) -> float:
+def cost(trainer: NetworkTrainer, config: TrainingConfig, frames: Mapping[int, Frame]) -> float:
     """Of depth, over four pairs that no step draws, as the averaged weights have it."""
     found = []
     for step in range(10_000, 10_004):
@@ -41,7 +41,7 @@ def cost(trainer: Trainer, config: TrainingConfig, frames: Mapping[int, Frame]) 
     return float(np.mean(found))
 
 
-def numbers(trainer: Trainer) -> list[np.ndarray]:
+def numbers(trainer: NetworkTrainer) -> list[np.ndarray]:
     """Every number that a training holds."""
     found: list[np.ndarray] = []
 
@@ -65,7 +65,7 @@ def same(a: list[np.ndarray], b: list[np.ndarray]) -> bool:
 
 def test_training_lowers_the_loss(frames: dict[int, Frame]) -> None:
     config = tiny(learning_rate=2e-3)
-    trainer = Trainer(config)
+    trainer = NetworkTrainer(config)
     before = cost(trainer, config, frames)
     log = [trainer.advance(frames) for _ in range(STEPS)]
     assert cost(trainer, config, frames) < LEARNT * before
@@ -80,7 +80,7 @@ def test_training_lowers_the_loss(frames: dict[int, Frame]) -> None:
 
 def test_training_with_third_views_lowers_the_loss() -> None:
     config, frames = tiny(learning_rate=2e-3, further_views=True, batch=2), {0: ball(angles=(-15.0, 15.0, 40.0))}
-    trainer = Trainer(config)
+    trainer = NetworkTrainer(config)
     weight = trainer.network.refinement.update.motion.correlation[0].weight
     before, taps = cost(trainer, config, frames), weight[:, -2 * 9 :].detach().clone()
     log = [trainer.advance(frames) for _ in range(STEPS)]
@@ -93,13 +93,13 @@ def test_training_with_third_views_lowers_the_loss() -> None:
 
 def test_it_goes_on_bit_exactly_from_a_state_through_both_phases(frames: dict[int, Frame]) -> None:
     config = tiny(depth_steps=2, joint_steps=2)
-    whole = Trainer(config)
+    whole = NetworkTrainer(config)
     for step in range(4):
         if step == 1:
             kept = copy.deepcopy(whole.state())
         whole.advance(frames)
     torch.manual_seed(123)  # whatever the process did before does not matter
-    resumed = Trainer(config)
+    resumed = NetworkTrainer(config)
     resumed.restore(kept)
     assert resumed.step == 1
     resumed.validate(frames)  # looking changes nothing
@@ -110,7 +110,7 @@ def test_it_goes_on_bit_exactly_from_a_state_through_both_phases(frames: dict[in
 
 def test_first_weights_follow_from_the_seed() -> None:
     config = tiny()
-    first, again, other = Trainer(config), Trainer(config), Trainer(tiny(seed=1))
+    first, again, other = NetworkTrainer(config), NetworkTrainer(config), NetworkTrainer(tiny(seed=1))
     assert same(numbers(first), numbers(again))
     assert not same(numbers(first), numbers(other))
 
@@ -118,7 +118,7 @@ def test_first_weights_follow_from_the_seed() -> None:
 def test_a_frame_that_is_no_number_skips_its_step_and_changes_no_weight(frames: dict[int, Frame]) -> None:
     """L10."""
     spoilt = {0: {**frames[0], "confidence": np.full_like(frames[0]["confidence"], np.nan)}}
-    trainer = Trainer(tiny())
+    trainer = NetworkTrainer(tiny())
     trainer.advance(frames)
     before = numbers(trainer)
     row = trainer.advance(spoilt)

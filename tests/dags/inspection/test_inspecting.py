@@ -1,0 +1,310 @@
+"""`posegaussian inspect` on small made captures: every measure has number, verdict and advice, and a fault that was
+made is found."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from html import escape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+from posegaussian.dags.cli.inspect import inspect
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import find_capture, register
+from posegaussian.dags.inspection.inspect import footage_of, planned_of, run_inspection
+from posegaussian.dags.planning.context import Context
+from posegaussian.stages.depth.params import resolve_method
+from posegaussian.stages.inspection.finding import ORDER, Finding, FindingVerdict
+from posegaussian.stages.inspection.pairs import every_pair, of_pairs
+from posegaussian.stages.inspection.report import IMPACT, Report
+from posegaussian.stages.inspection.report import inspect as measure
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.store import Archive
+from tests.support.pipeline import NAME, Pipeline, film
+
+MEASURES = {
+    "picture size",
+    "frames",
+    "principal point",
+    "focal lengths",
+    "lens distortion",
+    "lens model",
+    "aim",
+    "epipolar distance",
+    "joint residual",
+    "calibration by joints",
+    "mask agreement",
+    "time offset",
+    "exposure",
+    "focus",
+    "blur against others",
+    "people",
+    "matte",
+    "cameras",
+    "partners",
+    "neighbours",
+    "rectification",
+}
+
+
+def context_of(folder: Path, archive: Path, *settings: str) -> Context:
+    pipeline = Pipeline(archive, folder, list(settings), held_out="[]")
+    pipeline.register()
+    return Context(pipeline.session.archive.sequence(NAME), pipeline.configuration.for_sequence(NAME), ())
+
+
+def report_of(context: Context) -> Report:
+    return measure(*footage_of(context), planned_of(context))
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("capture")
+    film(folder, views=5, size=96, frames=24, held_out=0, depth=False)
+    return folder
+
+
+@pytest.fixture
+def spoilt(capture: Path, tmp_path: Path) -> Callable[[Callable[[Path], None]], Report]:
+    """The report on a copy of the capture to which something was done."""
+    import shutil
+
+    def of(spoil: Callable[[Path], None]) -> Report:
+        copy = tmp_path / "copy"
+        shutil.copytree(capture, copy)
+        spoil(copy)
+        return report_of(context_of(copy, tmp_path / "archive"))
+
+    return of
+
+
+def found(report: Report, what: str, camera: str) -> Finding:
+    return next(f for f in report.findings if f.measure == what and f.cameras == (camera,))
+
+
+class Parts(HTMLParser):
+    """What a page refers to, and how many rows its table has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pictures: list[str] = []
+        self.rows = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.rows += tag == "tr"
+        self.pictures += [v or "" for k, v in attrs if k in ("src", "href")]
+
+
+def test_page_pictures_and_table_of_a_whole_capture(capture: Path, tmp_path: Path) -> None:
+    context = context_of(capture, tmp_path / "archive")
+    console = Console(record=True, width=120, file=(tmp_path / "log").open("w"))
+    status = run_inspection(context, console, tmp_path / "page")
+    report = report_of(context)
+    assert {f.measure for f in report.findings} == MEASURES
+    for f in report.findings:
+        assert f.sentence
+        assert (f.value is None) == (f.verdict is FindingVerdict.UNKNOWN)
+        assert f.advice or f.verdict not in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL)
+        assert f.value is None or np.isfinite(f.value)
+    assert status == (report.verdict is FindingVerdict.BAD)
+    page = (tmp_path / "page" / "index.html").read_text()
+    parts = Parts()
+    parts.feed(page)
+    assert parts.rows == len(report.findings) + 1
+    assert len(parts.pictures) == 10
+    assert all((tmp_path / "page" / p).is_file() for p in parts.pictures)
+    assert not re.search(r"https?:", page)
+    assert all(escape(line) in page for line in report.outlook)
+    assert "nothing to do" not in page, "five cameras around are 72 degrees apart: no pair is matched"
+    assert page.index(report.sentence) < page.index("Pairs of cameras") < page.index("All numbers")
+    text = console.export_text()
+    assert report.sentence in " ".join(text.split())
+    assert all(m.split()[0] in text for m in MEASURES)
+    assert all(" ".join(line.split()) in " ".join(text.split()) for line in report.outlook)
+    assert report.verdict is FindingVerdict.BAD
+    assert any("not fit to be shown" in line for line in report.outlook)
+
+
+def test_exact_joints_masks_and_cameras_are_good(capture: Path, tmp_path: Path) -> None:
+    """Features and edges of a plain body of 96 px say little, and five cameras around stand 72 degrees apart; all
+    else is exact."""
+    report = report_of(context_of(capture, tmp_path / "archive"))
+    for f in report.findings:
+        if f.measure not in (
+            "epipolar distance",
+            "focus",
+            "blur against others",
+            "exposure",
+            "people",
+            "partners",
+            "neighbours",
+        ):
+            assert f.verdict in (FindingVerdict.GOOD, FindingVerdict.NOTE), f
+
+
+def test_a_camera_whose_pose_is_wrong_is_found(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
+    """By two degrees about the axes across: some 4 px of 96. Without a pair on the clean side no pair of the others
+    is accused as much."""
+
+    def turn(folder: Path) -> None:
+        cameras = json.loads((folder / "cameras.json").read_text())
+        one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
+        turn_by = cv2.Rodrigues(np.radians([1.5, 1.5, 0.0]))[0]
+        one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
+        (folder / "cameras.json").write_text(json.dumps(cameras))
+
+    report = spoilt(turn)
+    assert report.verdict is FindingVerdict.BAD
+    accused = [
+        f.cameras for f in report.findings if f.measure == "calibration by joints" and f.verdict is FindingVerdict.BAD
+    ]
+    assert len(accused) >= 2
+    assert all("cam01" in cameras for cameras in accused)
+
+
+def test_a_camera_of_another_recording_is_found(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
+    """Its pose is turned so far that nobody stands where it says."""
+
+    def turn(folder: Path) -> None:
+        cameras = json.loads((folder / "cameras.json").read_text())
+        one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
+        turn_by = cv2.Rodrigues(np.radians([20.0, 15.0, 0.0]))[0]
+        one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
+        (folder / "cameras.json").write_text(json.dumps(cameras))
+
+    report = spoilt(turn)
+    assert report.verdict is FindingVerdict.BAD
+    assert found(report, "joint residual", "cam01").verdict is FindingVerdict.BAD
+
+
+def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(
+    spoilt: Callable[[Callable[[Path], None]], Report], tmp_path: Path
+) -> None:
+    def late(folder: Path) -> None:
+        for kind in ("images", "masks"):
+            for file in sorted((folder / kind / "cam02").iterdir(), reverse=True):
+                file.rename(file.with_name(f"{int(file.stem) + 2:06d}{file.suffix}"))
+        joints = folder / "joints" / "cam02.json"
+        joints.write_text(re.sub(r"(\d{6})\.png", lambda m: f"{int(m[1]) + 2:06d}.png", joints.read_text()))
+
+    report = spoilt(late)
+    one = found(report, "time offset", "cam02")
+    assert one.verdict is FindingVerdict.BAD
+    advised = re.search(r"time_offset: (\{.*?\})", one.advice)
+    assert advised
+    mended = report_of(context_of(tmp_path / "copy", tmp_path / "archive", f"frames.time_offset={advised[1]}"))
+    assert found(mended, "time offset", "cam02").verdict is FindingVerdict.GOOD
+
+
+def test_without_joints_and_masks_it_says_what_cannot_be_measured(
+    spoilt: Callable[[Callable[[Path], None]], Report],
+) -> None:
+    import shutil
+
+    def strip(folder: Path) -> None:
+        shutil.rmtree(folder / "joints")
+        shutil.rmtree(folder / "masks")
+
+    told = " ".join(spoilt(strip).unmeasured)
+    for measure_name in ("joint residual", "time offset", "mask agreement"):
+        assert measure_name in told
+    assert "no 2D joints" in told
+
+
+def test_one_camera_and_pictures_of_different_sizes(tmp_path: Path) -> None:
+    film(tmp_path / "one", views=1, size=64, frames=2, held_out=0, depth=False)
+    context = context_of(tmp_path / "one", tmp_path / "first")
+    assert run_inspection(context, Console(quiet=True), tmp_path / "page") == 0
+    assert (tmp_path / "page" / "cam00.png").is_file()
+    film(tmp_path / "two", views=3, size=64, frames=4, held_out=0, depth=False, masks=False, joints=False)
+    cameras = json.loads((tmp_path / "two" / "cameras.json").read_text())
+    small = next(c for c in cameras["cameras"] if c["name"] == "cam01")
+    k = np.array(small["K"])
+    k[:2] /= 2
+    small["K"], small["width"], small["height"] = k.tolist(), 32, 32
+    (tmp_path / "two" / "cameras.json").write_text(json.dumps(cameras))
+    for file in (tmp_path / "two" / "images" / "cam01").iterdir():
+        cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file)), (32, 32), interpolation=cv2.INTER_AREA))
+    mixed = context_of(tmp_path / "two", tmp_path / "second")
+    assert run_inspection(mixed, Console(quiet=True), tmp_path / "mixed") in (0, 1)
+    assert len(list((tmp_path / "mixed").glob("*.png"))) == 3
+
+
+def test_a_crop_that_was_forgotten_is_told_with_a_suggestion(capture: Path, tmp_path: Path) -> None:
+    """The import refuses it; a setting that was taken away afterwards is found here."""
+    import dataclasses
+
+    context = context_of(capture, tmp_path / "archive")
+    rig = context.capture.rig
+    context.__dict__["capture"] = dataclasses.replace(
+        context.capture, rig=dataclasses.replace(rig, size=rig.size + [[8, 8]] * len(rig))
+    )
+    sizes = footage_of(context)[1]
+    assert all(f.verdict is FindingVerdict.BAD and "scale: 1.08333" in f.advice for f in sizes)
+
+
+def test_what_is_predicted_is_what_the_plan_says(tmp_path: Path) -> None:
+    """Pairs, mattes and joints by the plan's own words;
+    of eight cameras one is held out, so its neighbours stand 90 degrees apart."""
+    film(tmp_path / "capture", views=7, size=64, frames=3, held_out=1, depth=False, masks=False)
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture")
+    pipeline.register()
+    context, plan = pipeline.context(), planned_of(pipeline.context())
+    refused = [n for n in pipeline.plan().notes if n.startswith("depth does not match")]
+    assert sum(int(n.split()[4]) for n in refused) == len(plan.refused) > 0
+    assert [plan.matte] == [
+        c.resolve(context.settings.frames, context.capture_facts) for c in stage_named("frames").choices
+    ]
+    assert plan.depth.method == resolve_method(context.settings.depth, context.facts).name
+    assert plan.sources == context.views.sources
+    told = measure(*footage_of(context), plan).outlook
+    assert any(f"of {len(plan.source_reports)} pairs" in line for line in told)
+    assert any(line.startswith(f"mattes: frames.matte: {plan.matte[0]}") for line in told)
+
+
+def test_the_advice_is_ordered_by_use_within_its_verdict(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
+    """What makes other measures wrong comes before what it makes wrong; nothing bad comes after what is doubtful."""
+    import shutil
+
+    report = spoilt(lambda folder: shutil.rmtree(folder / "masks"))
+    order = [next(f.measure for f in report.findings if f.advice == advice) for _, _, advice in report.to_do]
+    verdicts = [verdict for verdict, _, _ in report.to_do]
+    assert verdicts == sorted(verdicts, key=ORDER.index)
+    for verdict in set(verdicts):
+        places = [IMPACT.index(m) for m, v in zip(order, verdicts, strict=True) if v is verdict]
+        assert places == sorted(places)
+    assert {f.measure for f in report.findings if f.advice} <= set(IMPACT)
+
+
+@pytest.mark.captures
+@pytest.mark.parametrize(
+    ("layout", "name", "matched", "refused"),
+    [
+        ("pose2sim", "balance", {("cam01", "cam02"), ("cam03", "cam04")}, 4),
+        ("caliscope", "desk", {("cam_2", "cam_3")}, 5),
+    ],
+)
+def test_pairs_of_real_captures(
+    layout: str, name: str, matched: set[tuple[str, str]], refused: int, captures: Path, tmp_path: Path
+) -> None:
+    crop = "frames.crop={cam01: {scale: 1.00741, offset: [0, -7.11]}, cam02: {scale: 1.00741, offset: [0, -7.11]}}"
+    configuration = load_configuration(None, [crop] if name == "balance" else [], folder=tmp_path)
+    settings = configuration.for_sequence(name)
+    archive = Archive.open(str(tmp_path / "archive"), create=True)
+    register(archive, name, find_capture(layout, captures / "captures" / name, [], settings), settings)
+    plan = planned_of(Context(archive.sequence(name), settings, ()))
+    assert {(plan.rig.names[a], plan.rig.names[b]) for a, b in plan.matched} == matched
+    assert len(plan.refused) == refused
+    worst = {f.measure: f.verdict for f in of_pairs(plan, every_pair(plan))}
+    assert FindingVerdict.BAD in worst.values() if name == "desk" else worst["neighbours"] is FindingVerdict.DOUBTFUL
+
+
+def test_the_command_has_its_help() -> None:
+    assert "Exit status 1" in (inspect.__doc__ or "")
