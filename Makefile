@@ -46,7 +46,7 @@ bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, a
 crash: $(STAMP) ## Kill runs at random moments and compare what they leave with an undisturbed one: some minutes.
 	$(BIN)/python -m pytest -m crash -s tests/crash
 
-fuzz: $(STAMP) ## Spoil every kind of file that is read in 300 ways; each works or is refused with a sentence: some minutes.
+fuzz: $(STAMP) ## Spoil every kind of file that is read in 300 ways; each works or is refused with a sentence: about half an hour.
 	$(BIN)/python -m tests.fuzz
 
 extreme: $(STAMP) ## Draw ten thousand random scenes of extreme scale, opacity, depth and camera: every number must be finite.

@@ -321,7 +321,6 @@ def test_a_metric(copy: Copy) -> None:
     found = copy.python(
         """
 import numpy as np
-from posegaussian.dags.tradeoff.figure import TITLES
 from posegaussian.dags.tradeoff.pareto import QUALITIES
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
@@ -335,7 +334,8 @@ except ValueError as e:
     refused = str(e)
 out = {
     "value": values["box", "mean_error"],
-    "title": TITLES["mean_error box"],
+    "title": QUALITIES["mean_error box"].title,
+    "axis": QUALITIES["mean_error box"].axis,
     "better": QUALITIES["mean_error full"].better,
     "refused": refused,
     "description": MetricsParams.model_fields["measures"].description,
@@ -344,7 +344,7 @@ out = {
 """
     )
     assert found["value"] == pytest.approx(3.0)
-    assert found["title"] == "Mean error in the mask's box, 1/255 (lower is better)"
+    assert (found["title"], found["axis"]) == ("Mean error in the mask's box", "Mean error, 1/255")
     assert found["better"] == "lower"
     assert "there is no measure 'mean_eror'; there are psnr" in found["refused"]
     assert "mean_error" in found["refused"]

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from posegaussian.dags.assets.network_weights import shipped
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
 from posegaussian.stages.estimators.description import read_description
+from posegaussian.stages.network.asset import shipped
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.documents import MEGABYTE, read_bytes, reader_of
 from posegaussian.storage.model.errors import NotWritten, SourceError

@@ -25,17 +25,16 @@ class Quality(NamedTuple):
     """Whether it has one."""
 
 
-def _named(title: str, unit: str, better: Literal["higher", "lower"], drawn: bool = True) -> Quality:
-    axis = title.split()[0] + ("" if unit == "1" else f", {unit}")
-    return Quality(unit, better, title, axis, drawn)
+def _named(name: str, where: str, unit: str, better: Literal["higher", "lower"], drawn: bool = True) -> Quality:
+    return Quality(unit, better, f"{name} {where}", name + ("" if unit == "1" else f", {unit}"), drawn)
 
 
 QUALITIES = {
-    f"{m.name} {region}": _named(f"{m.title} {where}", m.unit, m.better, drawn=region == "box")
+    f"{m.name} {region}": _named(m.title, where, m.unit, m.better, drawn=region == "box")
     for m in METRICS.values()
     if m.traded
     for region, where in (("box", "in the mask's box"), ("full", "of the full picture"))
-} | {"epe": _named("EPE of the depth", "px", "lower")}
+} | {"epe": _named("EPE", "of the depth", "px", "lower")}
 """In the order they are shown."""
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.stages.detection import test_onnx
-from tests.storage import test_splat_files
+from tests.stages.estimators import test_onnx
+from tests.storage.formats import test_splat_files
 from tests.support import onnx_files
 
 

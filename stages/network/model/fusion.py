@@ -3,10 +3,13 @@
 With P a 1x1 and W, Wg 3x3 convolutions, all learnt, and sigma the logistic function:
 
     concatenation   W [f, p]
-    attention       W (a * [f, p]), a per channel from the means of all (Hu et al. 2018), feature-wise as Zhang et al.
-    2021 gated           W (z * f + (1 - z) * P p), z = sigma(Wg [f, p])          (Arevalo et al. 2017) addition
-    W (f + P p) multiplication  W (f * (1 + P p)) weighted        W (w * f + (1 - w) * P p), w per channel outer
-    W (f + P p) + Wg ((R f) (x) [p, 1]), R to a quarter of the width in each cell
+    attention       W (a * [f, p]), a per channel from the means of all (Hu et al. 2018),
+                    feature-wise as Zhang et al. 2021
+    gated           W (z * f + (1 - z) * P p), z = sigma(Wg [f, p])  (Arevalo et al. 2017)
+    addition        W (f + P p)
+    multiplication  W (f * (1 + P p))
+    weighted        W (w * f + (1 - w) * P p), w per channel
+    outer           W (f + P p) + Wg ((R f) (x) [p, 1]), R to a quarter of the width in each cell
 
 P has no bias and the products keep a 1, so that heatmaps of zeros (nobody found) bring nothing and take nothing from
 the picture but a scale. Nothing is normalised or rectified behind W: the features are compared by their products.

@@ -1,8 +1,9 @@
 """The whole network: encoders, fusion, recurrent refinement of the disparity, decoder and heads.
 
     pictures, heatmaps -> features -> correlation -> D(1) ... D(T)  (stages/network/model/refine.py)
-    a third view's picture and heatmaps -> features, looked up by warping in each step, where the preset has
-    `further_views` D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
+    a third view's picture and heatmaps -> features, looked up by warping in each step,
+        where the preset has `further_views`
+    D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
 
 Everything it says is relative to the analytic start: heads of 0 and a confidence of 0 give the start itself.
 """

@@ -231,7 +231,7 @@ from posegaussian.dags.runtime.in_flight import Rules
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.executors.serial import SerialBackend
-from posegaussian.dags.runtime.work_order import Terms
+from posegaussian.dags.runtime.work_order import RunTerms
 from tests.support.pipeline import Pipeline
 
 root, folder, flag = map(Path, sys.argv[1:])
@@ -247,7 +247,7 @@ pipeline = Pipeline(root, folder, ["depth.consistency=0.9"])
 def tell(event):
     print(type(event).__name__, getattr(event, "task", None), getattr(event, "error", ""), flush=True)
 only = Selection(only=frozenset({"depth"}))
-Run([pipeline.plan(selection=only)], only, SerialBackend(), [tell], rules=Rules(Terms("sleeper", lease=1.0))).go()
+Run([pipeline.plan(selection=only)], only, SerialBackend(), [tell], rules=Rules(RunTerms("sleeper", lease=1.0))).go()
 """
 
 

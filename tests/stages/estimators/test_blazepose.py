@@ -79,7 +79,9 @@ class Landmarks:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> BlazePose:
     monkeypatch.setattr(blazepose, "check_files", lambda files: None)
-    monkeypatch.setattr(blazepose, "Network", lambda file: Detector() if file.stem == "pose_detection" else Landmarks())
+    monkeypatch.setattr(
+        blazepose, "LiteRTNetwork", lambda file: Detector() if file.stem == "pose_detection" else Landmarks()
+    )
     return BlazePose(
         {n: tmp_path / f"{n}.tflite" for n in ("pose_detection", "pose_landmark_full", "selfie_segmentation")}
     )

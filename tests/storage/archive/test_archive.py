@@ -29,7 +29,7 @@ DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "D
 
 def shape_of(height: int, width: int, frames: int = 10) -> dict[str, int]:
     both = {"y": height, "x": width, "source_y": height, "source_x": width, "camera_y": height, "camera_x": width}
-    return {**both, "frame": frames, "view": 3, "camera": 2, "joint": 25, "sample": 25, "person": 2}
+    return {**both, "frame": frames, "view": 3, "other_view": 3, "camera": 2, "joint": 25, "sample": 25, "person": 2}
 
 
 @QUICK
