@@ -19,7 +19,7 @@ FILES = sorted(f for folder in (*FOLDERS, "tests", "benchmarks") for f in (ROOT 
 MODEL = "storage.model"
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
 SCHEDULERS = {"dask", "distributed"}
-LIBRARIES = ("geometry", "silhouettes", "camera_paths", "imaging", "matching", "splatting", "estimators")
+LIBRARIES = ("simulator", "geometry", "silhouettes", "camera_paths", "imaging", "matching", "splatting", "estimators")
 """Folders of stages that are no stage: what several stages compute with."""
 ONE_KIND = (
     "storage/importers",
@@ -149,8 +149,7 @@ def test_a_circle_is_found() -> None:
 
 
 def circles(edges: dict[str, set[str]]) -> Iterator[list[str]]:
-    """Sets of nodes that reach each other: what is left when nodes that lead nowhere, or to which nothing leads, are
-    taken away, group by group."""
+    """Sets of nodes that reach each other, each once."""
     reach: dict[str, set[str]] = {}
     for start in edges:
         todo, seen = list(edges[start]), set()
