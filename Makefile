@@ -19,7 +19,7 @@ test: $(STAMP) ## Run the tests, two processes at once.
 lint: $(STAMP) ## Check style and types.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy -p posegaussian.storage -p posegaussian.dags -p posegaussian.stages.contract -m posegaussian.stages.registry
+	$(BIN)/mypy -p posegaussian
 
 # A benchmark is a line below: RUNS holds its modules of benchmarks/, each in quotes with its arguments.
 MEASURE = set -e; for run in $(RUNS); do $(BIN)/python -m benchmarks.$$run; done
