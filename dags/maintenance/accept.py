@@ -8,15 +8,16 @@ same, and its shards must be there: nobody can vouch for those.
 from __future__ import annotations
 
 import getpass
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import Any
 
 from posegaussian.dags.planning.fingerprint import reasons
 from posegaussian.dags.planning.plan import Plan, State, judge
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task, dependencies
-from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import ASSETS, STAGES
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, write_receipt
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.model.spec import digest
@@ -93,6 +94,15 @@ def _settled(plan: Plan) -> set[Task]:
     return settled
 
 
+def _without_code_of_assets(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Fingerprint parts but for the digests of assets that have code of ours in them, such as the pose estimator.
+
+    Whoever accepts other code vouches for that, too; the receipt names it among what changed.
+    """
+    coded = {name for name, (_, asset) in ASSETS.items() if asset.code is not None}
+    return {**parts, "sources": {k: v for k, v in parts.get("sources", {}).items() if k not in coded}}
+
+
 def _keyed(
     plan: Plan, task: Task, settled: set[Task], reason: str, harmless: tuple[str, ...]
 ) -> tuple[Receipt, list[str]]:
@@ -112,7 +122,8 @@ def _keyed(
             f" (`posegaussian why {name} {task.stage}`)"
         )
     _, _, parts = judge(plan.book, task, Selection(), digests)
-    other = [k for k in sorted({*old.parts, *parts}) if k not in harmless and old.parts.get(k) != parts.get(k)]
+    was, now = _without_code_of_assets(old.parts), _without_code_of_assets(parts)
+    other = [k for k in sorted({*was, *now}) if k not in harmless and was.get(k) != now.get(k)]
     changed = reasons(old.parts, parts)
     if other:
         raise UserError(

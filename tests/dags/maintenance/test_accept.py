@@ -14,6 +14,7 @@ from posegaussian.dags.planning.plan import State
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
 from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.model.spec import digest
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 
@@ -163,3 +164,21 @@ def test_another_version_is_accepted_at_once_in_the_order_of_flow(
 def test_settings_are_not_accepted_of_all_stages_at_once(archive: Pipeline) -> None:
     with pytest.raises(UserError, match=r"params changed, not only version, code"):
         accept_every(archive.with_settings("depth.pairs=1").plan, "whatever")
+
+
+@pytest.mark.parametrize(
+    ("source", "accepted"), [("estimator", True), ("pictures of cam00", False), ("network", False)]
+)
+def test_of_sources_only_the_code_of_an_asset_may_be_another(archive: Pipeline, source: str, accepted: bool) -> None:
+    """The digest of the pose estimator holds code of ours; for files and trained weights nobody vouches."""
+    sequence = archive.context().sequence
+    for receipt in [r for r in scan_receipts(sequence) if r.stage == "depth"]:
+        parts = {**receipt.parts, "sources": {**receipt.parts["sources"], source: "0" * 32}}
+        write_receipt(sequence, replace(receipt, parts=parts, fingerprint=digest(parts)))
+    assert not archive.plan().all_fresh
+    if accepted:
+        assert f"source {source} is no longer read" in "".join(accept(archive.plan(), "depth", "the modules moved"))
+        assert archive.plan().all_fresh
+    else:
+        with pytest.raises(UserError, match="sources changed, not only version, code, params"):
+            accept(archive.plan(), "depth", "the modules moved")
