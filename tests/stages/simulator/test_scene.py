@@ -26,7 +26,7 @@ EVERYTHING: dict[str, Any] = {
     "ambient_occlusion": {"directions": 8}, "cast_shadow": "on", "specular": "on",
     "background_room": "on", "depth_of_field": {"aperture": 0.5, "switch": "on"}, "vignetting": "on",
     "camera_gain": "on", "sensor_noise": "on", "jpeg": "on",
-    "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "joint_noise": "on",
+    "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "soft_matte": "on", "joint_noise": "on",
 }  # fmt: skip
 
 
