@@ -190,7 +190,7 @@ def _tilted(rig: Ring | Arc | Dome | Stereo | THuman, around: float) -> np.ndarr
     if isinstance(rig, Stereo):
         apart = 720.0 / rig.cameras
         toward += apart * round((around - rig.start) / apart)
-    a, t = math.radians(toward), math.radians(rig.tilt)
+    a, t = math.radians(toward), -math.radians(rig.tilt)
     on = np.array([[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]])
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, math.cos(t), -math.sin(t)], [0.0, math.sin(t), math.cos(t)]])
     return on @ about_x @ on.T

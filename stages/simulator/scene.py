@@ -103,8 +103,8 @@ class _Around(_Lens):
     tilt: float = Field(
         0.0,
         description=(
-            "Degrees the circle of cameras is turned about the line of sight of its `start` (of stereo: each pair about"
-            " its own): baselines run diagonally at 45, an arc or a pair stands upright at 90. Pictures stay level;"
+            "Degrees the circle of cameras is turned, clockwise as they look, about the line of sight of its `start` (of"
+            " stereo: each pair about its own): baselines run diagonally at 45, an arc or a pair stands upright at 90. Pictures stay level;"
             " `roll` turns them."
         ),
     )

@@ -215,14 +215,16 @@ def test_a_tilted_rig_still_looks_at_the_subject_and_its_baselines_turn(last: di
             np.testing.assert_allclose(uv, rig.size[v] / 2, atol=1e-9)
         off = np.linalg.norm(rig.centres - [0, 0, 0.85], axis=1)
         np.testing.assert_allclose(off[:4], 2.6, rtol=1e-9)
-        return rig.centres[other] - rig.centres[0]
+        return rig.rotations[0] @ (rig.centres[other] - rig.centres[0])
 
     upright = baselines()
-    assert upright[2] == pytest.approx(0, abs=1e-12)
-    for tilt, steep in ((45.0, np.sqrt(0.5)), (90.0, 1.0), (-90.0, -1.0)):
-        turned = baselines(tilt=tilt)
-        assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(upright))
-        assert turned[2] / np.linalg.norm(turned) == pytest.approx(steep, abs=1e-9)
+    assert upright[1] == pytest.approx(0, abs=1e-12)
+    for tilt in (45.0, 90.0, -90.0):
+        level, rolled = baselines(tilt=tilt), baselines(tilt=tilt, roll=tilt)
+        assert np.linalg.norm(level) == pytest.approx(np.linalg.norm(upright))
+        # Pictures turned with the rig see the baseline where an upright rig has it, but for up being elsewhere now.
+        assert abs(level[1]) > 5 * abs(rolled[1])
+        assert rolled[0] > 0
 
 
 def test_each_camera_is_rolled_by_its_own_angle_and_nothing_else_changes() -> None:
