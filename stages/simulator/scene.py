@@ -103,9 +103,9 @@ class _Around(_Lens):
     tilt: float = Field(
         0.0,
         description=(
-            "Degrees the circle of cameras is turned, clockwise as they look, about the line of sight of its `start` (of"
-            " stereo: each pair about its own): baselines run diagonally at 45, an arc or a pair stands upright at 90. Pictures stay level;"
-            " `roll` turns them."
+            "Degrees the circle of cameras is turned, clockwise as they look, about the line of sight of its `start`"
+            " (of stereo: each pair about its own): baselines run diagonally at 45, an arc or a pair stands upright at"
+            " 90. Pictures stay level; `roll` turns them."
         ),
     )
     start: float = Field(0.0, description="Degrees to the left of the subject's front where the first camera stands.")
