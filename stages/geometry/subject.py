@@ -14,9 +14,9 @@ PERSON_RADIUS = 0.3
 """Metres; half the width of a person with the arms down."""
 FILLED = 0.75
 """Share of the picture's longer side a person fills in a capture framed on purpose."""
-UPRIGHT = 0.96
+UPRIGHT = 0.94
 """Length of the mean upward axis, over the longest mean axis of any common roll, down to which cameras pass as upright.
-Cameras above each other over 50 degrees have 0.97; an arc of 90 degrees whose pictures lie on their side has 0.90."""
+Cameras above each other over 60 degrees have 0.95; an arc of 90 degrees whose pictures lie on their side has 0.90."""
 ALIKE = 0.7
 """Length of the mean roll (a point of the unit circle for each camera) below which each is rolled in its own way."""
 SURE = 0.05
