@@ -102,6 +102,17 @@ class _Around(_Lens):
     radius: float = Field(2.6, gt=0, description="Distance from the subject's axis.")
     height: float = Field(1.15, description="Height of the cameras above the ground.")
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
+    roll_spread: float = Field(
+        0.0, ge=0, le=180, description="Degrees by which every camera is rolled further, at random, at most."
+    )
+    tilt: float = Field(
+        0.0,
+        description=(
+            "Degrees the circle of cameras is turned, clockwise as they look, about the line of sight of its `start`"
+            " (of stereo: each pair about its own): baselines run diagonally at 45, an arc or a pair stands upright at"
+            " 90. Pictures stay level; `roll` turns them."
+        ),
+    )
     start: float = Field(0.0, description="Degrees to the left of the subject's front where the first camera stands.")
     framing: Literal["rest", "frames"] = Field(
         "rest",
