@@ -20,12 +20,12 @@ ALONG, ACROSS = 0.045, 0.17
 _LIMBS = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
 
 
-def quartered(tris: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[E, 2] edges, whose middles are numbered on after the vertices, and [4 T, 3] triangles cut at them."""
+def quartered(tris: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """[E, 2] edges, whose middles are numbered on after `count` vertices, and [4 T, 3] triangles cut at them."""
     t = tris.astype(np.int64)
     ends = np.sort(np.stack([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]], axis=1).reshape(-1, 2), axis=1)
     edges, back = np.unique(ends, axis=0, return_inverse=True)
-    return edges, _four(t, back.reshape(-1, 3))
+    return edges, _four(t, count + back.reshape(-1, 3))
 
 
 def _four(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def quartered_places(uv: np.ndarray) -> np.ndarray:
 
 def finer(mesh: Mesh) -> Mesh:
     """The same surface, each triangle as four: cut at the middles of its edges."""
-    edges, tris = quartered(mesh.tris)
+    edges, tris = quartered(mesh.tris, len(mesh.vertices))
     bones, weights = strongest(with_middles(shares_of(mesh), edges))
     return Mesh(
         with_middles(mesh.vertices, edges),

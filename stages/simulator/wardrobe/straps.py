@@ -121,7 +121,7 @@ def _finely(body: Body, near: np.ndarray, *values: np.ndarray) -> tuple[Any, ...
     kept = near[body.tris].any(axis=1)
     tris, uv, points, weights = body.tris[kept], body.uv[kept], body.vertices, body.weights
     for _ in range(ROUNDS):
-        edges, tris = quartered(tris)
+        edges, tris = quartered(tris, len(points))
         uv = quartered_places(uv)
         points, weights, *values = (with_middles(v, edges) for v in (points, weights, *values))  # type: ignore[assignment]
     return dataclasses.replace(body, vertices=points, tris=tris, uv=uv, weights=weights), *values
