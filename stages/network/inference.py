@@ -28,6 +28,9 @@ TRAINED_SIDE = 640
 TRAINED_ANGLE = 62.0
 """Degrees. The widest pairs that the network was trained on, of rings of six cameras, stand 60 apart; where a real
 pair stood 65 apart, both views' depths agreed on 13 % fewer pixels with it than without."""
+TRAINED_LEAN = 40.0
+"""Degrees by which a pair's baseline may be off level: the network has seen people who stand in rectified pictures, not
+such as lie in them."""
 HEADS = ("scale", "rotation", "opacity")
 """In the order of the channels of `network/numbers`."""
 NUMBERS = 8
@@ -63,7 +66,7 @@ class Looks:
     @classmethod
     def of(cls, rig: Rig, views: tuple[int, ...], count: int) -> Looks:
         """Each view with its `count` nearest usable neighbours, every pair once."""
-        reports = pair_report(rig, views, TRAINED_ANGLE)
+        reports = [r for r in pair_report(rig, views, TRAINED_ANGLE) if r.lean <= TRAINED_LEAN]
         partners = choose_pairs(rig, views, count, reports=reports)
         centre = look_at_point(rig.subset(views))
         scale = min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
