@@ -106,7 +106,9 @@ class TrainingConfig(Params):
 
     seed: int = setting(0, "Of the first weights and of every random choice.", ge=0, lt=2**31)
     start: str | None = setting(
-        None, "Weights to continue from, a .safetensors file, with a fresh optimiser; null: random ones."
+        None,
+        "Weights to continue from, with a fresh optimiser: a .safetensors file, or the name of weights that ship; null:"
+        " random ones.",
     )
     precision: Literal["bf16", "float32"] = setting(
         "bf16", "Of the layers; correlation, coordinates and what the heads say stay in float32."

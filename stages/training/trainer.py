@@ -6,15 +6,16 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
+from posegaussian.stages.network.asset import weights_file
 from posegaussian.stages.network.losses import PoseFusion, masked_mean
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.weights import load_weights
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.contract import Frame
@@ -32,7 +33,7 @@ class NetworkTrainer:
     """Network, averaged weights and optimiser."""
 
     def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
-        """The network's first weights follow from `config.seed`, or are those of the file `config.start`. Raises
+        """The network's first weights follow from `config.seed`, or are those that `config.start` names. Raises
         WeightsError where these do not fit."""
         self.config, self.device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
@@ -48,7 +49,7 @@ class NetworkTrainer:
                 else None
             )
         if config.start is not None:
-            load_weights(Path(config.start), self.network, may_lack=MAY_LACK)
+            load_weights(weights_file(NetworkParams(weights=config.start)), self.network, may_lack=MAY_LACK)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
         learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
         self.optimiser = torch.optim.AdamW(
