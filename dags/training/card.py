@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from posegaussian.dags.humanize.text import number
-from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.config import SHAPE, TrainingConfig
 
 if TYPE_CHECKING:
     from posegaussian.stages.network.card import Card
 
-VARIANTS = ("fusion", "pose_in", "rotation_head", "opacity_head", "normalisation", "downsampling", "residual")
+VARIANTS = (*SHAPE, "fusion", "pose_in", "rotation_head", "opacity_head", "normalisation", "downsampling", "residual")
 """Settings in which a network may differ from its preset."""
 
 
@@ -33,7 +33,7 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
     data = (
         f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at"
         f" {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; crops of {config.crop} px,"
-        f" {number(config.batch, 'pair')} a step, over analytic depth of {' and '.join(config.methods)}; step {step} of"
+        f" {number(config.batch, 'pair')} a step, over {' or '.join(_starts(config))}; step {step} of"
         f" {config.steps}"
     )
     start = f", continued from {config.start}" if config.start else ""
@@ -51,12 +51,24 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
         machine="; ".join(f"{machine} ({minutes:.0f} min)" for machine, minutes in machines.items()),
         validation=_table([r for r in rows if r["kind"] == "validation"]),
         not_good_for=(
-            "Depth without an analytic floor: they refine one, and know nothing else.",
+            "Depth without a start: they refine one, and know nothing else.",
+            f"Pairs of more than {config.network().widest:.0f} degrees; those are left to the analytic floor.",
             "Claims about real captures: people, clothes, light and cameras they were trained on are simulated.",
             f"More than {config.iterations} iterations; they were trained with 1 to {config.iterations}.",
             *([f"A final judgement: training was at step {step} of {config.steps}."] if step < config.steps else []),
         ),
     )
+
+
+def _starts(config: TrainingConfig) -> list[str]:
+    """What examples start from."""
+    shares = config.starts
+    return [
+        *(config.methods if shares.matched else ()),
+        *(["the hull"] if shares.hull else ()),
+        *(["true depth with and without noise"] if shares.noisy + shares.truth else ()),
+        *(["reliefs of views alone"] if config.single else ()),
+    ]
 
 
 def _table(validations: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], ...]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from posegaussian.dags.config.settings import from_assignments, validated
 from posegaussian.dags.config.yaml_source import load
+from posegaussian.stages.network.asset import shipped
 from posegaussian.stages.training.config import HARMLESS, TrainingConfig
 from posegaussian.storage.model.errors import ConfigError
 
@@ -24,11 +25,11 @@ def load_training(config: Path | None = None, assignments: Sequence[str] = ()) -
     if assignments:
         layers.append(from_assignments(assignments))
     settings: TrainingConfig = validated(TrainingConfig, layers)
-    if settings.start is not None and not Path(settings.start).is_file():
+    if settings.start is not None and settings.start not in shipped() and not Path(settings.start).is_file():
         where = next(d for d in reversed(layers) if "start" in d.values).where(("start",))
         raise ConfigError(
             f"{where} start: there is no file {settings.start};"
-            " name the weights.safetensors of another training, or null"
+            f" name the weights.safetensors of another training, weights that ship ({', '.join(shipped())}), or null"
         )
     return settings
 

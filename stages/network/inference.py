@@ -19,15 +19,21 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
-from posegaussian.stages.network.model.pairs import PairViews, SourceView, rectified_pair, windows
+from posegaussian.stages.network.model.pairs import (
+    PairViews,
+    SourceView,
+    rectified_pair,
+    single_view,
+    window_around,
+    windows,
+)
+from posegaussian.stages.network.model.presets import TRAINED_ANGLE
+from posegaussian.stages.network.single_view import beside, single_pair
 from posegaussian.stages.network.third_view import candidates, third_of
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 TRAINED_SIDE = 640
 """Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""
-TRAINED_ANGLE = 62.0
-"""Degrees. The widest pairs that the network was trained on, of rings of six cameras, stand 60 apart; where a real
-pair stood 65 apart, both views' depths agreed on 13 % fewer pixels with it than without."""
 TRAINED_LEAN = 40.0
 """Degrees by which a pair's baseline may be off level: the network has seen people who stand in rectified pictures, not
 such as lie in them."""
@@ -64,15 +70,45 @@ class Looks:
     """Of each pair, the views that could be its third, the best one first."""
 
     @classmethod
-    def of(cls, rig: Rig, views: tuple[int, ...], count: int) -> Looks:
-        """Each view with its `count` nearest usable neighbours, every pair once."""
-        reports = [r for r in pair_report(rig, views, TRAINED_ANGLE) if r.lean <= TRAINED_LEAN]
+    def of(cls, rig: Rig, views: tuple[int, ...], count: int, widest: float = TRAINED_ANGLE) -> Looks:
+        """Each view with its `count` nearest usable neighbours, every pair once; none of more than `widest` degrees,
+        beyond what the network was trained on: where a real pair stood 65 apart and the widest trained on 60, both
+        views' depths agreed on 13 % fewer pixels with it than without."""
+        reports = [r for r in pair_report(rig, views, widest) if r.lean <= TRAINED_LEAN]
         partners = choose_pairs(rig, views, count, reports=reports)
         centre = look_at_point(rig.subset(views))
-        scale = min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
+        scale = _scale(rig, views)
         unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
         pairs = tuple(rectify(rig, a, b, centre, scale) for a, b in unordered)
         return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs))
+
+
+def _scale(rig: Rig, views: tuple[int, ...]) -> float:
+    """Of the pictures that are looked at."""
+    return min(1.0, TRAINED_SIDE / float(rig.size[list(views)].max()))
+
+
+def look_alone(
+    network: PoseGaussianNetwork,
+    rig: Rig,
+    view: int,
+    shown: SourceView,
+    iterations: int,
+    precision: str,
+    timer: Timer | None = None,
+) -> Learned | None:
+    """What is learnt about a view without a partner, whose start is a relief; None where it shows nobody. `timer` as in
+    `look`."""
+    clock = timer or (lambda name: nullcontext())
+    with clock("rectification"):
+        pair = single_pair(rig, view, look_at_point(rig.subset([view])), _scale(rig, (view,)))
+        window = window_around(pair, shown.depth > 0, network.preset.stride)
+        if window is None:
+            return None
+        rectified = single_view(pair, shown, (window, beside(pair, window)), network.joints)
+    prediction = predict(network, rectified, iterations, precision, timer)
+    with clock("pulling back"):
+        return learned_of(pair, 0, window, rectified, prediction, shown.depth)
 
 
 def look(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.timing import TimedInputs
-from posegaussian.stages.network.inference import NUMBERS, Looks, look, refined
+from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, look, look_alone, refined
+from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
@@ -29,9 +30,8 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     with inputs.timed("loading"):
         network = inputs.source("network")
     shape = _shape(inputs)
-    heatmaps = next((n for n in ("smoothing/heatmaps", "pose/heatmaps") if _declared(inputs, n)), None)
     with inputs.timed("reading"):
-        read = {v: _View(inputs, v, heatmaps) for v in inputs.views.sources}
+        read = {v: _View(inputs, v) for v in inputs.views.sources}
     depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
     confidence = {v: np.zeros(shape, np.float16) for v in read}
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
@@ -39,18 +39,12 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     @cache
     def looks(valid: tuple[int, ...]) -> Looks:
         with inputs.timed("rectification"):
-            return Looks.of(inputs.rig, valid, params.pairs)
+            return Looks.of(inputs.rig, valid, params.pairs, network.preset.widest)
 
     for f in range(shape[0]):
         valid = tuple(v for v in read if inputs.valid[f, v])
-        if len(valid) < 2:
-            continue
         shown = {u: read[u].at(f) for u in valid}
-        with inputs.timed("silhouettes"):
-            silhouettes = silhouettes_of(inputs.rig, {u: s.mask for u, s in shown.items()})
-        for v, said in look(network, looks(valid), shown, params.iterations, params.precision, inputs.timed).items():
-            with inputs.timed("silhouettes"):
-                learned = held(inputs.rig, v, depth[v][f], said, silhouettes)
+        for v, learned in _learned(inputs, network, params, looks, shown).items():
             with inputs.timed("pulling back"):
                 depth[v][f] = refined(depth[v][f], learned)
             confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
@@ -62,14 +56,40 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
 
 
+def _learned(
+    inputs: TimedInputs,
+    network: PoseGaussianNetwork,
+    params: NetworkParams,
+    looks: Callable[[tuple[int, ...]], Looks],
+    shown: Mapping[int, SourceView],
+) -> dict[int, Learned]:
+    """What is learnt about the views of one frame, held within each other's silhouettes."""
+    rig, precision = inputs.rig, params.precision
+    if len(inputs.views.sources) == 1:
+        if not network.preset.alone:
+            return {}
+        alone = {
+            v: look_alone(network, rig, v, s, params.iterations, precision, inputs.timed) for v, s in shown.items()
+        }
+        return {v: said for v, said in alone.items() if said is not None}
+    if len(shown) < 2:
+        return {}
+    found = look(network, looks(tuple(shown)), shown, params.iterations, precision, inputs.timed)
+    with inputs.timed("silhouettes"):
+        silhouettes = silhouettes_of(rig, {u: s.mask for u, s in shown.items()})
+        return {v: held(rig, v, shown[v].depth, said, silhouettes) for v, said in found.items()}
+
+
 class _View:
     """Arrays of one view's partition."""
 
-    def __init__(self, inputs: Inputs, view: int, heatmaps: str | None) -> None:
+    def __init__(self, inputs: Inputs, view: int) -> None:
         self.color, self.mask, self.depth, self.confidence = (
             inputs.read(n, view) for n in ("frames/color", "frames/mask", "depth/depth", "depth/confidence")
         )
-        self.heatmaps = None if heatmaps is None else inputs.read(heatmaps, view)
+        drawn, steady = POSE_HEATMAPS in inputs.facts, TEMPORAL_SMOOTHING in inputs.facts
+        self.heatmaps = inputs.read("pose/heatmaps", view) if drawn else None
+        self.stabilised = inputs.read("smoothing/heatmaps", view) if drawn and steady else None
 
     def at(self, f: int) -> SourceView:
         return SourceView(
@@ -78,13 +98,8 @@ class _View:
             self.depth[f],
             self.confidence[f],
             None if self.heatmaps is None else self.heatmaps[f],
+            None if self.stabilised is None else self.stabilised[f],
         )
-
-
-def _declared(inputs: Inputs, array: str) -> bool:
-    """Whether the heatmaps of this name are read under these settings."""
-    smoothed = TEMPORAL_SMOOTHING in inputs.facts
-    return POSE_HEATMAPS in inputs.facts and smoothed == (array == "smoothing/heatmaps")
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
-from posegaussian.stages.network.asset import TRAINED
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, SINGLE_SOURCE, Facts
+from posegaussian.stages.network.asset import TRAINED, card_of
 from posegaussian.stages.network.asset import notes as weights_notes
+from posegaussian.stages.network.model.presets import Preset
 from posegaussian.stages.network.params import NETWORK, NetworkParams
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -16,20 +17,27 @@ def needs(shape: Shape, params: NetworkParams) -> Resources:
     """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both
     windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 36 + shape["view"] * 64 + 2500) + 2**28)
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 38 + shape["view"] * 64 + 2500) + 2**28)
 
 
 def unneeded(params: NetworkParams, facts: Facts) -> str | None:
-    """Without weights depth and Gaussians stay the analytic ones; a single view has no pair."""
+    """Without weights depth and Gaussians stay the analytic ones; a single view has no pair, and most weights nothing
+    to say about it."""
     if params.weights == "none":
         return "network.weights is none: depth and Gaussians are the analytic ones"
-    return "there is a single source view: the network compares pairs" if SINGLE_SOURCE in facts else None
+    if SINGLE_SOURCE not in facts:
+        return None
+    if GIVEN_DEPTH in facts:
+        return "there is a single source view, with depth maps of its own, which no weights were trained to refine"
+    if not Preset.from_json(card_of(params).network).alone:
+        return f"there is a single source view: {params.weights} was trained to compare pairs"
+    return None
 
 
 STAGE = Stage(
     name=NETWORK,
     summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
-    version=1,
+    version=2,
     run="posegaussian.stages.network.run:run",
     check="posegaussian.stages.network.run:check",
     reads=(
@@ -38,7 +46,7 @@ STAGE = Stage(
         Read("depth/depth"),
         Read("depth/confidence"),
         Read("smoothing/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name in f and POSE_HEATMAPS.name in f),
-        Read("pose/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name not in f and POSE_HEATMAPS.name in f),
+        Read("pose/heatmaps", when=lambda p, f: POSE_HEATMAPS.name in f),
         Read.source("network"),
     ),
     writes=(

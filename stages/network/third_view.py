@@ -107,7 +107,7 @@ def third_view(
     )
     color, _ = colors_at(shown, x, y)
     cells = pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL))
-    heatmaps = heatmaps_at(shown, (cells * HEATMAP_CELL + corner) / scale, joints)
+    heatmaps = heatmaps_at(shown.heatmaps, (cells * HEATMAP_CELL + corner) / scale, joints)
     mine = intrinsics_of(rig, pair, view, window[:2])
     to = []
     for which in (0, 1):

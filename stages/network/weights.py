@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -52,8 +52,10 @@ def packed(state: Mapping[str, torch.Tensor], card: Card, where: str) -> bytes:
     return save(tensors, metadata={"card": json.dumps(asdict(card), sort_keys=True)})
 
 
-def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> None:
+def load_weights(path: Path, network: nn.Module, digest: str | None = None, may_lack: Collection[str] = ()) -> None:
     """Load weights by name into a network, in the network's dtypes; nothing is changed unless everything fits.
+
+    `may_lack`: keys that stay what they are where the file lacks them.
 
     Raises:
         WeightsError: where the file is missing, damaged or not the expected one, and where a key is missing,
@@ -69,7 +71,7 @@ def load_weights(path: Path, network: nn.Module, digest: str | None = None) -> N
             tensors = {key: f.get_tensor(key) for key in f.keys()}  # noqa: SIM118 (it is no mapping)
     except SafetensorError as e:
         raise WeightsError(f"{path} is no safetensors file: {e}") from e
-    own = network.state_dict()
+    own = {k: v for k, v in network.state_dict().items() if k in tensors or k not in may_lack}
     wrong = [
         f"{k} is {tuple(tensors[k].shape)} in the file, {tuple(own[k].shape)} in the network"
         for k in sorted(own.keys() & tensors.keys())

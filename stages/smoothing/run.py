@@ -32,12 +32,13 @@ def run(inputs: Inputs, params: SmoothingParams) -> Iterator[Block]:
         for i, frame in enumerate(inputs.partition):
             at = frame - span.start
             window = slice(max(0, at - past), at + 1)
-            out[i] = _filter(heatmaps[window], joints[window], params)
+            out[i] = stabilised(heatmaps[window], joints[window], params)
         yield Block("smoothing/heatmaps", out, v)
 
 
-def _filter(heatmaps: np.ndarray, joints: np.ndarray, params: SmoothingParams) -> np.ndarray:
-    """One frame's output [17, h, w] from a window [n + 1, 17, ...] that ends with it."""
+def stabilised(heatmaps: np.ndarray, joints: np.ndarray, params: SmoothingParams) -> np.ndarray:
+    """One frame's output [17, h, w] float32 from a window [n + 1, 17, ...] that ends with it: its heatmaps, and the
+    joints (u, v, score) they were drawn of, px."""
     calm = np.ones(heatmaps.shape[1])
     if params.method == "adaptive" and len(heatmaps) == 2:
         calm = stillness(heatmaps, joints, params.speed, CELL)

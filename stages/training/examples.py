@@ -1,9 +1,9 @@
-"""What a step is given: crops of pairs of views around the same point of the body,
-the truth, and a picture from between them."""
+"""What a step is given: crops of pairs of views, or of views alone, around the same point of the body, the truth, and a
+picture from between them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,51 +15,50 @@ from posegaussian.stages.geometry.pairs import classify
 from posegaussian.stages.geometry.projection import pixel_centres, project
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
-from posegaussian.stages.network.model.encoders import HEATMAP_CELL
 from posegaussian.stages.network.model.pairs import (
     PairViews,
     SourceView,
     Third,
     places,
     rectified_pair,
+    single_view,
     start_on,
+    window_around,
     windows,
 )
-from posegaussian.stages.network.third_view import candidates, finer, intrinsics_of, third_view, window_around
-from posegaussian.stages.pose.heatmaps import draw
+from posegaussian.stages.network.single_view import beside, single_pair
+from posegaussian.stages.network.third_view import candidates, finer, intrinsics_of, third_view
+from posegaussian.stages.network.third_view import window_around as third_window
 from posegaussian.stages.splatting.definition.scene import Camera
-from posegaussian.stages.training.augmentation import shifted, spoilt, spoilt_third
+from posegaussian.stages.training.augmentation import misplacement, shifted, spoilt, spoilt_third
 from posegaussian.stages.training.config import TrainingConfig
+from posegaussian.stages.training.joint_clips import EXACT, Marks, found, heatmaps_of, marks_drawn
+from posegaussian.stages.training.starts import Kind, Start, kind_drawn, relief_start, start_of
+from posegaussian.stages.training.things import thing
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
 
 HARD = 0.4
 """Share of the crops that lie around a pixel whose start is more than a px off."""
-WITHOUT_JOINTS = 0.1
-"""Share of the crops without any joints, as captures without an estimator have it."""
-JOINT_NOISE = 3.0
-"""Px, largest standard deviation of what joints are moved by."""
-SIGMAS = (5.0, 10.0)
-"""Px, narrowest and broadest heatmap of a joint.
-The pose stage's 4 cm are about 10 px at the size of a person in these pictures."""
 TINT = 0.08
 """Largest change of a colour channel's gain, the same in both views and the target."""
 WITHOUT_THIRD = 0.2
 """Share of the crops without a third view, where a network of such is trained: pairs of small rigs have none."""
+KINDS_OF_STRANGE = 3
+"""Pictures that do not fit, somebody else's, and things that are no person: each has its part of `config.strange`."""
 Frame = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """One pair of views."""
+    """One pair of views, or two views alone."""
 
     views: PairViews
     """Both directions."""
     truth: torch.Tensor
     """[2, 1, H, W] true disparity, px, NaN where there is none."""
-    pair: RectifiedPair
-    windows: tuple[Window, Window]
-    """Of the rectified frame."""
+    cameras: tuple[Camera, Camera]
+    """Of both rectified windows."""
     picture: torch.Tensor
     """[2, H, W, 3] the rectified pictures as the Gaussians take them, sRGB 0..1."""
     target: Camera
@@ -69,7 +68,20 @@ class Example:
     cover: torch.Tensor
     """[1, 1, h, w] its mask, 0..1."""
     strange: bool
-    """Whether the two pictures do not fit each other, so that nothing can be learnt from one about the other."""
+    """Whether nothing can be learnt here about depth: the two pictures do not fit, or what they show is no person."""
+
+
+class Side(NamedTuple):
+    """One direction of an example."""
+
+    view: int
+    """Of the frame."""
+    pair: RectifiedPair
+    which: int
+    """Which of its views this is."""
+    window: Window
+    other: Window
+    """Of the pair's other view."""
 
 
 class Further(NamedTuple):
@@ -83,15 +95,14 @@ class Further(NamedTuple):
     """Of what is done to it alone; None: nothing is."""
 
 
-class Marks(NamedTuple):
-    """How an example's joints are drawn."""
+class Spoiling(NamedTuple):
+    """What is done to a crop; a whole pair is shown as it is."""
 
-    none: bool
-    """Whether there are none."""
-    noise: float
-    """Px, standard deviation of what they are moved by."""
-    sigma: float
-    """Px."""
+    random: np.random.Generator
+    gain: np.ndarray
+    """[3] of the colour channels."""
+    misplaced: float
+    """Rows by which the second picture is shifted so that nothing fits; 0: it is not."""
 
 
 def frames_of_step(config: TrainingConfig, step: int) -> range:
@@ -105,47 +116,133 @@ def drawn(config: TrainingConfig, step: int, frames: Mapping[int, Frame]) -> tup
     """The examples of a step and its number of iterations: they follow from (config.seed, step) alone."""
     random = np.random.default_rng([config.seed, step])
     at_hand = frames_of_step(config, step)
-    found = [
-        crop(frames[at_hand[int(random.integers(len(at_hand)))]], config.crop, random, config.further_views)
-        for _ in range(config.batch)
-    ]
-    return found, int(random.integers(1, config.iterations + 1))
+    examples = [crop(frames[at_hand[int(random.integers(len(at_hand)))]], config, random) for _ in range(config.batch)]
+    examples = exchanged(examples, config.strange / KINDS_OF_STRANGE, random)
+    return examples, int(random.integers(1, config.iterations + 1))
 
 
-def crop(frame: Frame, side: int, random: np.random.Generator, further_views: bool = False) -> Example:
-    """A pair of a frame, cut out around a point that the first view sees, and a third view cut out around the same
-    where it is asked for.
+def exchanged(examples: Sequence[Example], share: float, random: np.random.Generator) -> list[Example]:
+    """The same examples, but such a share of them shows, in its second view or both, another example's pictures within
+    its own outline."""
+    out = list(examples)
+    for i, example in enumerate(examples):
+        if len(examples) > 1 and random.random() < share:
+            other = examples[(i + 1 + int(random.integers(len(examples) - 1))) % len(examples)].views.color
+            views, keep = example.views, random.random() < 0.5
+            color = other * views.cover
+            color = torch.stack([views.color[0] if keep else color[0], color[1]])
+            out[i] = replace(example, views=replace(views, color=color), strange=True)
+    return out
+
+
+def crop(frame: Frame, config: TrainingConfig, random: np.random.Generator) -> Example:
+    """A pair of a frame, cut out around a point that the first view sees, or its two views each alone; and a third view
+    cut out around the same where the network looks at one.
 
     What concerns the third view alone is drawn from a generator of its own: all else is the same with it and without.
     """
-    a, b, between = (int(v) for v in frame["pairs"][random.integers(len(frame["pairs"]))])
-    if random.random() < 0.5:
-        a, b = b, a
-    pair = rectify(_rig(frame), a, b, _centre(frame))
-    row, column = _point(frame, a, pair, random)
-    point = _world(frame, a, row, column)
-    centres = [project(point[None], pair.intrinsics[w], pair.world_to_camera(w))[0][0] for w in (0, 1)]
+    views = tuple(int(v) for v in frame["pairs"][random.integers(len(frame["pairs"]))])
+    a, b, between = (views[1], views[0], views[2]) if random.random() < 0.5 else views
+    alone, kind = random.random() < config.single, kind_drawn(config.starts, random)
+    strange = int(random.random() / max(config.strange, 1e-12) * KINDS_OF_STRANGE)  # 0, 1, or more: fits
+    if strange == 1:
+        frame, (a, b, between) = thing(frame, (a, b, between), _centre(frame), random), (0, 1, 2)
+    rig, centre, side = _rig(frame), _centre(frame), config.crop
+    pair = rectify(rig, a, b, centre)
+    starts = _starts(frame, (a, b), pair.sensitivity, None if alone else kind, random)
+    point = _world(frame, a, *_point(frame["truth"][a], starts[0].depth, pair.sensitivity, random))
     off = random.uniform(-side / 8, side / 8, 2)
-    corners = [np.round(p + off - side / 2).astype(int) for p in centres]
-    found = tuple((int(c[0]), int(corners[0][1]), side, side) for c in corners)
-    gain = 1 + random.uniform(-TINT, TINT, 3)
-    further = _further_at(frame, pair, point, side, random.spawn(1)[0]) if further_views else None
-    return _example(frame, (a, b, between), pair, (found[0], found[1]), point, side // 2, random, gain, further)
+    sides = _sides(rig, (a, b), pair, centre, point, off, side, alone)
+    misplaced = misplacement(side, random) if strange == 0 and not alone else 0.0
+    spoiling = Spoiling(random, 1 + random.uniform(-TINT, TINT, 3), misplaced)
+    marks = marks_drawn(config.stabilisers, random)
+    further = None
+    if config.further_views:
+        own = random.spawn(1)[0]
+        further = None if alone else _further_at(frame, pair, point, side, own)
+    found = _example(frame, sides, starts, _target(frame, between, point, side // 2), between, marks, spoiling, further)
+    return replace(found, strange=misplaced != 0 or strange == 1)
 
 
-def whole(frame: Frame, row: int, multiple: int, further_views: bool = False) -> Example:
+def whole(frame: Frame, row: int, config: TrainingConfig, kind: Kind = "matched") -> Example:
     """A pair of a frame without a crop, as inference sees it."""
     a, b, between = (int(v) for v in frame["pairs"][row])
-    pair = rectify(_rig(frame), a, b, _centre(frame))
-    found = windows(pair, (frame["depth"][a] > 0, frame["depth"][b] > 0), multiple)
-    assert found is not None, "a training frame without a subject"
+    rig, multiple = _rig(frame), config.network().stride
+    pair = rectify(rig, a, b, _centre(frame))
+    around = windows(pair, (frame["depth"][a] > 0, frame["depth"][b] > 0), multiple)
+    assert around is not None, "a training frame without a subject"
     further = None
-    for view in _others(frame, pair) if further_views else ():
-        window = window_around(frame["depth"][view] > 0, finer(_rig(frame), pair, view), multiple)
+    for view in _others(frame, pair) if config.further_views else ():
+        window = third_window(frame["depth"][view] > 0, finer(rig, pair, view), multiple)
         if window is not None:
             further = Further(view, window, None)
             break
-    return _example(frame, (a, b, between), pair, found, None, 0, None, np.ones(3), further)
+    sides = Side(a, pair, 0, *around), Side(b, pair, 1, around[1], around[0])
+    starts = _starts(frame, (a, b), pair.sensitivity, kind, np.random.default_rng(0))
+    return _example(frame, sides, starts, _target(frame, between, None, 0), between, EXACT, None, further)
+
+
+def whole_alone(frame: Frame, row: int, config: TrainingConfig) -> Example:
+    """The views of a pair of a frame, each alone and without a crop, over its relief; in windows of one size."""
+    a, b, between = (int(v) for v in frame["pairs"][row])
+    rig, centre, multiple = _rig(frame), _centre(frame), config.network().stride
+    pairs = [single_pair(rig, v, centre) for v in (a, b)]
+    found = [window_around(p, frame["depth"][v] > 0, multiple) for p, v in zip(pairs, (a, b), strict=True)]
+    width, height = (max(w[i] for w in found if w is not None) for i in (2, 3))
+    around = [(w[0], w[1], width, height) for w in found if w is not None]
+    sides = [Side(v, p, 0, w, beside(p, w)) for v, p, w in zip((a, b), pairs, around, strict=True)]
+    starts = _starts(frame, (a, b), pairs[0].sensitivity, None, np.random.default_rng(0))
+    target = _target(frame, between, None, 0)
+    return _example(frame, (sides[0], sides[1]), starts, target, between, EXACT, None, None)
+
+
+def crop_of_thing(frame: Frame, row: int, config: TrainingConfig) -> Example:
+    """A whole pair with a thing that is no person in its place, always the same one."""
+    a, b, between = (int(v) for v in frame["pairs"][row])
+    found = thing(frame, (a, b, between), _centre(frame), np.random.default_rng(row))
+    return replace(whole(found, 0, config), strange=True)
+
+
+def _sides(
+    rig: Rig,
+    views: tuple[int, int],
+    pair: RectifiedPair,
+    centre: np.ndarray,
+    point: np.ndarray,
+    off: np.ndarray,
+    side: int,
+    alone: bool,
+) -> tuple[Side, Side]:
+    """Windows of `side` px about a point [3], which lies `off` [2] px from their middle."""
+
+    def corner(pair: RectifiedPair, which: int) -> np.ndarray:
+        place = project(point[None], pair.intrinsics[which], pair.world_to_camera(which))[0][0]
+        return np.round(place + off - side / 2).astype(int)
+
+    if alone:
+        found = []
+        for view in views:
+            own = single_pair(rig, view, centre)
+            x, y = corner(own, 0)
+            window = (int(x), int(y), side, side)
+            found.append(Side(view, own, 0, window, beside(own, window)))
+        return found[0], found[1]
+    corners = [corner(pair, w) for w in (0, 1)]
+    first, second = ((int(c[0]), int(corners[0][1]), side, side) for c in corners)
+    return Side(views[0], pair, 0, first, second), Side(views[1], pair, 1, second, first)
+
+
+def _starts(
+    frame: Frame, views: tuple[int, int], sensitivity: float, kind: Kind | None, random: np.random.Generator
+) -> tuple[Start, Start]:
+    """Of both views; None: the reliefs of views alone."""
+    if kind is None:
+        first, second = (
+            relief_start(frame["mask"][v], frame["truth"][v], float(frame["intrinsics"][v, 0, 0])) for v in views
+        )
+    else:
+        first, second = (start_of(frame, v, kind, sensitivity, random) for v in views)
+    return first, second
 
 
 def _others(frame: Frame, pair: RectifiedPair) -> tuple[int, ...]:
@@ -168,59 +265,65 @@ def _further_at(
     frame: Frame, pair: RectifiedPair, point: np.ndarray, side: int, random: np.random.Generator
 ) -> Further | None:
     """The third view of a crop around a point [3], in the same size."""
-    found = _others(frame, pair)
-    if random.random() < WITHOUT_THIRD or not found:
+    others = _others(frame, pair)
+    if random.random() < WITHOUT_THIRD or not others:
         return None
-    place = project(point[None], intrinsics_of(_rig(frame), pair, found[0]), frame["world_to_camera"][found[0]])[0][0]
+    k = intrinsics_of(_rig(frame), pair, others[0])
+    place = project(point[None], k, frame["world_to_camera"][others[0]])[0][0]
     x, y = np.round(place + random.uniform(-side / 8, side / 8, 2) - side / 2).astype(int)
-    return Further(found[0], (int(x), int(y), side, side), random)
+    return Further(others[0], (int(x), int(y), side, side), random)
 
 
-def _source(frame: Frame, view: int) -> SourceView:
-    return SourceView(frame["color"][view], frame["mask"][view], frame["depth"][view], frame["confidence"][view], None)
+def _source(frame: Frame, view: int, start: Start) -> SourceView:
+    return SourceView(frame["color"][view], frame["mask"][view], start.depth, start.confidence, None)
 
 
 def _example(
     frame: Frame,
-    views: tuple[int, int, int],
-    pair: RectifiedPair,
-    found: tuple[Window, Window],
-    point: np.ndarray | None,
-    side: int,
-    random: np.random.Generator | None,
-    gain: np.ndarray,
+    sides: tuple[Side, Side],
+    starts: tuple[Start, Start],
+    target: Camera,
+    between: int,
+    marks: Marks,
+    spoiling: Spoiling | None,
     further: Further | None,
 ) -> Example:
-    a, b, between = views
-    shown = tuple(_source(frame, v) for v in (a, b))
-    given = rectified_pair(pair, (shown[0], shown[1]), found)
-    tint = torch.from_numpy(gain.astype(np.float32))
-    truth = [
-        start_on(pair, w, found[w], found[1 - w], np.where(foreground(frame["mask"][v]), frame["truth"][v], 0))
-        for w, v in enumerate((a, b))
-    ]
-    pictures = [
-        cv2.remap(shown[w].color, *places(pair, w, found[w])[:2], cv2.INTER_LINEAR).astype(np.float32) / 255
-        for w in (0, 1)
-    ]
-    camera = _target(frame, between, point, side)
-    seen = _cut(frame["color"][between], frame, between, camera).astype(np.float32) / 255
-    cover = _cut(frame["mask"][between], frame, between, camera).astype(np.float32) / 255
-    marks = _marks(random)
-    heatmaps, color, strange = _heatmaps(frame, pair, found, marks, random), given.color * tint[:, None, None], 0.0
-    if random is not None:
-        color, strange = spoilt(color, given.cover, random)
-    third = None if further is None else _third(frame, pair, found, further, marks, tint, strange)
+    sources = [_source(frame, s.view, start) for s, start in zip(sides, starts, strict=True)]
+    first, second = sides
+    if first.pair is second.pair:
+        given = rectified_pair(first.pair, (sources[0], sources[1]), (first.window, second.window))
+    else:
+        given = PairViews.batch(
+            [single_view(s.pair, v, (s.window, s.other)) for s, v in zip(sides, sources, strict=True)]
+        )
+    truth, pictures, cameras, maps = [], [], [], []
+    for side, source in zip(sides, sources, strict=True):
+        seen = np.where(foreground(source.mask), frame["truth"][side.view], 0)
+        truth.append(start_on(side.pair, side.which, side.window, side.other, seen))
+        x, y, _ = places(side.pair, side.which, side.window)
+        pictures.append(cv2.remap(source.color, x, y, cv2.INTER_LINEAR).astype(np.float32) / 255)
+        k = side.pair.intrinsics[side.which].copy()
+        k[:2, 2] -= side.window[:2]
+        cameras.append(Camera(k, side.pair.world_to_camera(side.which), *side.window[2:]))
+        joints = found(frame["joints"][:, side.view], marks, None if spoiling is None else spoiling.random)
+        joints[..., :2] = side.pair.rectified_pixels(side.which, joints[..., :2])[0] - np.array(side.window[:2])
+        maps.append(heatmaps_of(joints, side.window[2:], marks))
+    tint = torch.from_numpy((np.ones(3) if spoiling is None else spoiling.gain).astype(np.float32))
+    color, cover = given.color * tint[:, None, None], given.cover
+    if spoiling is not None:
+        color, cover = spoilt(color, cover, spoiling.random)
+        color = torch.stack([color[0], shifted(color[1], spoiling.misplaced)]) if spoiling.misplaced else color
+    heatmaps, stabilised = (torch.from_numpy(np.stack(m)) for m in zip(*maps, strict=True))
+    third = None if further is None else _third(frame, sides, further, marks, tint, spoiling)
     return Example(
-        replace(given, heatmaps=heatmaps, color=color.clamp(0, 1), third=third),
+        replace(given, color=color.clamp(0, 1), cover=cover, heatmaps=heatmaps, stabilised=stabilised, third=third),
         torch.from_numpy(np.stack(truth)[:, None]),
-        pair,
-        found,
+        (cameras[0], cameras[1]),
         (torch.from_numpy(np.stack(pictures)) * tint).clamp(max=1),
-        camera,
-        (torch.from_numpy(seen).permute(2, 0, 1)[None] * tint[:, None, None]).clamp(max=1),
-        torch.from_numpy(cover)[None, None],
-        strange != 0,
+        target,
+        (_cut(frame["color"][between], frame, between, target) * tint[:, None, None])[None].clamp(max=1),
+        _cut(frame["mask"][between][..., None], frame, between, target)[None],
+        False,
     )
 
 
@@ -238,22 +341,25 @@ def unfitting(example: Example, rows: float) -> Example:
 
 def _third(
     frame: Frame,
-    pair: RectifiedPair,
-    found: tuple[Window, Window],
+    sides: tuple[Side, Side],
     further: Further,
     marks: Marks,
     tint: torch.Tensor,
-    strange: float,
+    spoiling: Spoiling | None,
 ) -> Third:
     """The third view of an example, spoilt on its own; where both views do not fit each other it fits neither."""
     rig, (view, window, random) = _rig(frame), further
-    third = third_view(rig, pair, found, view, _source(frame, view), window, frame["joints"].shape[1])
-    joints = _moved(frame["joints"][view], marks, random)
-    joints[:, :2] = finer(rig, pair, view) * joints[:, :2] - np.array(window[:2])
+    pair, around = sides[0].pair, (sides[0].window, sides[1].window)
+    start = Start(frame["depth"][view], frame["confidence"][view].astype(np.float32))
+    third = third_view(rig, pair, around, view, _source(frame, view, start), window, frame["joints"].shape[2])
+    joints = found(frame["joints"][:, view], marks, random)
+    joints[..., :2] = finer(rig, pair, view) * joints[..., :2] - np.array(window[:2])
     color = third.color[0] * tint[:, None, None]
-    if random is not None:
-        color = spoilt_third(color, strange, random)
-    return replace(third, color=color.clamp(0, 1)[None], heatmaps=torch.from_numpy(_drawn(joints, window, marks))[None])
+    if random is not None and spoiling is not None:
+        color = spoilt_third(color, random)
+        color = shifted(color, -spoiling.misplaced) if spoiling.misplaced else color
+    heatmaps = torch.from_numpy(heatmaps_of(joints, window[2:], marks)[0])[None]
+    return replace(third, color=color.clamp(0, 1)[None], heatmaps=heatmaps)
 
 
 def _rig(frame: Frame) -> Rig:
@@ -272,13 +378,12 @@ def _centre(frame: Frame) -> np.ndarray:
     return look_at_point(_rig(frame).subset(range(len(frame["depth"]))))
 
 
-def _point(frame: Frame, view: int, pair: RectifiedPair, random: np.random.Generator) -> tuple[int, int]:
+def _point(truth: np.ndarray, depth: np.ndarray, sensitivity: float, random: np.random.Generator) -> tuple[int, int]:
     """Row and column of a pixel of the body; a share of them where the start is wrong."""
-    truth, depth = frame["truth"][view], frame["depth"][view]
     inside = truth > 0
     if random.random() < HARD:
         with np.errstate(divide="ignore", invalid="ignore"):
-            wrong = inside & (depth > 0) & (pair.sensitivity * np.abs(1 / depth - 1 / truth) > 1)
+            wrong = inside & (depth > 0) & (sensitivity * np.abs(1 / depth - 1 / truth) > 1)
         inside = wrong if wrong.any() else inside
     rows, columns = np.nonzero(inside)
     k = int(random.integers(len(rows)))
@@ -294,45 +399,6 @@ def _world(frame: Frame, view: int, row: int, column: int) -> np.ndarray:
     return pose[:3, :3].T @ (z * ray - pose[:3, 3])
 
 
-def _marks(random: np.random.Generator | None) -> Marks:
-    if random is None:
-        return Marks(False, 0.0, SIGMAS[1])
-    none = bool(random.random() < WITHOUT_JOINTS)
-    return Marks(none, float(random.uniform(0, JOINT_NOISE)), float(random.uniform(*SIGMAS)))
-
-
-def _heatmaps(
-    frame: Frame, pair: RectifiedPair, found: tuple[Window, Window], marks: Marks, random: np.random.Generator | None
-) -> torch.Tensor:
-    """[2, 17, H / 4, W / 4] drawn on the windows."""
-    maps = []
-    for which, view in enumerate(pair.views):
-        joints = _moved(frame["joints"][view], marks, random)
-        joints[:, :2] = pair.rectified_pixels(which, joints[:, :2])[0] - np.array(found[which][:2])
-        maps.append(_drawn(joints, found[which], marks))
-    return torch.from_numpy(np.stack(maps))
-
-
-def _moved(joints: np.ndarray, marks: Marks, random: np.random.Generator | None) -> np.ndarray:
-    """Joints [J, (u, v, score)] of a view, moved as an estimator would; with scores of 0 where there are none."""
-    joints = joints.copy()
-    if random is not None:
-        joints[:, :2] += random.normal(0, marks.noise, (len(joints), 2))
-    joints[:, 2] *= not marks.none
-    return joints
-
-
-def _drawn(joints: np.ndarray, window: Window, marks: Marks) -> np.ndarray:
-    """[J, H / 4, W / 4] float32 of joints in pixels of a window."""
-    width, height = window[2:]
-    return draw(
-        joints[None],
-        np.full((1, len(joints)), marks.sigma),
-        (width, height),
-        (height // HEATMAP_CELL, width // HEATMAP_CELL),
-    )[0].astype(np.float32)
-
-
 def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Camera:
     """A held-out camera: a window of `side` px around a point, or the whole picture."""
     intrinsics, pose = frame["intrinsics"][view].copy(), frame["world_to_camera"][view]
@@ -345,6 +411,8 @@ def _target(frame: Frame, view: int, point: np.ndarray | None, side: int) -> Cam
     return Camera(intrinsics, pose, side, side)
 
 
-def _cut(picture: np.ndarray, frame: Frame, view: int, camera: Camera) -> np.ndarray:
+def _cut(picture: np.ndarray, frame: Frame, view: int, camera: Camera) -> torch.Tensor:
+    """[C, h, w] 0..1 of a picture [H, W, C] uint8 of a view, as a camera that is its window sees it."""
     x, y = np.round(frame["intrinsics"][view][:2, 2] - np.asarray(camera.intrinsics)[:2, 2]).astype(int)
-    return picture[y : y + camera.height, x : x + camera.width]
+    part = picture[y : y + camera.height, x : x + camera.width].astype(np.float32) / 255
+    return torch.from_numpy(part).permute(2, 0, 1)

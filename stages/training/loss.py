@@ -22,14 +22,6 @@ from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.examples import Example
 
-TRUST, LEARNED, BLENDED = 0.3, 1.0, 2.0
-"""Weights beside the sequence's: of the refinement's own trust, which only the decoder reads; of the learned
-disparity, which a low confidence must not starve; and of what comes out."""
-DOUBT = 0.5
-"""Weight of the cross entropy of the confidence with whether the two views fit each other. Of both kinds of pairs:
-asked for doubt alone, the network doubts everything where it changes little, and learns less elsewhere."""
-RENDER = 20.0
-"""Weight of the picture: px of disparity count in units, shares of brightness in hundredths."""
 OUTSIDE = 0.25
 """Weight of a target's pixels beside the subject: what is drawn there is clipped by the silhouettes later."""
 
@@ -78,30 +70,39 @@ def together(examples: Sequence[Example], device: torch.device) -> Batch:
 
 
 def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) -> torch.Tensor:
-    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity and of what
-    comes out.
+    """Of the sequence, of the trust that blends its last step over the start, of the learned disparity, of what comes
+    out, and of the confidence.
 
-    Where the views do not fit, nothing is asked of what is learnt, but that no confidence goes with it; where they do,
-    some should.
+    The confidence is the probability that the learned disparity is nearer to the truth than the start: its cross
+    entropy with whether it is, and nothing else, teaches it (Kendall and Gal 2017 weigh the error by it instead, and
+    what then comes out is no probability). Where the views do not fit, nothing is asked of what is learnt, but that no
+    confidence goes with it.
     """
     views, truth, valid = batch.views, batch.truth, batch.valid
     fits = valid & ~batch.strange
     start, last = torch.where(valid, views.start, 0), prediction.disparities[-1].detach()
     blended = start + prediction.trust * (last - start)
     parts = (
-        (TRUST, blended, valid),
-        (LEARNED, start + prediction.change, fits),
-        (BLENDED, torch.where(valid, prediction.disparity, 0), valid),
+        (config.trust, blended, valid),
+        (config.learned, start + prediction.change, fits),
+        (config.blended, torch.where(valid, prediction.disparity, 0), fits),
     )
     logit = limited(prediction.numbers["confidence"])
-    doubt = DOUBT * masked_mean(
-        functional.binary_cross_entropy_with_logits(logit, fits.to(logit.dtype), reduction="none"), valid
-    )
+    better = beats(prediction, batch).to(logit.dtype)
+    confidence = masked_mean(functional.binary_cross_entropy_with_logits(logit, better, reduction="none"), valid)
     return (
         sequence_loss(prediction.disparities, truth, fits, config.mu)
-        + doubt
+        + config.confidence * confidence
         + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
     )
+
+
+def beats(prediction: Prediction, batch: Batch) -> torch.Tensor:
+    """[B, 1, H, W] bool: whether the learned disparity is nearer to the truth than the start; never where the views do
+    not fit each other, where it could only be luck."""
+    start, change = torch.where(batch.valid, batch.views.start, 0), prediction.change.detach()
+    nearer = (start + change - batch.truth).abs() < (start - batch.truth).abs()
+    return nearer & batch.valid & ~batch.strange
 
 
 def pose_terms(
@@ -110,7 +111,7 @@ def pose_terms(
     """Zero where the decoder does not see the pose."""
     if fusion is None or prediction.pose is None:
         return prediction.joint.new_zeros(())
-    found = fusion(prediction.joint, prediction.pose, views.heatmaps)
+    found = fusion(prediction.joint, prediction.pose, views.of_pose)
     return found.alignment + config.heatmaps * found.heatmaps
 
 
@@ -128,7 +129,7 @@ def render_terms(
         picture = draw(example, maps, threads)
         weight = torch.where(example.cover > 0, 1.0, OUTSIDE).to(picture.device)
         found.append(render_loss(picture, example.seen.to(picture.device), weight, config.beta, config.gamma))
-    return RENDER * torch.stack(found).mean()
+    return config.render * torch.stack(found).mean()
 
 
 def gaussian_maps(
@@ -141,6 +142,8 @@ def gaussian_maps(
     analytic, ray = _prior(example, which, depth.detach()[0, 0].cpu().numpy())
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
+    # a probability learns from what came true, not from pictures
+    numbers["confidence"] = numbers["confidence"].detach()
     blended: HeadMaps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
     return GaussianMaps(
         example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0]
@@ -152,24 +155,17 @@ def draw(example: Example, maps: Sequence[GaussianMaps], threads: int) -> torch.
     parts = []
     for which, m in enumerate(maps):
         assert isinstance(m.depth, torch.Tensor)
-        lifted = lift(
-            m, _intrinsics(example, which), example.pair.world_to_camera(which), torch.float32, m.depth.device
-        )
+        camera = example.cameras[which]
+        lifted = lift(m, np.asarray(camera.intrinsics), camera.world_to_camera, torch.float32, m.depth.device)
         parts.append(lifted.seen_from(example.target))
     drawn = rasterize(Gaussians.concatenate(parts), [example.target], drawing=Drawing(threads=threads))
     return drawn.color[0].permute(2, 0, 1)[None].clamp(0, 1)
 
 
-def _intrinsics(example: Example, which: int) -> np.ndarray:
-    k = example.pair.intrinsics[which].copy()
-    k[:2, 2] -= example.windows[which][:2]
-    return k
-
-
 def _prior(example: Example, which: int, depth: np.ndarray) -> tuple[Prior, torch.Tensor]:
     """The analytic prior of a depth [H, W] on one view's rectified window, as the gaussians stage makes it, and unit
     rays [1, 3, H, W]."""
-    views, k = example.views, _intrinsics(example, which)
+    views, k = example.views, np.asarray(example.cameras[which].intrinsics)
     mask = np.round(255 * views.cover[which, 0].numpy()).astype(np.uint8)
     scale, normal, opacity = (
         torch.from_numpy(np.ascontiguousarray(m, np.float32))[None]

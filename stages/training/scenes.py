@@ -13,14 +13,26 @@ from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, casting
 
-FAULTS: tuple[tuple[float, Mapping[str, Any]], ...] = (
-    (0.5, {"sensor_noise": {"electrons": 5000, "read": 5}, "camera_gain": {"exposure": 0.03, "white_balance": 0.01}}),
-    (0.3, {"specular": {"strength": 1.0}}),
-    (0.3, {"calibration_error": {"pixels": 0.3}}),
-    (0.3, {"mask_error": {"wobble": 0.5}}),
-    (0.3, {"cast_shadow": {}}),
+FAULTS: tuple[tuple[float, str, Mapping[str, tuple[float, float]]], ...] = (
+    (0.5, "sensor_noise", {"electrons": (1500, 12000), "read": (3, 12)}),
+    (0.5, "camera_gain", {"exposure": (0.01, 0.15), "white_balance": (0.0, 0.04)}),
+    (0.4, "specular", {"strength": (0.5, 4.0)}),
+    (0.4, "calibration_error", {"pixels": (0.1, 0.8)}),
+    (0.4, "mask_error", {"wobble": (0.2, 1.2), "grow": (-1.5, 1.5)}),
+    (0.4, "background_room", {"side": (14.0, 18.0)}),
+    (0.3, "cast_shadow", {}),
+    (0.3, "vignetting", {"corner": (0.05, 0.4)}),
+    (0.3, "jpeg", {"quality": (60, 95)}),
+    (0.2, "cloth_motion", {}),
+    (0.15, "depth_of_field", {"aperture": (0.005, 0.03)}),
 )
-"""(share of the scenes, what it lays over them). The other scenes are exact in that respect."""
+"""(share of the faulty scenes, effect, its settings between two values). The other scenes are exact in that respect."""
+FAULTY = 0.6
+"""Share of the scenes that may have faults."""
+WHOLE = frozenset({"quality"})
+"""Settings that are whole numbers."""
+ASTRAY = 0.4
+"""Share of the training scenes whose cameras stand by eye: rolled, and at heights and gaps of their own."""
 LONGEST = 3.0
 """Seconds into a motion that the first frame may lie."""
 FRAME_RATE = 2.0
@@ -43,11 +55,13 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
     count = int(cameras[int(random.integers(len(cameras)))])
     motion = motions[-1] if seed >= FIRST_VALIDATION_SEED and seed % 2 else motions[int(random.integers(len(motions)))]
     # Validation is on exact captures, as the gates are; half of the training is.
-    faulty = seed < FIRST_VALIDATION_SEED and random.random() < 0.5
+    faulty = seed < FIRST_VALIDATION_SEED and random.random() < FAULTY
     effects: dict[str, Any] = {"ambient_occlusion": {}}
-    for share, fault in FAULTS:
+    for share, name, between in FAULTS:
+        drawn = {key: float(random.uniform(*ends)) for key, ends in between.items()}
         if random.random() < share and faulty:
-            effects |= fault
+            effects[name] = {"switch": "on", **{k: round(v) if k in WHOLE else v for k, v in drawn.items()}}
+    astray = seed < FIRST_VALIDATION_SEED and random.random() < ASTRAY
     return Scene.model_validate(
         {
             "seed": seed,
@@ -62,8 +76,10 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
             "rig": {
                 "kind": "ring",
                 "cameras": count,
-                "radius": float(random.uniform(3.0, 6.0)),
-                "height": float(random.uniform(0.8, 1.6)),
+                "radius": float(random.uniform(2.4, 6.0)),
+                "height": float(random.uniform(0.6, 2.2)),
+                "roll": float(random.uniform(-8.0, 8.0)) if astray else 0.0,
+                "jitter": float(random.uniform(0.0, 0.25)) if astray else 0.0,
                 "start": float(random.uniform(0.0, 360.0)),
                 "size": [size, size],
                 "fill": float(random.uniform(0.72, 0.92)),

@@ -6,36 +6,34 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
+from posegaussian.stages.network.asset import weights_file
 from posegaussian.stages.network.losses import PoseFusion, masked_mean
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.weights import load_weights
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.contract import Frame
-from posegaussian.stages.training.examples import Example, drawn, unfitting, whole
+from posegaussian.stages.training.examples import Example, drawn
 from posegaussian.stages.training.loss import LossTerms, depth_terms, pose_terms, render_terms, together
+from posegaussian.stages.training.validation import measures
 
-SETTLED = 1000
-"""Steps after which the learning rate falls with the root of the steps."""
 QUICK = 8.0
 """Times the learning rate that the layers have which begin at zero: they have far to go."""
-ASTRAY = 24.0
-"""Px by which the second picture is moved for the confidence of pairs that do not fit."""
-MISSED = 16.0
-"""Px that a pixel without a depth counts in the error."""
+MAY_LACK = ("refinement.absent",)
+"""Parameters that weights to continue from need not have: they begin as they are made."""
 
 
 class NetworkTrainer:
     """Network, averaged weights and optimiser."""
 
     def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
-        """The network's first weights follow from `config.seed`, or are those of the file `config.start`. Raises
+        """The network's first weights follow from `config.seed`, or are those that `config.start` names. Raises
         WeightsError where these do not fit."""
         self.config, self.device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
@@ -51,7 +49,7 @@ class NetworkTrainer:
                 else None
             )
         if config.start is not None:
-            load_weights(Path(config.start), self.network)
+            load_weights(weights_file(NetworkParams(weights=config.start)), self.network, may_lack=MAY_LACK)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
         learnt = [*self.network.parameters(), *(self.fusion.parameters() if self.fusion is not None else ())]
         self.optimiser = torch.optim.AdamW(
@@ -125,7 +123,7 @@ class NetworkTrainer:
     def _rate(self) -> float:
         """Rising over the warm-up, then level, then with the inverse root of the steps."""
         rising = min(1.0, (self.step + 1) / max(self.config.warm_up, 1))
-        return self.config.learning_rate * rising * min(1.0, (SETTLED / max(self.step, 1)) ** 0.5)
+        return self.config.learning_rate * rising * min(1.0, (self.config.settled / max(self.step, 1)) ** 0.5)
 
     def _average(self) -> None:
         """Move the averaged weights; the first steps count more, or the random start would stay for long."""
@@ -138,38 +136,8 @@ class NetworkTrainer:
                     a.copy_(p)
 
     def validate(self, frames: Mapping[int, Frame]) -> dict[str, float]:
-        """Of the averaged weights, over two whole pairs of each frame: EPE in px before and after, after T = 1 and
-        twice the trained T, and the mean confidence, also where the second picture is moved by `ASTRAY` px, so that
-        nothing in it fits.
-        """
-        found: dict[str, list[float]] = {}
-        for index in sorted(frames):
-            for row in (0, 1):
-                example = whole(frames[index], row, self.config.network().stride, self.config.further_views)
-                views, truth, valid, _ = together([example], self.device)
-                astray = together([unfitting(example, ASTRAY)], self.device).views
-                surface = torch.isfinite(views.start) | valid
-                with (
-                    torch.no_grad(),
-                    torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"),
-                ):
-                    by_steps = {
-                        t: self.averaged(views, t, only_last=True)
-                        for t in (1, self.config.iterations, 2 * self.config.iterations)
-                    }
-                    lost = self.averaged(astray, self.config.iterations, only_last=True)
-                measured = {
-                    "epe start": views.start,
-                    "epe": by_steps[self.config.iterations].disparity,
-                    "epe T=1": by_steps[1].disparity,
-                    "epe 2T": by_steps[2 * self.config.iterations].disparity,
-                }
-                for name, d in measured.items():
-                    error = torch.where(torch.isfinite(d), (d - truth).abs(), MISSED)
-                    found.setdefault(name, []).append(float(error[valid].mean()))
-                for name, said in (("confidence", by_steps[self.config.iterations]), ("confidence astray", lost)):
-                    found.setdefault(name, []).append(float(said.confidence[surface].mean()))
-        return {name: float(np.mean(values)) for name, values in found.items()}
+        """Of the averaged weights, over two whole pairs of each frame; see `measures`."""
+        return measures(self.averaged, frames, self.config, self.device)
 
     def weights(self) -> dict[str, torch.Tensor]:
         """The averaged weights by name."""

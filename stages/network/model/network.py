@@ -1,6 +1,7 @@
 """The whole network: encoders, fusion, recurrent refinement of the disparity, decoder and heads.
 
     pictures, heatmaps -> features -> correlation -> D(1) ... D(T)  (stages/network/model/refine.py)
+    heatmaps, stabilised over time -> pose encoder
     a third view's picture and heatmaps -> features, looked up by warping in each step,
         where the preset has `further_views`
     D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
@@ -79,6 +80,7 @@ class PoseGaussianNetwork(nn.Module):
             preset.stride,
             preset.further_views,
             beside=preset.widths[1],
+            alone=preset.alone,
         )
         self.pose = pose_encoder(preset, joints) if "decoder" in preset.pose_in else None
         self.depth = depth_encoder(preset, OF_DEPTH)
@@ -102,7 +104,7 @@ class PoseGaussianNetwork(nn.Module):
         """Refine the start of every direction in `iterations` steps and decode.
 
         H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are
-        not, for `iterations` < 1, and for a third view that the preset does not have.
+        not, for `iterations` < 1, and for a third view, or a view alone, that the preset does not have.
         """
         clock = timer or (lambda name: nullcontext())
         known = views.known
@@ -121,18 +123,19 @@ class PoseGaussianNetwork(nn.Module):
             told = unshuffled(torch.cat([relief(start, known), seen], dim=1), self.preset.stride)
             refined = self.refinement(
                 fused,
-                others(fused),
+                None if views.all_alone else others(fused),
                 views.start,
                 views.coding,
                 iterations,
                 further,
                 only_last=only_last,
                 beside=torch.relu(self.beside(told)),
+                alone=views.alone,
             )
         pose = None
         if self.pose is not None:
             with clock("pose encoder"):
-                pose = self.pose(heatmaps_on(views.heatmaps, self.preset.pose_cell))
+                pose = self.pose(heatmaps_on(views.of_pose, self.preset.pose_cell))
         last = refined.disparities[-1]
         move = torch.where(known, last - start, 0)
         with clock("depth encoder"):
@@ -146,7 +149,8 @@ class PoseGaussianNetwork(nn.Module):
             numbers = self.heads.numbers(decoded.features)
             share = trust(numbers["confidence"])
             change = moved(numbers, move, self.heads.reach)
-            disparity = torch.where(known, start + share * change, torch.nan)
+            # what comes out must not teach the confidence: a probability learns from what came true alone
+            disparity = torch.where(known, start + share.detach() * change, torch.nan)
         return Prediction(
             refined.disparities,
             refined.confidence,

@@ -43,7 +43,9 @@ class SourceView:
     confidence: np.ndarray
     """[h, w] 0..1 of that depth."""
     heatmaps: np.ndarray | None
-    """[J, h / 4, w / 4], None where the capture has no joints."""
+    """[J, h / 4, w / 4] of this frame alone, None where the capture has no joints."""
+    stabilised: np.ndarray | None = None
+    """[J, h / 4, w / 4] the same, stabilised over time; None where they are not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ class PairViews:
     color: torch.Tensor
     """[B, 3, H, W] sRGB 0..1, premultiplied."""
     heatmaps: torch.Tensor
-    """[B, J, H / 4, W / 4]."""
+    """[B, J, H / 4, W / 4] of the frame alone: what is fused into the features, and so moves depth."""
     start: torch.Tensor
     """[B, 1, H, W] px, NaN where there is no surface."""
     confidence: torch.Tensor
@@ -88,6 +90,10 @@ class PairViews:
     """Of every direction."""
     third: Third | None = None
     """Of every pair; None where no pair has one."""
+    stabilised: torch.Tensor | None = None
+    """[B, J, H / 4, W / 4] heatmaps stabilised over time, for the pose encoder alone; None: those of the frame."""
+    alone: torch.Tensor | None = None
+    """[B] bool, of directions whose other view counts for nothing: a view without a partner. None: no direction."""
 
     @staticmethod
     def batch(pairs: Sequence[PairViews]) -> PairViews:
@@ -99,7 +105,13 @@ class PairViews:
         if like is not None:
             thirds = [like.none(len(p.start) // 2) if p.third is None else p.third for p in pairs]
             third = Third(*(torch.cat([getattr(t, f.name) for t in thirds]) for f in fields(Third)))
-        return PairViews(color, heatmaps, start, confidence, cover, Coding(*codings), third)
+        stabilised = torch.cat([p.of_pose for p in pairs]) if any(p.stabilised is not None for p in pairs) else None
+        alone = (
+            torch.cat([torch.zeros(len(p.start), dtype=torch.bool) if p.alone is None else p.alone for p in pairs])
+            if any(p.alone is not None for p in pairs)
+            else None
+        )
+        return PairViews(color, heatmaps, start, confidence, cover, Coding(*codings), third, stabilised, alone)
 
     def to(self, device: torch.device) -> PairViews:
         """The same on a device; coding and projections stay where they are, their numbers are few."""
@@ -109,7 +121,18 @@ class PairViews:
             if self.third is None
             else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
         )
-        return PairViews(color, heatmaps, start, confidence, cover, self.coding, third)
+        stabilised, alone = (None if x is None else x.to(device) for x in (self.stabilised, self.alone))
+        return PairViews(color, heatmaps, start, confidence, cover, self.coding, third, stabilised, alone)
+
+    @property
+    def of_pose(self) -> torch.Tensor:
+        """[B, J, H / 4, W / 4] what the pose encoder sees."""
+        return self.heatmaps if self.stabilised is None else self.stabilised
+
+    @property
+    def all_alone(self) -> bool:
+        """Whether no direction has another view: then there is nothing to compare, and any number of directions."""
+        return self.alone is not None and bool(self.alone.all())
 
     @property
     def known(self) -> torch.Tensor:
@@ -137,7 +160,30 @@ def rectified_pair(
     maps = [_on_window(pair, which, windows[which], windows[1 - which], views[which], joints) for which in (0, 1)]
     near, far = depths or _depths(pair, maps, windows)
     color, heatmaps, start, confidence, cover = (torch.from_numpy(np.stack(m)) for m in zip(*maps, strict=True))
-    return PairViews(color, heatmaps, start, confidence, cover, Coding.of(directions, near, far))
+    stabilised = None
+    if any(v.stabilised is not None for v in views):
+        found = [
+            heatmaps_at(v.heatmaps if v.stabilised is None else v.stabilised, _cells(pair, w, windows[w]), joints)
+            for w, v in enumerate(views)
+        ]
+        stabilised = torch.from_numpy(np.stack(found))
+    coding = Coding.of(directions, near, far)
+    return PairViews(color, heatmaps, start, confidence, cover, coding, stabilised=stabilised)
+
+
+def single_view(pair: RectifiedPair, view: SourceView, windows: tuple[Window, Window], joints: int = 17) -> PairViews:
+    """The first view of a pair by itself, one direction: its other view counts for nothing."""
+    maps = _on_window(pair, 0, *windows, view, joints)
+    near, far = _depths(pair, [maps], windows)
+    color, heatmaps, start, confidence, cover = (torch.from_numpy(np.ascontiguousarray(m))[None] for m in maps)
+    stabilised = (
+        None
+        if view.stabilised is None
+        else torch.from_numpy(heatmaps_at(view.stabilised, _cells(pair, 0, windows[0]), joints))[None]
+    )
+    coding = Coding.of([(pair, 0, *windows)], near, far)
+    alone = torch.ones(1, dtype=torch.bool)
+    return PairViews(color, heatmaps, start, confidence, cover, coding, stabilised=stabilised, alone=alone)
 
 
 def _on_window(
@@ -148,17 +194,19 @@ def _on_window(
     color, cover = colors_at(view, x, y)
     disparity = start_on(pair, which, window, other, view.depth)
     confidence = cv2.remap(view.confidence.astype(np.float32), x, y, cv2.INTER_NEAREST)
-    source, _ = pair.source_pixels(
-        which,
-        pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL + np.array(window[:2]),
-    )
     return (
         color,
-        heatmaps_at(view, source, joints),
+        heatmaps_at(view.heatmaps, _cells(pair, which, window), joints),
         disparity[None],
         np.where(np.isnan(disparity), 0, confidence)[None],
         cover[None],
     )
+
+
+def _cells(pair: RectifiedPair, which: int, window: Window) -> np.ndarray:
+    """[H / 4, W / 4, 2] source pixels of the centres of a window's heatmap cells."""
+    cells = pixel_centres((window[2] // HEATMAP_CELL, window[3] // HEATMAP_CELL)) * HEATMAP_CELL
+    return pair.source_pixels(which, cells + np.array(window[:2]))[0]
 
 
 def colors_at(view: SourceView, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -169,15 +217,15 @@ def colors_at(view: SourceView, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarra
     return np.moveaxis(color, -1, 0), cover
 
 
-def heatmaps_at(view: SourceView, pixels: np.ndarray, joints: int) -> np.ndarray:
-    """[J, H / 4, W / 4] float32 of a view at pixels [H / 4, W / 4, 2] of its own; zeros without joints."""
-    if view.heatmaps is None:
+def heatmaps_at(heatmaps: np.ndarray | None, pixels: np.ndarray, joints: int) -> np.ndarray:
+    """[J, H / 4, W / 4] float32 of a view's heatmaps at pixels [H / 4, W / 4, 2] of its own; zeros without joints."""
+    if heatmaps is None:
         return np.zeros((joints, *pixels.shape[:2]), np.float32)
     x, y = (
         np.ascontiguousarray(m)
         for m in np.moveaxis(points_to_integer_centres(pixels / HEATMAP_CELL).astype(np.float32), -1, 0)
     )
-    return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in view.heatmaps])
+    return np.stack([cv2.remap(h.astype(np.float32), x, y, cv2.INTER_LINEAR) for h in heatmaps])
 
 
 @lru_cache(maxsize=8)
@@ -204,10 +252,10 @@ def start_on(pair: RectifiedPair, which: int, window: Window, other: Window, dep
 def _depths(
     pair: RectifiedPair, maps: Sequence[tuple[np.ndarray, ...]], windows: tuple[Window, Window]
 ) -> tuple[float, float]:
-    """A tenth before the nearest and behind the farthest depth of both starts; around the subject's distance where
-    there is none."""
+    """A tenth before the nearest and behind the farthest depth of the starts, of both views or the first; around the
+    subject's distance where there is none."""
     shift = windows[0][0] - windows[1][0]
-    found = [pair.depth(s * (m[2] + s * shift)) for s, m in ((1, maps[0]), (-1, maps[1]))]
+    found = [pair.depth(s * (m[2] + s * shift)) for s, m in zip((1, -1), maps, strict=False)]
     depths = np.concatenate([d[np.isfinite(d)] for d in found])
     if not depths.size:
         return 0.1, 100.0
@@ -216,17 +264,12 @@ def _depths(
 
 def evidence(views: PairViews) -> torch.Tensor:
     """What speaks for the start [B, 5, H, W] float32: whether it is, its confidence, the mask, how much the other
-    picture differs at the match, and how far the other view's own start disagrees there (1: `APART` px; 2 where it has
-    none).
+    picture differs at the match (0 of a view without another), and how far the other view's own start disagrees there
+    (1: `APART` px; 2 where it has none).
     """
     with torch.no_grad(), torch.autocast(views.start.device.type, enabled=False):
         known = views.known
-        start = torch.where(known, views.start, 0).float()
-        back = others(views.start).float()
-        found = sampled(torch.cat([others(views.color).float(), others(views.cover).float()], dim=1), start)
-        apart = (found[:, :3] - views.color.float()).abs().mean(1, keepdim=True)
-        opposite = sampled(torch.where(torch.isfinite(back), back, torch.nan), start, nearest=True)
-        disagreement = torch.where(torch.isfinite(opposite), ((start + opposite).abs() / APART).clamp(max=2), 2)
+        apart, disagreement = _contradiction(views)
         return torch.cat(
             [
                 known.float(),
@@ -237,6 +280,23 @@ def evidence(views: PairViews) -> torch.Tensor:
             ],
             dim=1,
         )
+
+
+def _contradiction(views: PairViews) -> tuple[torch.Tensor, torch.Tensor]:
+    """The last two channels of `evidence` [B, 1, H, W], for every pixel with a start."""
+    start = torch.where(views.known, views.start, 0).float()
+    nothing = torch.zeros_like(start), torch.full_like(start, 2)
+    if views.all_alone:
+        return nothing
+    back = others(views.start).float()
+    found = sampled(torch.cat([others(views.color).float(), others(views.cover).float()], dim=1), start)
+    apart = (found[:, :3] - views.color.float()).abs().mean(1, keepdim=True)
+    opposite = sampled(torch.where(torch.isfinite(back), back, torch.nan), start, nearest=True)
+    disagreement = torch.where(torch.isfinite(opposite), ((start + opposite).abs() / APART).clamp(max=2), 2)
+    if views.alone is None:
+        return apart, disagreement
+    alone = views.alone[:, None, None, None]
+    return torch.where(alone, nothing[0], apart), torch.where(alone, nothing[1], disagreement)
 
 
 def sampled(values: torch.Tensor, disparity: torch.Tensor, nearest: bool = False) -> torch.Tensor:
@@ -272,6 +332,16 @@ def windows(pair: RectifiedPair, inside: tuple[np.ndarray, np.ndarray], multiple
     height = whole_cells(max(first[3], second[3]) - top, multiple)
     width = whole_cells(max(first[2] - first[0], second[2] - second[0]), multiple)
     return (first[0], top, width, height), (second[0], top, width, height)
+
+
+def window_around(pair: RectifiedPair, inside: np.ndarray, multiple: int) -> Window | None:
+    """The window of what is wanted of the first view alone, [h, w] bool, as `windows` has it; None where that is
+    nothing."""
+    box = _box(pair, 0, inside)
+    if box is None:
+        return None
+    left, top, right, bottom = box
+    return left, top, whole_cells(right - left, multiple), whole_cells(bottom - top, multiple)
 
 
 def _box(pair: RectifiedPair, which: int, inside: np.ndarray) -> tuple[int, int, int, int] | None:

@@ -19,6 +19,8 @@ RotationHead = Literal["normal", "quaternion"]
 OpacityHead = Literal["facing", "single"]
 WIDEST = 1024
 """Channels of a level, or cells of a look-up, at most: a file may ask for more than any memory holds."""
+TRAINED_ANGLE = 62.0
+"""Degrees: the widest pairs of rings of six cameras stand 60 apart."""
 GROUP = 8
 """Channels of one group of a group normalisation."""
 
@@ -62,6 +64,11 @@ class Preset:
     finer than that have no pose."""
     further_views: bool = False
     """Whether a third view is looked up by warping, beside the rows of the pair."""
+    alone: bool = False
+    """Whether a view without a partner can be refined: what stands in for the correlation is learnt."""
+    widest: float = TRAINED_ANGLE
+    """Degrees between the views of the widest pairs it was trained on, and a little more: wider ones are not shown to
+    it."""
 
     def __post_init__(self) -> None:
         if self.stem_stride not in (1, 2):
@@ -92,6 +99,8 @@ class Preset:
                 raise ValueError(
                     f"preset {self.name}: {name} is {getattr(self, name)!r}; one of {', '.join(get_args(kind))}"
                 )
+        if not 0 < self.widest < 180:
+            raise ValueError(f"preset {self.name}: widest is {self.widest} degrees; between 0 and 180")
         if unknown := self.pose_in - set(get_args(PosePlace)):
             raise ValueError(
                 f"preset {self.name}: pose_in holds {', '.join(sorted(unknown))}; any of"

@@ -42,7 +42,8 @@ class DepthRefinement(nn.Module):
     channels: of the features; hidden: width of the recurrence; levels, radius: of the correlation; factor: px a feature
     cell;
     further_views: whether other cameras than the pair's are looked up, too, by warping; beside: channels that the
-    context reads beside the first view's features.
+    context reads beside the first view's features; alone: whether a view without another can be refined: what stands in
+    for its correlation is learnt.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class DepthRefinement(nn.Module):
         factor: int,
         further_views: bool = False,
         beside: int = 0,
+        alone: bool = False,
     ) -> None:
         super().__init__()
         self.levels, self.radius, self.factor, self.hidden = levels, radius, factor, hidden
@@ -65,44 +67,49 @@ class DepthRefinement(nn.Module):
         weight, bias = self.confidence.parameters()
         nn.init.zeros_(weight)
         nn.init.constant_(bias, CONFIDENCE_BIAS)
+        # begins as what features give that have nothing to do with each other
+        self.absent = nn.Parameter(torch.zeros(1, levels * taps, 1, 1)) if alone else None
 
     def forward(
         self,
         first: torch.Tensor,
-        second: torch.Tensor,
+        second: torch.Tensor | None,
         start: torch.Tensor,
         coding: Coding,
         iterations: int,
         others: Sequence[tuple[torch.Tensor, torch.Tensor]] = (),
         only_last: bool = False,
         beside: torch.Tensor | None = None,
+        alone: torch.Tensor | None = None,
     ) -> Refined:
         """Refine.
 
-        first, second: features [B, C, h, w] and [B, C, h, w'] of the rectified views, in either order of the pair.
+        first, second: features [B, C, h, w] and [B, C, h, w'] of the rectified views, in either order of the pair; no
+        second where all views are alone.
         start: [B, 1, H, W] px, NaN where nothing is known; h = ceil(H / factor), w = ceil(W / factor).
         others: (features [B, C, h", w"], `warping.projection` [B, 3, 4] from cells of the first rectified view) of
         further views.
         only_last: up-sample the last step only, as inference wants it.
         beside: [B, beside, h, w] what else is known about the first view's cells, where the refinement was built with
         it.
+        alone: [B] bool, of directions whose second view counts for nothing; None: of none.
 
         On the CPU results are the same bytes on one thread and on several for B >= 2, as the two directions of a pair
         are. A single direction of tiny maps (up to 20480 values) may differ by 1e-6 px: torch chooses its convolutions
         by that.
 
-        Raises ValueError for `iterations` < 1, for sizes that do not fit, and for further views that the network was
-        not built for.
+        Raises ValueError for `iterations` < 1, for sizes that do not fit, and for further views, or views alone, that
+        the network was not built for.
         """
-        self._check(first, start, iterations, others)
-        correlation = Correlation(first, second, self.levels, self.radius)
+        self._check(first, start, iterations, others, alone)
+        correlation = None if second is None else Correlation(first, second, self.levels, self.radius)
         read = self.context(first if beside is None else torch.cat([first, beside.to(first.dtype)], dim=1))
         state, context = torch.tanh(read[:, : self.hidden]), read[:, self.hidden :]
         begin = coding.seeded(start, self.factor)
         disparity, found = begin, []
         for step in range(iterations):
             disparity = disparity.detach()  # as in RAFT: each step answers for its own change
-            seen = self._seen(correlation, first, disparity, coding, others)
+            seen = self._seen(correlation, first, disparity, coding, others, alone)
             state, delta = self.update(state, context, seen, disparity - begin)
             disparity = coding.limit(disparity + delta.to(disparity.dtype), self.factor)
             if step < iterations - 1 and not only_last:
@@ -114,15 +121,22 @@ class DepthRefinement(nn.Module):
 
     def _seen(
         self,
-        correlation: Correlation,
+        correlation: Correlation | None,
         first: torch.Tensor,
         disparity: torch.Tensor,
         coding: Coding,
         others: Sequence[tuple[torch.Tensor, torch.Tensor]],
+        alone: torch.Tensor | None = None,
     ) -> torch.Tensor:
         """Correlation [B, K, h, w] about a disparity, cells,
         with that of the further views at the same disparities behind it."""
-        found = correlation.look_up(columns_of(disparity))
+        if correlation is None:
+            assert self.absent is not None, "_check asks for it"
+            found = self.absent.to(disparity.dtype).expand(len(first), -1, *disparity.shape[2:])
+        else:
+            found = correlation.look_up(columns_of(disparity))
+            if alone is not None and self.absent is not None:
+                found = torch.where(alone[:, None, None, None], self.absent.to(found.dtype), found)
         if not self.further_views:
             return found
         steps = torch.arange(-self.radius, self.radius + 1, device=disparity.device, dtype=disparity.dtype)
@@ -140,6 +154,7 @@ class DepthRefinement(nn.Module):
         start: torch.Tensor,
         iterations: int,
         others: Sequence[tuple[torch.Tensor, torch.Tensor]],
+        alone: torch.Tensor | None,
     ) -> None:
         if iterations < 1:
             raise ValueError(f"{iterations} steps of refinement; at least 1 (without any, use the start itself)")
@@ -151,6 +166,8 @@ class DepthRefinement(nn.Module):
             )
         if others and not self.further_views:
             raise ValueError(f"{len(others)} further views for a network of pairs; build it with further_views=True")
+        if alone is not None and self.absent is None and bool(alone.any()):
+            raise ValueError(f"{int(alone.sum())} views alone for a network of pairs; build it with alone=True")
 
 
 def _cut(fine: torch.Tensor, like: torch.Tensor) -> torch.Tensor:

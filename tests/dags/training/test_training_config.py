@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -33,7 +34,11 @@ def test_every_line_of_it_has_a_comment_and_every_field_a_sentence() -> None:
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))
 def test_the_default_variant_of_a_preset_is_the_preset(preset: str) -> None:
-    assert TrainingConfig(preset=preset).network() == PRESETS[preset]  # type: ignore[arg-type]
+    """But for what it is shown: views alone, and pairs of rings of four."""
+    made = TrainingConfig(preset=preset).network()  # type: ignore[arg-type]
+    assert made == replace(PRESETS[preset], alone=True, widest=92.0)
+    six = TrainingConfig(preset=preset, cameras=(6, 8), single=0)  # type: ignore[arg-type]
+    assert six.network() == PRESETS[preset]
 
 
 def test_chosen_variants_reach_the_network() -> None:
@@ -46,11 +51,26 @@ def test_chosen_variants_reach_the_network() -> None:
         downsampling="pool",
         residual=False,
         further_views=True,
+        stages=4,
+        widths=(8, 16, 24, 32),
+        hidden=40,
+        correlation_levels=3,
+        correlation_radius=2,
+        stem_stride=1,
+        pose_cell=1,
+        single=0,
+        cameras=(3,),
     )
     assert config.network() == Preset(
         "fast",
-        widths=(16, 32, 48, 64),
-        hidden=64,
+        stages=4,
+        widths=(8, 16, 24, 32),
+        hidden=40,
+        correlation_levels=3,
+        correlation_radius=2,
+        stem_stride=1,
+        pose_cell=1,
+        widest=95.0,
         fusion="gated",
         pose_in=frozenset({"decoder"}),
         rotation_head="quaternion",

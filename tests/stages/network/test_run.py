@@ -137,27 +137,25 @@ def test_third_views_are_sources_of_the_same_frame(rig: Rig, arrays: dict[str, n
     assert not same(found, whole, slice(1, 2), slice(0, 1)), "it had a say"
 
 
-def test_heatmaps_count_where_they_are_declared_and_the_smoothed_ones_first(
+def test_the_frames_own_heatmaps_move_depth_and_stabilised_ones_the_pose_encoder_alone(
     net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], whole: dict[str, np.ndarray]
 ) -> None:
+    """Section 3.2 of the paper: a network whose decoder sees no pose says the same with a stabiliser as without one."""
     once = {name: a[:1] for name, a in arrays.items()}
-    plain, smoothed = (
-        run_stage(STAGE, PARAMS, once, rig, VIEWS, 1, sources={"network": net}, effects=frozenset(on))
-        for on in ({"pose_heatmaps"}, {"pose_heatmaps", "temporal_smoothing"})
-    )
-    assert not same(plain, smoothed)
-    assert plain["network/numbers"].tobytes() != whole["network/numbers"][:1].tobytes()
-    swapped = run_stage(
-        STAGE,
-        PARAMS,
-        {**once, "pose/heatmaps": once["smoothing/heatmaps"]},
-        rig,
-        VIEWS,
-        1,
-        sources={"network": net},
-        effects=frozenset({"pose_heatmaps"}),
-    )
-    assert same(swapped, smoothed)
+    blind = network(pose_in=frozenset({"depth"}))
+
+    def said(network: PoseGaussianNetwork, *on: str, **other: np.ndarray) -> dict[str, np.ndarray]:
+        given = {**once, **{name.replace("_", "/"): a for name, a in other.items()}}
+        effects = frozenset(on)
+        return run_stage(STAGE, PARAMS, given, rig, VIEWS, 1, sources={"network": network}, effects=effects)
+
+    drawn, both = ("pose_heatmaps",), ("pose_heatmaps", "temporal_smoothing")
+    assert said(net)["network/numbers"].tobytes() != said(net, *drawn)["network/numbers"].tobytes()
+    assert not same(said(net, *drawn), said(net, *both))
+    assert same(said(blind, *drawn), said(blind, *both))
+    steady = once["smoothing/heatmaps"]
+    assert same(said(net, *drawn, pose_heatmaps=steady), said(net, *both, pose_heatmaps=steady))
+    assert not same(said(blind, *drawn), said(blind, *both, pose_heatmaps=steady))
 
 
 def test_a_network_that_says_nothing_is_reported(

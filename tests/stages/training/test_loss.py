@@ -10,8 +10,8 @@ from posegaussian.stages.network.losses import PoseFusion
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.training.examples import Example, crop, whole
 from posegaussian.stages.training.loss import (
-    DOUBT,
     _prior,
+    beats,
     depth_terms,
     draw,
     gaussian_maps,
@@ -28,7 +28,7 @@ CONFIG = tiny()
 
 @pytest.fixture(scope="module")
 def example() -> Example:
-    return replace(crop(ball(), 32, np.random.default_rng(1)), strange=False)
+    return replace(crop(ball(), CONFIG, np.random.default_rng(1)), strange=False)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,6 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
     with torch.no_grad():
         said = learner(views, 1)
     off = truth + 2
-    doubt = -DOUBT * float(said.confidence[valid].log().mean())
     exact = replace(
         said,
         disparities=[off],
@@ -68,7 +67,12 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
         change=torch.where(valid, off - views.start, 0),
         disparity=torch.where(valid, off, torch.nan),
     )
-    assert float(depth_terms(exact, batch, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2) + doubt, rel=1e-4)
+    won = beats(exact, batch)[valid]
+    assert torch.equal(won, ((views.start - truth).abs() > 2)[valid])
+    assert 0 < won.float().mean() < 1
+    sure = torch.where(won, said.confidence[valid], 1 - said.confidence[valid])
+    entropy = -CONFIG.confidence * float(sure.log().mean())
+    assert float(depth_terms(exact, batch, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2) + entropy, rel=1e-4)
 
 
 def test_views_that_do_not_fit_teach_no_depth_but_no_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
@@ -122,7 +126,7 @@ def test_true_depth_draws_the_held_out_picture_better_than_the_start(
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
     errors = []
     for exact in (True, False):
-        example = whole(ball(exact=exact), 0, 8)
+        example = whole(ball(exact=exact), 0, CONFIG)
         with torch.no_grad():
             said = learner(example.views, 1)
             picture = draw(example, [gaussian_maps(learner, said, example, w, w) for w in (0, 1)], 1)
@@ -131,11 +135,16 @@ def test_true_depth_draws_the_held_out_picture_better_than_the_start(
     assert errors[0] < 0.7 * errors[1]
 
 
-def test_the_picture_moves_every_head_that_draws(learner: PoseGaussianNetwork, example: Example) -> None:
+def test_the_picture_moves_every_head_that_draws_but_the_confidence(
+    learner: PoseGaussianNetwork, example: Example
+) -> None:
     learner.zero_grad()
     render = render_terms(learner, learner(example.views, 1), [example], CONFIG)
     render.backward()
     for name, last in learner.heads.last.items():
+        if name == "confidence":
+            assert last.bias.grad is None, "a probability is not taught by what looks well"
+            continue
         assert torch.isfinite(last.bias.grad).all(), name
         assert bool(last.bias.grad.any()), name
 
