@@ -26,9 +26,12 @@ OF_BODY = 0.1
 """And as a share of the person's extent in the picture."""
 AGREEING = 0.2
 """Share of a detection's score that must agree with a hypothesis."""
-SAME = 0.15
-"""Median distance of a detection from the person in space, over its extent, up to which it is that person: detectors
-err by a few hundredths, and people side by side are a quarter apart."""
+SAME = 0.06
+"""Median distance of a detection from the person in space, over its extent, up to which it is that person: on people
+who were filmed it is at most 0.03, and of somebody who hides another in a picture 0.055 and more."""
+SIZES = (0.67, 1.25)
+"""Extent of a detection over that of the person in space seen there, between which it may be that person: who hides
+another is nearer, and larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +124,18 @@ def _person(
 
 
 def distance(rig: Rig, view: int, space: np.ndarray, joints: np.ndarray) -> float:
-    """How far a detection [17, 3] of a view is from a person in space [17, 4], over the detection's extent there."""
+    """How far a detection [17, 3] of a view is from a person in space [17, 4], over the detection's extent there;
+    infinite where it is too small or too large to be that person."""
     pixels, depth = project(rig, space[:, :3])
     known = (space[:, 3] > 0) & (depth[:, view] > NEAR)
     there = np.concatenate([pixels[:, view], known[:, None]], axis=-1)
     believed = np.where(joints[:, 2:] >= SCORE, joints, 0.0)
     size = max(extent(believed), extent(there))
-    return apart(there, believed) / size if size > 0 else np.inf
+    both = (there[:, -1:] > 0) & (believed[:, -1:] > 0)
+    expected = extent(np.where(both, there, 0.0))
+    if size <= 0 or expected <= 0 or not SIZES[0] <= extent(np.where(both, believed, 0.0)) / expected <= SIZES[1]:
+        return np.inf
+    return apart(there, believed) / size
 
 
 def _doubled(a: np.ndarray, b: np.ndarray) -> bool:

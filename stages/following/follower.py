@@ -26,7 +26,7 @@ COASTING = 0.25
 """Seconds that a person goes on as before; then they are looked for where they were seen last."""
 CLOSE = 0.5
 """Body extents between the middles of two people who may be mistaken for each other."""
-LOOSE = 0.25
+LOOSE = 0.1
 """Share of a body that a single view's detection may be off a person whom it did not help to place."""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, TRACKED
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.following.choice import chosen as chosen_of
+from posegaussian.stages.following.choice import name_of
 from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.pose.params import PoseParams
@@ -70,6 +71,16 @@ def subject_number(inputs: Inputs, params: PoseParams) -> int:
     that nobody has."""
     largest, central, count = (int(n) for n in inputs.read("tracks/choice"))
     return chosen_of(params.subject, largest, central, count)
+
+
+def subject_told(inputs: Inputs, params: PoseParams) -> str:
+    """Who of several people is reconstructed; nothing where there is one."""
+    count = int(inputs.read("tracks/choice")[2])
+    if count < 2:
+        return ""
+    return (
+        f"{name_of(subject_number(inputs, params))} of {count} people is reconstructed (pose.subject: {params.subject})"
+    )
 
 
 def _followed(inputs: Inputs, params: PoseParams) -> np.ndarray:
