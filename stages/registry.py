@@ -9,15 +9,19 @@ from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.gaussians.stage import STAGE as GAUSSIANS
 from posegaussian.stages.metrics.stage import STAGE as METRICS
 from posegaussian.stages.network.stage import STAGE as NETWORK
+from posegaussian.stages.people.stage import STAGE as PEOPLE
 from posegaussian.stages.pose.stage import STAGE as POSE
 from posegaussian.stages.refinement.stage import STAGE as REFINEMENT
 from posegaussian.stages.rendering.stage import STAGE as RENDERING
 from posegaussian.stages.smoothing.stage import STAGE as SMOOTHING
 from posegaussian.stages.survey.stage import STAGE as SURVEY
+from posegaussian.stages.tracks.stage import STAGE as TRACKS
 
 STAGES: tuple[Stage, ...] = (
     SURVEY,
     DETECTION,
+    TRACKS,
+    PEOPLE,
     POSE,
     FRAMES,
     SMOOTHING,

@@ -19,7 +19,17 @@ FILES = sorted(f for folder in (*FOLDERS, "tests", "benchmarks") for f in (ROOT 
 MODEL = "storage.model"
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
 SCHEDULERS = {"dask", "distributed"}
-LIBRARIES = ("simulator", "geometry", "silhouettes", "camera_paths", "imaging", "matching", "splatting", "estimators")
+LIBRARIES = (
+    "simulator",
+    "following",
+    "geometry",
+    "silhouettes",
+    "camera_paths",
+    "imaging",
+    "matching",
+    "splatting",
+    "estimators",
+)
 """Folders of stages that are no stage: what several stages compute with."""
 ONE_KIND = (
     "storage/importers",

@@ -29,6 +29,8 @@ from posegaussian.stages.registry import stage as stage_named
 TYPICAL = {
     "survey": 1.2e-7,
     "detection": 3e-7,
+    "tracks": 2e-8,
+    "people": 1e-10,
     "pose": 1e-7,
     "frames": 1e-6,
     "smoothing": 1e-7,

@@ -151,7 +151,7 @@ def _build(plan: Plan, frames: int) -> int:
         ):
             continue
         receipt = (
-            _linked(results, context.sequence, plan.book.receipts[task])
+            _linked(results, context, task, plan.book.receipts[task], digests)
             if task.partition is None
             else _cut(results, plan.book, context, task, digests)
         )
@@ -169,9 +169,15 @@ def _sources(old: Context, new: Context, task: Task) -> list[Task]:
     )
 
 
-def _linked(results: Results, sequence: SequenceGroup, receipt: Receipt) -> Receipt:
-    """What is not partitioned along time, as it is."""
+def _linked(
+    results: Results, context: Context, task: Task, receipt: Receipt, digests: Mapping[Product, str]
+) -> Receipt:
+    """What is not partitioned along time, as it is; keyed by what it reads now where that is."""
+    sequence = context.sequence
     own = named_as_in(sequence, receipt)
+    if not stage_named(task.stage).sequence_wide:
+        parts = all_parts(context, task, own_parts(context, task), digests)
+        own = dataclasses.replace(own, parts=parts, fingerprint=digest(parts))
     for there, output in zip(receipt.outputs, own.outputs, strict=True):
         for old, new in zip(there.files, output.files, strict=True):
             link_or_copy(results.context.sequence.place(old.key), sequence.place(new.key))

@@ -277,6 +277,7 @@ class Context:
         captured = np.array([s.size for s in self.capture.pictures])
         shape = {
             "frame": len(self.source_frames),
+            "moment": len(self.source_frames),
             "view": len(self.rig),
             "other_view": len(self.rig),
             "y": int(self.rig.size[:, 1].max()),

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from posegaussian.dags.assets.digest import asset_digest
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.tasks import Product, Task, inputs, path_frames, selected_views
+from posegaussian.dags.planning.tasks import Product, Task, inputs, path_frames, selected_views, worked_frames
 from posegaussian.dags.provenance.code_digest import code_digest
 from posegaussian.dags.provenance.once import once
 from posegaussian.stages.contract.declaration import Read, Stage
@@ -79,9 +79,9 @@ def _covers(old: Sequence[Any] | None, new: Sequence[Any]) -> bool:
 
 def _bounds(context: Context, task: Task) -> list[Any]:
     """Source frame numbers of the partition and which views have them."""
-    if task.partition is None:
+    own = worked_frames(context, task)
+    if not own:
         return []
-    own = context.grid.bounds(task.partition)
     views = [task.view] if task.view is not None else list(context.active_views)
     valid = context.valid[own.start : own.stop][:, views]
     return [context.source_frames[own.start : own.stop].tolist(), "all" if valid.all() else valid.astype(int).tolist()]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.planning.tasks import Task, worked_frames
 from posegaussian.stages.contract.declaration import Resources, Stage
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.model.spec import ArraySpec
@@ -51,7 +51,7 @@ def load(context: Context, task: Task, frames: int | None = None) -> Load:
     frames."""
     stage = stage_named(task.stage)
     if frames is None:
-        frames = len(context.grid.bounds(task.partition)) if task.partition is not None else 0
+        frames = len(worked_frames(context, task))
     shape = context.shape(task.path)
     if task.path is not None:
         work = frames * shape["camera"] * shape["camera_y"] * shape["camera_x"]

@@ -94,7 +94,7 @@ def inputs(context: Context, task: Task) -> tuple[Input, ...]:
     found = []
     for read, spec, halo in _array_reads(context, task.stage):
         name = read.array.format(path=task.path) if task.path else read.array
-        span = context.grid.span(task.partition, halo) if spec.per_frame and task.partition is not None else range(0)
+        span = _span(context, task, halo) if spec.per_frame else range(0)
         views = selected_views(context, read, task) if spec.per_view else (None,)
         partitions = list(context.grid.touched(span)) if spec.per_frame else [None]
         found.append(
@@ -102,6 +102,11 @@ def inputs(context: Context, task: Task) -> tuple[Input, ...]:
         )
     context.memo["inputs"] = (task, tuple(found))  # a plan asks several times in a row; keeping all would cost memory
     return tuple(found)
+
+
+def _span(context: Context, task: Task, halo: tuple[int, int]) -> range:
+    """Frames that a task reads: its partition's with the halo; all of them in a task of the whole sequence."""
+    return range(context.grid.frames) if task.partition is None else context.grid.span(task.partition, halo)
 
 
 def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tuple[int, int]]]:
@@ -117,6 +122,15 @@ def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tup
                 found.append((read, spec, read.halo_for(params)))
         context.memo[key] = found
     return context.memo[key]
+
+
+def worked_frames(context: Context, task: Task) -> range:
+    """Frame indices that a task produces: its partition's; all of them in a task of the whole sequence, none in one
+    that takes constants of a sample."""
+    if task.partition is not None:
+        return context.grid.bounds(task.partition)
+    stage = next(s for s in STAGES if s.name == task.stage)
+    return range(0) if stage.sequence_wide else range(context.grid.frames)
 
 
 def source_spans(context: Context, task: Task) -> dict[str, range]:

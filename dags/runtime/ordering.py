@@ -12,7 +12,7 @@ from posegaussian.dags.planning.fingerprint import assets
 from posegaussian.dags.planning.plan import Plan, State, survey_sources
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.task_cost import load, needs_of
-from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans
+from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans, worked_frames
 from posegaussian.dags.runtime.work_order import ArrayReading, Promise, WorkOrder
 from posegaussian.stages.contract.io import TaskScope
 from posegaussian.stages.registry import STAGES
@@ -71,7 +71,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
 
 def scope_of(context: Context, task: Task) -> TaskScope:
     """What a task is about."""
-    frames = context.grid.bounds(task.partition) if task.partition is not None else range(0)
+    frames = worked_frames(context, task)
     own = slice(frames.start, frames.stop)
     return TaskScope(
         partition=frames,

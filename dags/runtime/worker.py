@@ -85,15 +85,18 @@ class StoreInputs(TimedInputs):
         own = slice(span.start - first, span.stop - first)
         return self._order.footage[1][own], self._order.footage[2][own]
 
-    def read(self, array: str, view: int | None = None) -> np.ndarray:
-        """[len(span), ...]; only views the stage declared can be read."""
+    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+        """[len(span), ...] or those frames of it; only views the stage declared can be read."""
         r = self._reading(array)
         if view not in r.files:
             raise KeyError(
                 f"{self._order.stage} may not read view {view} of {array}; it declared"
                 f" {sorted(v for v in r.files if v is not None) or 'no views'}"
             )
-        return read_array(SequenceGroup(self._order.root), r.name, r.dims, r.span, view, r.files[view])
+        span = r.span if frames is None else frames
+        if span and not (r.span.start <= span.start and span.stop <= r.span.stop):
+            raise KeyError(f"{self._order.stage} may read frames {r.span} of {array}, not {span}")
+        return read_array(SequenceGroup(self._order.root), r.name, r.dims, span, view, r.files[view])
 
     def timed(self, module: str) -> AbstractContextManager[None]:
         """Wall time within counts for a module of the kernel."""

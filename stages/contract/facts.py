@@ -105,5 +105,7 @@ BLAZEPOSE = fact("blazepose")
 """BlazePose's models are in the cache and what runs them is installed."""
 ESTIMATED = fact("detected")
 """Joints are estimated from the pictures."""
+TRACKED = fact("tracked")
+"""Pictures may show several people, who are followed through the sequence."""
 SEGMENTED = fact("segmented")
 """The estimator segments the person it finds."""

@@ -108,7 +108,8 @@ class TaskScope:
     """What a task is about, apart from what it reads: frames, cameras, and what is known of the capture."""
 
     partition: range
-    """Frame indices (of the sequence) this task produces; empty for stages that do not run over time."""
+    """Frame indices (of the sequence) this task produces; all of them for a task of the whole sequence, none for one
+    that takes constants of a sample."""
     source_frames: np.ndarray
     """[len(partition)] int: source frame number of each frame of the partition."""
     time: np.ndarray
@@ -150,8 +151,11 @@ class Inputs(TaskScope, ABC):
         those that may be asked for."""
 
     @abstractmethod
-    def read(self, array: str, view: int | None = None) -> np.ndarray:
-        """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views."""
+    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+        """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views.
+
+        frames: indices within the span that are read instead of all of it, [len(frames), ...].
+        """
 
     @abstractmethod
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:

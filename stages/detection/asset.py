@@ -12,7 +12,16 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from posegaussian.stages.contract.declaration import Asset
-from posegaussian.stages.contract.facts import BLAZEPOSE, ESTIMATED, GIVEN_JOINTS, JOINTS2D, JOINTS3D, SEGMENTED, Facts
+from posegaussian.stages.contract.facts import (
+    BLAZEPOSE,
+    ESTIMATED,
+    GIVEN_JOINTS,
+    JOINTS2D,
+    JOINTS3D,
+    SEGMENTED,
+    TRACKED,
+    Facts,
+)
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE as BLAZEPOSE_FILES
@@ -51,10 +60,17 @@ def told_facts(capture: Capture, views: Views, params: DetectionParams, known: F
         yield ESTIMATED
     if answer in KERNELS or (given2d and answer == "files"):
         yield JOINTS2D
+    if answer in KERNELS or (given2d and answer == "files" and _several(capture, views)):
+        yield TRACKED
     if given3d and answer != "none":
         yield JOINTS3D
     if answer == "blazepose":
         yield SEGMENTED
+
+
+def _several(capture: Capture, views: Views) -> bool:
+    """Whether a picture's joints came for more than one person; captures imported before that was noted say no."""
+    return any(s is not None and s.options.get("people", 1) > 1 for s in (capture.joints[v] for v in views.sources))
 
 
 def settled(params: DetectionParams, facts: Facts) -> DetectionParams:

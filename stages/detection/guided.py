@@ -1,4 +1,4 @@
-"""Where the rig says the subject is, in views whose estimator did not find the subject there.
+"""Where the rig says somebody is, in views whose estimator did not find that person there.
 
 Alone, an estimator takes an onlooker for the subject, or puts joints beside the body with a high score. What several
 views agree on in space tells where to look again.
@@ -6,6 +6,7 @@ views agree on in space tells where to look again.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -13,13 +14,13 @@ import numpy as np
 
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.estimators.interface import Found
+from posegaussian.stages.following.association import associate
 from posegaussian.stages.geometry.points import NEAR, project, to_frames
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
 from posegaussian.stages.imaging.regions import MARGIN
-from posegaussian.stages.pose.subject_choice import subject
 from posegaussian.storage.model.cameras import Rig
-from posegaussian.storage.model.joint_sets import joint_set
+from posegaussian.storage.model.joint_sets import joint_set, to_set
 
 SCORE = 0.3
 """Least score of a joint that is triangulated."""
@@ -60,26 +61,29 @@ class Space:
 
 
 def astray(
-    space: Space, found: dict[int, list[Found]], settled: Collection[int] = ()
+    space: Space, found: dict[int, list[Found]], most: int, settled: Collection[int] = ()
 ) -> dict[int, dict[int, np.ndarray]]:
-    """{view: {frame: region [4]}} captured px: where to look again.
+    """{view: {frame: regions [N, 4]}} captured px: where to look again, for up to `most` people, the best seen first.
 
     found: {source view: what was found in each frame of the partition}; settled: views that are not asked again.
     """
-    again: dict[int, dict[int, np.ndarray]] = {v: {} for v in found}
-    sources = sorted(found)
+    again: dict[int, dict[int, list[np.ndarray]]] = {v: defaultdict(list) for v in found}
+    sources, nobody = sorted(found), np.zeros((len(joint_set(space.joint_set)), 3))
     rig = space.inputs.rig.subset(sources)
     for frame in range(len(space.inputs.partition)):
-        seen = subject(rig, [space.to_frames(found[v][frame], v) for v in sources], SCORE, RESIDUAL)
-        joints3d = triangulate(rig, seen, SCORE, RESIDUAL)
-        if (joints3d[:, 3] > 0).sum() < FEWEST:
-            continue
-        for s, v in enumerate(sources):
-            if v not in settled and space.inputs.valid[frame, v] and not _agrees(rig, s, seen[s], joints3d):
+        people = [space.to_frames(found[v][frame], v) for v in sources]
+        for person in associate(rig, [to_set(p, space.joint_set, "coco17") for p in people])[:most]:
+            seen = np.stack([p[i] if i >= 0 else nobody for p, i in zip(people, person.members, strict=True)])
+            joints3d = triangulate(rig, seen, SCORE, RESIDUAL)
+            if (joints3d[:, 3] > 0).sum() < FEWEST:
+                continue
+            for s, v in enumerate(sources):
+                if v in settled or not space.inputs.valid[frame, v] or _agrees(rig, s, seen[s], joints3d):
+                    continue
                 region = _region(space, v, joints3d)
                 if region is not None:
-                    again[v][frame] = region
-    return {v: regions for v, regions in again.items() if regions}
+                    again[v][frame].append(region)
+    return {v: {f: np.stack(r) for f, r in regions.items()} for v, regions in again.items() if regions}
 
 
 def _agrees(rig: Rig, view: int, seen: np.ndarray, joints3d: np.ndarray) -> bool:

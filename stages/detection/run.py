@@ -22,20 +22,19 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
     a view lacks, zeros.
 
     Every picture of a source view is looked at by itself, turned upright by quarters where the camera is rolled. Then,
-    frame by frame, the person on whom the views agree is projected into those views that did not find that person
-    there, and the estimator looks again in that place; what it finds stands beside the others, in place of the least
-    clear of too many; a view with a box is left as it is. A result depends on no other frame.
+    frame by frame, everybody on whom two views agree is projected into those views that did not find that person there,
+    and the estimator looks again in that place; what it finds stands beside the others, in place of the least clear of
+    too many; a view with a box is left as it is. A result depends on no other frame.
     """
     estimator: Estimator = inputs.source("estimator")
     space = Space(inputs, estimator.joint_set)
     found = {v: _looked(inputs, estimator, params, v) for v in inputs.views.sources}
     boxed = {v for v in found if inputs.views.names[v] in params.box}
-    for v, regions in astray(space, found, boxed).items():
+    for v, regions in astray(space, found, params.people, boxed).items():
         for frame, again in _look_again(inputs, estimator, v, regions):
             first = found[v][frame]
-            found[v][frame] = Found.together(
-                [again, first.pick(range(min(len(first), params.people - 1)))], len(joint_set(estimator.joint_set))
-            )
+            kept = first.pick(range(min(len(first), params.people - len(again))))
+            found[v][frame] = Found.together([again, kept], len(joint_set(estimator.joint_set)))
     for v in range(len(inputs.rig)):
         yield from _blocks(inputs, params, found.get(v), v, len(joint_set(estimator.joint_set)))
 
@@ -62,12 +61,12 @@ def _looked(inputs: Inputs, estimator: Estimator, params: DetectionParams, view:
 def _look_again(
     inputs: Inputs, estimator: Estimator, view: int, regions: dict[int, np.ndarray]
 ) -> Iterator[tuple[int, Found]]:
-    """(frame, what is seen in its region [4]) of one view; the picture is decoded again, so that a partition's need
+    """(frame, what is seen in its regions [N, 4]) of one view; the picture is decoded again, so that a partition's need
     not be kept."""
     frames = sorted(regions)
     pictures = inputs.source("pictures").read(view, [int(inputs.source_frames[f]) for f in frames])
     for frame, picture in zip(frames, pictures, strict=True):
-        yield frame, estimator.look(to_display(picture), regions[frame][None])
+        yield frame, estimator.look(to_display(picture), regions[frame])
 
 
 def _inside(joints: np.ndarray, box: list[float]) -> list[int]:

@@ -16,6 +16,11 @@ class PoseParams(Params):
         "video",
         "Pixels that given joints refer to: the captured video's, or the calibrated picture's (after frames.crop).",
     )
+    subject: str = setting(
+        "largest",
+        "Who is reconstructed of several people: largest (presence times size), central, or one of them: person1, ...",
+        pattern=r"^(largest|central|(person)?[1-9][0-9]?)$",
+    )
     min_score: float = setting(0.2, "Detections below this score are not triangulated.", ge=0, le=1)
     max_residual: float = setting(
         0.02,

@@ -7,14 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import ESTIMATED, JOINTS3D, SEGMENTED, SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS3D, SEGMENTED, SINGLE_SOURCE, TRACKED, Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.geometry.points import NEAR, focus, project
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
 from posegaussian.stages.pose.heatmaps import draw, grid_of
+from posegaussian.stages.pose.jumps import jumps_told
 from posegaussian.stages.pose.model_maps import put_model_maps
 from posegaussian.stages.pose.params import PoseParams, uses_model_maps
-from posegaussian.stages.pose.subject_detections import joint_set_of
+from posegaussian.stages.pose.subject_detections import joint_set_of, subject_told
 from posegaussian.stages.pose.subject_match import found_subject
 from posegaussian.stages.pose.tracking import Followed, follow, swaps_told
 from posegaussian.storage.model.cameras import Rig
@@ -44,7 +45,7 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         else found_subject(inputs, joints2d, set_id)
     )
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
-    yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*swaps_told(followed, inputs), *unknown))
+    yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*_told(inputs, params, followed), *unknown))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         told = v in inputs.views.sources or not in_one_picture(inputs.facts)
@@ -73,6 +74,12 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         if uses_model_maps(params, inputs.facts) and v in inputs.views.sources:
             put_model_maps(inputs, maps, coco[..., 3] * (coco[..., 4] > 0), followed, v)
         yield Block("pose/heatmaps", maps, v)
+
+
+def _told(inputs: Inputs, params: PoseParams, followed: Followed) -> tuple[str, ...]:
+    """Who of several people is the subject, where it jumps, and where left and right were exchanged."""
+    who = (subject_told(inputs, params),) if TRACKED in inputs.facts and inputs.partition.start == 0 else ()
+    return (*(w for w in who if w), *jumps_told(followed.jumped, inputs), *swaps_told(followed, inputs))
 
 
 def _frame(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, Facts
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, TRACKED, Facts
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.pose.params import PoseParams, halo, uses_model_maps
@@ -29,6 +29,8 @@ STAGE = Stage(
     reads=(
         Read.source("joints", views="sources", when=lambda p, f: JOINTS2D in f and ESTIMATED not in f, halo=halo),
         Read("detection/joints2d", when=lambda p, f: bool(f & {ESTIMATED, SEGMENTED}), halo=halo),
+        Read("people/number", when=lambda p, f: TRACKED in f, halo=halo),
+        Read("tracks/choice", when=lambda p, f: TRACKED in f),
         Read("detection/region", when=uses_model_maps),
         Read("detection/heatmaps", when=uses_model_maps),
         Read.source("joints3d", when=lambda p, f: JOINTS3D in f),

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, TRACKED
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.following.choice import chosen as chosen_of
+from posegaussian.stages.following.choice import name_of
 from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.pose.params import PoseParams
@@ -41,7 +43,7 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     seen, chosen = np.zeros((frames, len(inputs.rig), count, 3)), np.full((frames, len(inputs.rig)), -1)
     if JOINTS2D not in inputs.facts:
         return seen, chosen
-    rig = inputs.rig.subset(sources)
+    rig, subject_of = inputs.rig.subset(sources), _followed(inputs, params) if TRACKED in inputs.facts else None
     read = {v: inputs.read(DETECTIONS, v) for v in sources} if ESTIMATED in inputs.facts else None
     numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
     for f in range(frames):
@@ -53,10 +55,41 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
             )
             for v in sources
         ]
-        seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
+        if subject_of is not None:
+            for v, found in zip(sources, people, strict=True):
+                if (who := int(subject_of[f, v])) >= 0:
+                    seen[f, v] = found[who]
+        else:
+            seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
         if read is not None:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
     return seen, chosen
+
+
+def subject_number(inputs: Inputs, params: PoseParams) -> int:
+    """Who of the people that are followed is the subject, from 0; -1 where nobody is. Raises ConfigError for a name
+    that nobody has."""
+    largest, central, count = (int(n) for n in inputs.read("tracks/choice"))
+    return chosen_of(params.subject, largest, central, count)
+
+
+def subject_told(inputs: Inputs, params: PoseParams) -> str:
+    """Who of several people is reconstructed; nothing where there is one."""
+    count = int(inputs.read("tracks/choice")[2])
+    if count < 2:
+        return ""
+    return (
+        f"{name_of(subject_number(inputs, params))} of {count} people is reconstructed (pose.subject: {params.subject})"
+    )
+
+
+def _followed(inputs: Inputs, params: PoseParams) -> np.ndarray:
+    """[F, V] which of a picture's people is the subject; -1 none."""
+    number = subject_number(inputs, params)
+    own = np.stack([np.asarray(inputs.read("people/number", v)) for v in inputs.views.sources], axis=1) == number
+    out = np.full((len(own), len(inputs.rig)), -1)
+    out[:, list(inputs.views.sources)] = np.where(own.any(axis=2) & (number >= 0), own.argmax(axis=2), -1)
+    return out
 
 
 def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:

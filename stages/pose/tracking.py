@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.pose.bridge import Bones, bridge
+from posegaussian.stages.pose.jumps import jumps, seconds_of
 from posegaussian.stages.pose.left_right_swaps import Sides, between_views, mended
-from posegaussian.stages.pose.params import PoseParams, swap_reach
+from posegaussian.stages.pose.params import PoseParams, halo, swap_reach
 from posegaussian.stages.pose.subject_detections import span_of, subject_in_views
 from posegaussian.storage.model.joint_sets import joint_set
 
@@ -29,6 +31,8 @@ class Followed:
     """[F, V, 3] bool: parts (see `swaps`) whose sides were exchanged back."""
     chosen: np.ndarray
     """[F, V] which of the people found is the subject; -1: none, or not told."""
+    jumped: list[tuple[int, int, float]]
+    """(frame, view, body extents) of jumps of the subject in a view."""
 
 
 def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
@@ -59,8 +63,17 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
                 for f in range(count)
             ]
         )
+    jumped = []
+    if TRACKED in inputs.facts:
+        numbers, _ = inputs.footage("people/number")
+        jumped = jumps(seen, seconds_of(inputs, numbers), set_id, own, halo(params)[0])
     return Followed(
-        joints, out, (out != points[at]).any(axis=-1) & (out[..., 3] > 0), exchanged, chosen[own.start : own.stop]
+        joints,
+        out,
+        (out != points[at]).any(axis=-1) & (out[..., 3] > 0),
+        exchanged,
+        chosen[own.start : own.stop],
+        jumped,
     )
 
 

@@ -26,6 +26,8 @@ TIME_INVARIANT = frozenset(
         "survey/outlines",
         "survey/noise",
         "survey/light",
+        "tracks/people",
+        "tracks/choice",
     }
 )
 NEEDING_THE_SURVEY = {
@@ -97,11 +99,11 @@ class MemoryInputs(TimedInputs):
         span = self.span(array)
         return np.asarray(span), self.valid_all[span.start : span.stop]
 
-    def read(self, array: str, view: int | None = None) -> np.ndarray:
+    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
         data = self.arrays[array]
         if array in TIME_INVARIANT:
             return data if view is None else data[view]
-        s = self.span(array)
+        s = self.span(array) if frames is None else frames
         data = data[s.start : s.stop]
         return data if view is None else data[:, view]
 

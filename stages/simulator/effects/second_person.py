@@ -16,6 +16,7 @@ class SecondPerson(EffectParams):
     """Where, and what they do."""
 
     position: tuple[float, float] = Field((-0.25, 0.85), description="Where they stand, metres.")
+    velocity: tuple[float, float] = Field((0.0, 0.0), description="Metres a second that they move on from there.")
     heading: float = Field(-70.0, description="Degrees they are turned to the left.")
     motion: str = Field("stand", description="Name of a motion.")
 
@@ -46,7 +47,15 @@ def apply(params: Any, seed: int) -> Any:
         for names in (_others(n, main) for n, main in zip((allowed.subjects, allowed.outfits), cast(seed), strict=True))
     )
     return Performer(
-        who, what, params.motion, 1.0, 0.4, random.uniform(-1, 1, 4), params.heading, tuple(params.position)
+        who,
+        what,
+        params.motion,
+        1.0,
+        0.4,
+        random.uniform(-1, 1, 4),
+        params.heading,
+        tuple(params.position),
+        tuple(params.velocity),
     )
 
 

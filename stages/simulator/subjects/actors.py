@@ -45,6 +45,7 @@ class Performer:
         style: np.ndarray,
         heading: float = 0.0,
         position: tuple[float, float] = (0.0, 0.0),
+        velocity: tuple[float, float] = (0.0, 0.0),
         extras: Extras = NOTHING,
     ) -> None:
         self.body, self.mesh = load_body(subject), dressed(subject, outfit, extras)
@@ -52,9 +53,12 @@ class Performer:
         self._place = np.eye(4)
         self._place[:3, :3] = turn("z", math.radians(heading))
         self._place[:2, 3] = position
+        self._velocity = np.array(velocity)
 
     def _bones(self, time: float) -> np.ndarray:
-        return self._place @ bones_at(self.body, self._motion, self._phase + self._speed * time, self._style)
+        place = self._place.copy()
+        place[:2, 3] += self._velocity * time
+        return place @ bones_at(self.body, self._motion, self._phase + self._speed * time, self._style)
 
     def vertices(self, time: float) -> np.ndarray:
         """[V, 3] in the world, metres."""

@@ -1,0 +1,7 @@
+"""Settings of the people stage: none."""
+
+from posegaussian.stages.contract.declaration import Params
+
+
+class PeopleParams(Params):
+    """Nothing to set."""

@@ -1,0 +1,1 @@
+"""Everybody followed through the whole sequence."""

@@ -1,0 +1,18 @@
+"""Settings of the tracks stage."""
+
+from posegaussian.stages.contract.declaration import Params, setting
+
+LONGEST = 1024
+"""Longer side, px, of the cameras in which people are compared, whatever `frames.size` says."""
+
+
+class TracksParams(Params):
+    """How people are followed."""
+
+    gap: float = setting(
+        0.5,
+        "Longest time for which a person out of sight is looked for where they went; after it, by looks.",
+        unit="s",
+        ge=0,
+        le=30,
+    )
