@@ -74,7 +74,7 @@ def test_every_matched_pair_is_named_and_every_refused_one_has_its_reason() -> N
     assert "run refuses 4 pairs, too wide" in told
     rolled = rig_of([camera(on_ring(a), MIDDLE, 90.0 * (a == 87)) for a in (0, 30, 60, 87)])
     told = "\n".join(pair_lines(planned(rolled)))
-    assert "run refuses 2 pairs, rolled; the nearest: cam2 and cam3 (27 degrees apart), a picture is turned by" in told
+    assert "run matches 5 of 6 pairs (sgbm): cam2 and cam3 (27 degrees apart)" in told
     assert "leaves" in "\n".join(pair_lines(planned(around(0, 15, 30, 45), pairs=1)))
 
 
