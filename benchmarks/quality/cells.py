@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,16 @@ from posegaussian.dags.simulation.simulated_run import depths, film_capture, hel
 from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.network.params import depth_array
-from posegaussian.stages.simulator.quality_scenes import benchmark_scene
+from posegaussian.stages.simulator.capture_scenes import CAPTURE_LIKE_SEEDS, capture_like_scene
+from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, benchmark_scene
+from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.model.masks import foreground
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""
+SCENES = {"plain": tuple(REPORTING_SEEDS), "capture_like": tuple(CAPTURE_LIKE_SEEDS)}
+"""{set of scenes: its seeds for reporting}: matt people bare-handed on upright rings, and scenes that are like captures
+(`posegaussian.stages.simulator.capture_scenes`)."""
 TIMED = ("depth", "network", "gaussians", "rendering")
 
 
@@ -30,11 +36,22 @@ class Cell:
     """A scene of the benchmark."""
 
     seed: int
-    cameras: int
+    cameras: int | None
+    """None: as many as the scene itself has."""
     variant: str = "clean"
     size: int = 512
     frames: int = 3
+    """At most: some scenes have a single one."""
     held_out: int = 2
+    scenes: str = "plain"
+    """Name in `SCENES`."""
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What is filmed."""
+        if self.scenes == "capture_like":
+            return capture_like_scene(self.seed, self.cameras, self.size, self.frames, self.held_out)
+        return benchmark_scene(self.seed, self.cameras or 8, self.size, self.frames, self.variant, self.held_out)
 
 
 def measure_cell(
@@ -45,12 +62,13 @@ def measure_cell(
     rows = []
     for method in methods:
         results, seconds = run_capture(folder, (held_out, f"depth.method={method}", *settings))
-        per_frame = {f"{s} s": seconds[s] / cell.frames for s in TIMED}
+        per_frame = {f"{s} s": seconds[s] / cell.scene.frames for s in TIMED}
         rows.append(
             {
                 "seed": cell.seed,
+                "scenes": cell.scenes,
                 "motion": motion,
-                "cameras": cell.cameras,
+                "cameras": cell.scene.rig.cameras,
                 "variant": cell.variant,
                 "depth": method,
                 **pictures(results, cell),
@@ -65,14 +83,13 @@ def measure_cell(
 
 def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
     """Film the scene into `folder`; the motion's name, and the setting that keeps its middle cameras aside."""
-    scene = benchmark_scene(cell.seed, cell.cameras, cell.size, cell.frames, cell.variant, cell.held_out)
-    staged, _ = film_capture(scene, folder)
-    return scene.motion.name, held_out_setting(staged)
+    staged, _ = film_capture(cell.scene, folder)
+    return cell.scene.motion.name, held_out_setting(staged)
 
 
 def pictures(results: Results, cell: Cell) -> dict[str, Any]:
     """Means over held-out pictures; error shares of all of them together; one picture for the eye."""
-    context, frames = results.context, range(cell.frames)
+    context, frames = results.context, range(results.context.grid.frames)
     (path,) = context.paths.values()
     color, alpha = (results.read(f"rendering/{path.name}/{a}", frames) for a in ("color", "alpha"))
     found: dict[str, list[float]] = defaultdict(list)
@@ -100,7 +117,7 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
 def _agreement(results: Results, cell: Cell) -> dict[str, float]:
     """What the capture says about itself, without truth:
     medians over joints, points, outlines (see stages/geometry/consistency)."""
-    context, frames = results.context, range(cell.frames)
+    context, frames = results.context, range(results.context.grid.frames)
     rig, sources = context.rig, context.views.sources
     seen, world = (
         np.stack([results.read("frames/color", frames, v) for v in sources], 1),

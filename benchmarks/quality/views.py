@@ -1,10 +1,15 @@
 """Quality of the analytic floor on simulated people at 512 px: depth and held-out pictures, by kind of depth, and its
 gates.
 
-    python -m benchmarks.quality.views clean                           the published figures: seeds 9000-9007, 6, 8 and
-    16 cameras python -m benchmarks.quality.views spoilt                          the same people, 8 cameras, one frame,
-    spoilt in seven ways python -m benchmarks.quality.views clean --seeds 1-4 --cameras 8    tuning; seeds from 9000 on
-    are for publishing only
+    python -m benchmarks.quality.views clean                 a quick look: one frame of each scene, both sets
+    python -m benchmarks.quality.views clean --frames 3      the published figures
+    python -m benchmarks.quality.views spoilt                the plain people, 8 cameras, spoilt in seven ways
+    python -m benchmarks.quality.views clean --scenes plain --seeds 1-4 --cameras 8          tuning
+
+There are two sets of scenes (`--scenes`): `plain` are matt people, bare-handed, on an upright ring of 6, 8 and 16
+cameras (reporting seeds 9000-9007); `capture_like` are dark and glossy cloth, straps, things in hands, loose hair, soft
+mattes and rigs that are rolled, tilted and uneven (9100-9107), each with its own 4 to 16 cameras unless `--cameras`
+says otherwise. Seeds from 9000 on are for publishing only.
 
 Held-out cameras stand in the middle between two sources; the person fills 86 % of the picture's height. Box is the
 bounding box of the person, full the whole picture on black. EPE is the disparity error in px of the rectified pair with
@@ -30,11 +35,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import Cell, measure_cell
+from benchmarks.quality.cells import SCENES, Cell, measure_cell
 from benchmarks.quality.picture import draw
 from benchmarks.report import publish
 from posegaussian.dags.runtime.threads import limit
-from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, VARIANTS
+from posegaussian.stages.simulator.quality_scenes import VARIANTS
 
 METHODS = ("hull", "sgbm", "sweep", "truth")
 SPOILT_METHODS = ("sweep", "truth")
@@ -43,6 +48,7 @@ MAY_LOSE = {"noise_gain": 1.5, "specular": 1.5, "calibration_0.3": 1.5, "mask_pl
 CLOSER = {6: 0.35, 8: 0.25}
 """Share of the way from hull-only to true depth that the sweep must go, by number of cameras."""
 SHOWN = (
+    "scenes",
     "cameras",
     "depth",
     "box psnr",
@@ -91,7 +97,7 @@ def cells(
         for cell, job in zip(cells, jobs, strict=True):
             for row in job.result():
                 print(
-                    f"seed {cell.seed} ({row['motion']}), {cell.cameras} cameras, {cell.variant}, {row['depth']}: box"
+                    f"seed {cell.seed} ({row['motion']}), {row['cameras']} cameras, {cell.variant}, {row['depth']}: box"
                     f" {row['box psnr']:.2f} dB / {row['box ssim']:.3f}, EPE {row['EPE']:.2f} px",
                     flush=True,
                 )
@@ -159,25 +165,38 @@ def seeds(text: str) -> tuple[int, ...]:
     return tuple(range(int(first), int(last) + 1)) if last else tuple(int(s) for s in text.split(","))
 
 
+def chosen(a: argparse.Namespace) -> list[Cell]:
+    """The clean cells: every set on its own seeds, or one set on those given."""
+    out = []
+    for name in SCENES if a.scenes == "both" else (a.scenes,):
+        counts: tuple[int | None, ...] = a.cameras or ((6, 8, 16) if name == "plain" else (None,))
+        out += [
+            Cell(s, n, size=a.size, frames=a.frames or 1, scenes=name) for n in counts for s in a.seeds or SCENES[name]
+        ]
+    return out
+
+
 def clean(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
-    """Every kind of depth on clean captures; returns the gates."""
-    rows = list(
-        cells(
-            [Cell(s, n, size=a.size, frames=a.frames or 3) for n in a.cameras for s in a.seeds],
-            METHODS,
-            a.processes,
-            tuple(a.set),
-        )
-    )
+    """Every kind of depth on clean captures; returns the gates of the plain set."""
+    rows = list(cells(chosen(a), METHODS, a.processes, tuple(a.set)))
     scenes = [{k: v for k, v in r.items() if k != "shown"} for r in rows]
+    keys = ("scenes", "cameras", "depth")
     publish(
         "quality" if writes else None,
-        [{k: r[k] for k in SHOWN} for r in means(rows, "cameras", "depth")],
+        [{k: r[k] for k in SHOWN} for r in means(rows, *keys)],
         {**described(a), "scenes": scenes},
     )
+    plain = [r for r in rows if r["scenes"] == "plain"]
+    if len(plain) < len(rows):  # its scenes differ in all but their seed, so that each has a line, and all a mean
+        like = [r for r in rows if r["scenes"] == "capture_like"]
+        publish(None, [{k: r[k] for k in ("seed", *SHOWN[1:6], "EPE", "coverage")} for r in like], described(a))
+        publish(
+            None, [{k: r[k] for k in SHOWN if k != "cameras"} for r in means(like, "scenes", "depth")], described(a)
+        )
     if writes:
-        draw(rows, Path("docs/measurements/quality.png"))
-    return [g for n in a.cameras for g in gates(rows, n)]
+        draw(plain, Path("docs/measurements/quality.png"))
+        draw([r for r in rows if r["scenes"] == "capture_like"], Path("docs/measurements/quality_captures.png"), None)
+    return [g for n in dict.fromkeys(r["cameras"] for r in plain) for g in gates(plain, n)]
 
 
 def spoilt(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
@@ -185,7 +204,7 @@ def spoilt(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
     table = spoilt_table(
         list(
             cells(
-                [Cell(s, 8, v, a.size, a.frames or 1) for v in VARIANTS for s in a.seeds],
+                [Cell(s, 8, v, a.size, a.frames or 1) for v in VARIANTS for s in a.seeds or SCENES["plain"]],
                 SPOILT_METHODS,
                 a.processes,
                 tuple(a.set),
@@ -205,23 +224,26 @@ def spoilt(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
 
 def described(a: argparse.Namespace) -> dict[str, Any]:
     """What the figures were made with."""
-    return {"seeds": list(a.seeds), "size": a.size, "frames": a.frames, "set": a.set}
+    return {"of": a.scenes, "seeds": list(a.seeds), "size": a.size, "frames": a.frames, "set": a.set}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", choices=("clean", "spoilt"))
-    parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
-    parser.add_argument("--cameras", type=lambda text: tuple(int(n) for n in text.split(",")), default=(6, 8, 16))
+    parser.add_argument("--scenes", choices=(*SCENES, "both"), default="both")
+    parser.add_argument("--seeds", type=seeds, default=(), help="default: those for reporting")
+    parser.add_argument("--cameras", type=lambda text: tuple(int(n) for n in text.split(",")), default=())
     parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--frames", type=int, help="default: 3 of clean captures, 1 of spoilt ones")
+    parser.add_argument("--frames", type=int, help="default: 1; what is published has 3 clean ones")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument(
         "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"
     )
     a = parser.parse_args()
-    # Only the reporting seeds are published: benchmarks/results and docs/measurements/quality.png.
-    writes = a.seeds == tuple(REPORTING_SEEDS)
+    if a.seeds and a.scenes == "both" and a.captures == "clean":
+        parser.error("--seeds goes with one set: say --scenes plain or --scenes capture_like, too")
+    # Only all reporting scenes are published: benchmarks/results and docs/measurements/quality*.png.
+    writes = not a.seeds and (a.captures == "spoilt" or (a.scenes == "both" and a.frames == 3 and not a.cameras))
     for sentence, holds in (clean if a.captures == "clean" else spoilt)(a, writes):
         print("holds  " if holds else "FAILS  ", sentence)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from posegaussian.stages.simulator.render.mesh import Mesh, Texture, clipped
 from posegaussian.stages.simulator.render.patterns import PATTERNS, texture
@@ -51,7 +52,15 @@ def smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: 
 
 def noise_at(points: np.ndarray, cell: float, shift: float) -> np.ndarray:
     """[N] smooth noise in -0.5..0.5 at points [N, 3], metres, with cells of `cell` metres."""
-    return np.array([noise(x + shift, y, z) for x, y, z in points / cell]) - 0.5
+    return _noises(points / cell, shift) - 0.5
+
+
+@njit(cache=True, nogil=True)
+def _noises(points: np.ndarray, shift: float) -> np.ndarray:
+    out = np.empty(len(points))
+    for n in range(len(points)):
+        out[n] = noise(points[n, 0] + shift, points[n, 1], points[n, 2])
+    return out
 
 
 def shell(
