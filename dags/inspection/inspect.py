@@ -99,7 +99,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     readers = {"pictures": _Chosen(pictures, views)}
     if blazepose_is_here():
         readers["found"] = _Chosen(
-            Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2))), views
+            Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2)), capture.rig), views
         )
     if all(capture.masks and capture.masks[v] is not None for v in views):
         readers["masks"] = _Chosen(open_source(capture, "masks"), views)

@@ -153,8 +153,9 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     """Along the source cameras that stand side by side, upright and with the subject in the middle of the picture.
 
     All the way around where they do, at even speed, the last frame one step short of the first; else from one end of
-    the stretch to the other and back, slowly at the ends. Height, distance and focal length go from camera to camera
-    without a kink, and never beyond both. Raises UserError where no two source cameras can be matched.
+    the stretch to the other and back, slowly at the ends; up and down past cameras above each other. Height, distance
+    and focal length go from camera to camera without a kink, and never beyond both. Raises UserError where no two
+    source cameras can be matched.
     """
     stretch = best_stretch(rig, views.sources, max_angle)
     if stretch is None:
@@ -165,7 +166,7 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
         )
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps
-    subject, up, height, flat = around(rig)
+    subject, axis, height, flat = around(rig)
     size = _common_size(rig.subset(stretch.views))
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1)
     azimuth, (rise, radius, length) = _along(
@@ -175,8 +176,9 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     centres = (
         subject
         + radius[:, None] * (np.cos(azimuth)[:, None] * side + np.sin(azimuth)[:, None] * on)
-        + rise[:, None] * up
+        + rise[:, None] * axis
     )
+    up = up_direction(rig)
     k = np.zeros((steps, 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = length
     k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1

@@ -17,6 +17,8 @@ STEEPEST = 80.0
 """Degrees above or below the subject from which on a camera stands nowhere around it."""
 LEAST = np.radians(1.0)
 """Azimuth between neighbours; nearer ones stand one above the other."""
+FLAT = 0.1
+"""Ratio of the two least spreads of the directions to the cameras, up to which they lie in one plane."""
 TURN = 2 * np.pi
 Angles = Mapping[tuple[int, int], float]
 """Degrees at the subject of the pairs that can be matched, in both orders."""
@@ -79,23 +81,34 @@ def stretch_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Map
 
 
 def around(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Subject [3], up [3], and each camera's height above it and distance from its axis [V], metres."""
-    subject, up = look_at_point(rig), up_direction(rig)
+    """Subject [3], the axis through it that cameras stand around [3], and how far along the axis and how far from it
+    each camera is [V], metres.
+
+    The axis is the rig's up, and what is along it height, but where cameras stand above each other rather than side by
+    side: then it lies across, and the way around is up and down.
+    """
+    subject, axis = look_at_point(rig), up_direction(rig)
     offset = rig.centres - subject
-    height = offset @ up
-    return subject, up, height, np.linalg.norm(offset - height[:, None] * up, axis=1)
+    toward = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(toward.T @ toward)
+    across = vectors[:, 0]
+    if values[0] < FLAT * values[1] and abs(across @ axis) < np.sqrt(0.5):
+        axis = across if across @ np.cross(axis, toward.mean(axis=0)) >= 0 else -across
+    height = offset @ axis
+    return subject, axis, height, np.linalg.norm(offset - height[:, None] * axis, axis=1)
 
 
 def directions(rig: Rig, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two axes [3] across the rig's up: towards camera `first`, and a quarter turn on, right-handed."""
-    subject, up, height, _ = around(rig)
-    flat = rig.centres[first] - subject - height[first] * up
+    """Two axes [3] across the one that cameras stand around: towards camera `first`, and a quarter turn on,
+    right-handed."""
+    subject, axis, height, _ = around(rig)
+    flat = rig.centres[first] - subject - height[first] * axis
     side = flat / np.linalg.norm(flat)
-    return side, np.cross(up, side)
+    return side, np.cross(axis, side)
 
 
 def _azimuths(rig: Rig) -> np.ndarray:
-    """[V] radians about the rig's up; not a number for cameras that stand straight above or below the subject."""
+    """[V] radians about the axis that cameras stand around; not a number for cameras that stand on it."""
     subject, _, height, flat = around(rig)
     stands = np.abs(height) <= np.tan(np.radians(STEEPEST)) * flat
     if not stands.any():

@@ -11,6 +11,7 @@ from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.detection.guided import Space, astray
 from posegaussian.stages.detection.params import DetectionParams
 from posegaussian.stages.estimators.interface import Estimator, Found
+from posegaussian.stages.estimators.turned import Turned, quarter_turns
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.regions import around
 from posegaussian.storage.model.joint_sets import joint_set
@@ -20,10 +21,10 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
     """Yield detection/joints2d, region, heatmaps and person of every view; of views that are no sources, and of frames
     a view lacks, zeros.
 
-    Every picture of a source view is looked at by itself. Then, frame by frame, the person on whom the views agree is
-    projected into those views that did not find that person there, and the estimator looks again in that place; what
-    it finds stands beside the others, in place of the least clear of too many; a view with a box is left as it is. A
-    result depends on no other frame.
+    Every picture of a source view is looked at by itself, turned upright by quarters where the camera is rolled. Then,
+    frame by frame, the person on whom the views agree is projected into those views that did not find that person
+    there, and the estimator looks again in that place; what it finds stands beside the others, in place of the least
+    clear of too many; a view with a box is left as it is. A result depends on no other frame.
     """
     estimator: Estimator = inputs.source("estimator")
     space = Space(inputs, estimator.joint_set)
@@ -42,6 +43,7 @@ def run(inputs: Inputs, params: DetectionParams) -> Iterator[Block]:
 def _looked(inputs: Inputs, estimator: Estimator, params: DetectionParams, view: int) -> list[Found]:
     """What the estimator finds in every frame of one view, in the view's box where it has one; nobody where the view
     has no picture."""
+    turned = Turned(estimator, quarter_turns(inputs.rig, view))
     present = np.flatnonzero(inputs.valid[:, view])
     out = [Found.nobody(len(joint_set(estimator.joint_set)))] * len(inputs.partition)
     pictures, box = (
@@ -50,10 +52,10 @@ def _looked(inputs: Inputs, estimator: Estimator, params: DetectionParams, view:
     )
     for frame, picture in zip(present, pictures, strict=True):
         shown = to_display(picture)
-        out[frame] = estimator.find(shown, params.people)
+        out[frame] = turned.find(shown, params.people)
         if box is not None:
             inside = out[frame].pick(_inside(out[frame].joints, box))
-            out[frame] = inside if len(inside) else estimator.look(shown, around(np.array(box))[None])
+            out[frame] = inside if len(inside) else turned.look(shown, turned.leaning(around(np.array(box)))[None])
     return out
 
 

@@ -22,12 +22,6 @@ MIN_BASELINE = 0.02
 below it one pixel of disparity is a tenth of the distance and more."""
 MIN_ASIDE = 30.0
 """Degrees between the baseline and either line of sight to the subject: below it one camera stands behind the other."""
-MAX_TILT = 40.0
-"""Degrees between the baseline and the rows of either picture; the diagonal (45) has no rows to match along."""
-MAX_ROLL = 30.0
-"""Degrees by which the two pictures are turned against each other about their optical axes."""
-MIN_BODY = 0.98
-"""Share of the body seen in a source picture that must lie inside its rectified picture."""
 
 
 class PairVerdict(StrEnum):
@@ -36,9 +30,6 @@ class PairVerdict(StrEnum):
     USABLE = "usable"
     UNSEEN = "without the subject in view"
     TOO_WIDE = "too wide"
-    CLIPPED = "clipped"
-    VERTICAL = "vertical"
-    ROLLED = "rolled"
     COINCIDENT = "coincident"
     BEHIND = "one behind the other"
 
@@ -59,6 +50,8 @@ class PairReport:
     """The bound it was compared with."""
     sentence: str
     """The reason, for the plan and the log."""
+    lean: float
+    """Degrees by which the baseline is off level: 0 side by side, 90 one above the other. It refuses no pair."""
 
     @property
     def usable(self) -> bool:
@@ -86,22 +79,24 @@ def classify(
 ) -> PairReport:
     """The verdict on one pair: the first of the tests below that fails, else usable. Symmetric in the two views.
 
-    A view without the subject is told before all else: what its picture shows nobody can match. `subject` [3] (world
-    metres) defaults to `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which tells a rolled camera from a
-    vertical pair; `max_angle` is in degrees.
+    A view without the subject is told before all else: what its picture shows nobody can match. How cameras are held
+    and which way the baseline runs is no test: `rectify` turns pictures. `subject` [3] (world metres) defaults to
+    `look_at_point(rig)`, `up` [3] to `up_direction(rig)`, which a standing body follows; `max_angle` is in degrees.
     """
     subject = look_at_point(rig) if subject is None else subject
     up = up_direction(rig) if up is None else up
     sight = subject - rig.centres[[first, second]]
     baseline = rig.centres[second] - rig.centres[first]
     angle = angle_between(sight[0], sight[1])
+    lean = abs(90.0 - angle_between(baseline, up))
+    body = [seen_body(rig, v, subject, up) for v in (first, second)]
     name = f"{rig.names[first]} and {rig.names[second]}"
 
     def report(verdict: PairVerdict, measured: float, bound: float, sentence: str) -> PairReport:
-        return PairReport((first, second), angle, verdict, measured, bound, f"{name}: {sentence}")
+        return PairReport((first, second), angle, verdict, measured, bound, f"{name}: {sentence}", lean)
 
-    for view in (first, second):
-        if not seen_body(rig, view, subject, up).any():
+    for view, seen in ((first, body[0]), (second, body[1])):
+        if not seen.any():
             return report(
                 PairVerdict.UNSEEN,
                 0.0,
@@ -109,6 +104,13 @@ def classify(
                 f"without the subject in view, {rig.names[view]} has nothing of a person at the point all cameras look"
                 " at in its picture",
             )
+    if not (body[0] & body[1]).any():
+        return report(
+            PairVerdict.UNSEEN,
+            0.0,
+            0.0,
+            "without the subject in view of both, nothing that one picture shows of a person is in the other",
+        )
     ratio = float(np.linalg.norm(baseline) / np.linalg.norm(sight, axis=1).min())
     if ratio < MIN_BASELINE:
         return report(
@@ -133,62 +135,17 @@ def classify(
             f"one behind the other, the baseline lies {aside:.1f} degrees off the line of sight (at least"
             f" {MIN_ASIDE:g})",
         )
-    rolled = _rolled(rig, (first, second), baseline, up)
-    if rolled > MAX_ROLL:
-        return report(
-            PairVerdict.ROLLED,
-            rolled,
-            MAX_ROLL,
-            f"rolled, a picture is turned by {rolled:.1f} degrees against the other or the rig (at most {MAX_ROLL:g})",
-        )
-    tilts = [abs(_tilt(rig.rotations[v], baseline)) for v in (first, second)]
-    tilt = max(min(t, 180 - t) for t in tilts)
-    if tilt > MAX_TILT:
-        return report(
-            PairVerdict.VERTICAL,
-            tilt,
-            MAX_TILT,
-            f"vertical (or both cameras rolled), the baseline runs {tilt:.1f} degrees off the pictures' rows (at most"
-            f" {MAX_TILT:g})",
-        )
-    share = body_share(rig, first, second, subject, up)
-    if share < MIN_BODY:
-        return report(
-            PairVerdict.CLIPPED,
-            share,
-            MIN_BODY,
-            f"clipped, {share:.2f} of the body stays inside the rectified pictures (at least {MIN_BODY:g})",
-        )
+    try:
+        rectify(rig, first, second, subject)
+    except ValueError as e:
+        return report(PairVerdict.BEHIND, aside, MIN_ASIDE, f"one behind the other as they look, {e}")
     return report(PairVerdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
 
 
-def _tilt(rotation: np.ndarray, direction: np.ndarray) -> float:
-    """Signed degrees of a world direction in a camera's picture plane, from the x axis towards the y axis."""
-    return float(np.degrees(np.arctan2(rotation[1] @ direction, rotation[0] @ direction)))
-
-
-def _rolled(rig: Rig, pair: tuple[int, int], baseline: np.ndarray, up: np.ndarray) -> float:
-    """Degrees of roll: of the two pictures against each other, or of either against the rig's up direction."""
-    first, second = (rig.rotations[v] for v in pair)
-    difference = abs(_tilt(first, baseline) - _tilt(second, baseline))
-    against_rig = [abs((_tilt(r, up) + 90 + 180) % 360 - 180) for r in (first, second)]
-    return max(min(difference, 360 - difference), *against_rig)
-
-
-def body_share(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
-    """Smaller share, of the two pictures, of the seen body points that stay inside the rectified frame;
-    0 where none is seen."""
-    try:
-        pair = rectify(rig, first, second, subject)
-    except ValueError:
-        return 0.0
-    body = body_points(subject, up)
-    shares = []
-    for which, view in enumerate((first, second)):
-        seen = seen_body(rig, view, subject, up)
-        kept = _inside(*project(body, pair.intrinsics[which], pair.world_to_camera(which)), np.array(pair.size))
-        shares.append((seen & kept).sum() / max(seen.sum(), 1))
-    return float(min(shares))
+def shared_body(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
+    """What both pictures show of a person, over what the one shows that shows more of it; 0 where neither shows any."""
+    a, b = (seen_body(rig, v, subject, up) for v in (first, second))
+    return float((a & b).sum() / max(a.sum(), b.sum(), 1))
 
 
 def seen_body(rig: Rig, view: int, subject: np.ndarray, up: np.ndarray) -> np.ndarray:

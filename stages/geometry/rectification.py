@@ -1,9 +1,10 @@
 """Rectified pairs: two virtual cameras with parallel axes in which the same point lies on the same row.
 
 After Fusiello, Trucco and Verri, "A compact algorithm for rectification of stereo pairs" (2000): the shared x axis runs
-along the baseline, the z axis is what is left of the mean optical axis. The principal points are free: each is chosen
-so that the subject lies in the middle of its picture, which keeps a body in the frame at angles where a common
-principal point loses it, and the difference of the two is carried as an explicit offset of the disparity.
+along the baseline, the z axis is what is left of the mean optical axis. Nothing else is asked of the baseline: pictures
+are turned until it runs along their rows, however the cameras are held and whichever way the second stands from the
+first. The principal points are free: each is chosen so that the subject lies in the middle of its picture, and the
+difference of the two is carried as an explicit offset of the disparity.
 """
 
 from __future__ import annotations
@@ -13,12 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.geometry.subject import up_direction
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 FRAME_GROWTH = 1.5
-"""A rectified picture may be this much larger than the larger source picture, to hold what rectification stretches."""
+"""Side of the rectified frame over the longest side of the two sources: it holds a picture turned by any angle."""
+STRETCH = 8.0
+"""A source pixel may be drawn out to so many rectified ones; beyond it, 60 degrees off the rectified optical axis,
+there is nothing left to compare."""
+LEVEL = 1e-6
+"""Sine of the angle to the vertical below which a baseline stands upright, so that its sides are left and right."""
 Window = tuple[int, int, int, int]
-"""x0, y0, width, height of a part of the rectified frame, px."""
+"""x0, y0, width, height of a part of the rectified plane, px; it may reach beyond the frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +44,9 @@ class RectifiedPair:
     """[2, 3, 3] homographies from homogeneous rectified pixels to source pixels; the third row gives source depth
     per rectified depth."""
     size: tuple[int, int]
-    """(width, height) of the rectified frame, px."""
+    """(width, height) of the rectified frame, px, the subject in its middle."""
+    source_size: np.ndarray
+    """[2, 2] (width, height) of the source pictures, px."""
     scale: float = 1.0
     """Focal length over the mean focal length of the source views."""
 
@@ -91,6 +100,19 @@ class RectifiedPair:
         """Source pixels [..., 2] -> rectified pixels [..., 2] and rectified depth per source depth [...]."""
         return _apply(np.linalg.inv(self.to_source[which]), pixels)
 
+    def seen(self, which: int, pixels: np.ndarray) -> np.ndarray:
+        """[...] bool: which rectified pixels [..., 2] a source picture shows."""
+        source, ratio = self.source_pixels(which, pixels)
+        return (ratio > 0) & (source >= 0).all(axis=-1) & (source <= self.source_size[which]).all(axis=-1)
+
+    def comparable(self, which: int, ratio: np.ndarray) -> np.ndarray:
+        """[...] bool: source pixels with that rectified depth per source depth that are drawn out by at most STRETCH.
+
+        The homography H enlarges areas by det H / ratio^3.
+        """
+        growth = 1 / np.linalg.det(self.to_source[which]) / self.scale**2
+        return (ratio > 0) & (growth <= STRETCH * np.maximum(ratio, 0) ** 3)
+
     def maps(self, which: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Maps x, y [h, w] float32 for `cv2.remap`,
         which give a window of the rectified picture from the source picture."""
@@ -109,6 +131,9 @@ def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.n
 def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:
     """The rectified pair of two views, with the subject [3] (world metres) in the middle of both pictures.
 
+    Whatever way round: rows run so that the rig's up is up in the rectified pictures, and where the baseline itself is
+    upright, so that it is left. The order of the views changes the sign of the baseline only.
+
     The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the
     sources.
 
@@ -125,9 +150,6 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
             f"cameras {rig.names[first]} and {rig.names[second]} stand {baseline:g} m apart; a pair needs a baseline"
         )
     x = along / baseline
-    # The x axis follows the pictures, not the order of the views:
-    # swapping the order changes the sign of the baseline only.
-    x = x if x @ rotations[:, 0].sum(axis=0) >= 0 else -x
     forward = rotations[:, 2].sum(axis=0)
     z = forward - (forward @ x) * x
     if np.linalg.norm(z) < 1e-6 * max(1.0, float(np.linalg.norm(forward))):
@@ -136,6 +158,9 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
             " their baseline runs along the optical axes"
         )
     z /= np.linalg.norm(z)
+    up = up_direction(rig)
+    down = float(np.cross(z, x) @ -up)
+    x = x if (down if abs(down) > LEVEL else -float(x @ up)) >= 0 else -x
     rotation = np.stack([x, np.cross(z, x), z])
     seen = (subject - centres) @ rotation.T
     if (seen[:, 2] <= 0).any():
@@ -143,13 +168,13 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
             f"the subject {np.round(subject, 3).tolist()} lies behind the rectified cameras of {rig.names[first]} and"
             f" {rig.names[second]}"
         )
-    size = tuple(int(np.ceil(FRAME_GROWTH * scale * s)) for s in rig.size[pair].max(axis=0))
+    size = int(np.ceil(FRAME_GROWTH * scale * rig.size[pair].max()))
     focal = scale * float(rig.intrinsics[pair][:, [0, 1], [0, 1]].mean())
     intrinsics = np.zeros((2, 3, 3))
     intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = focal
     intrinsics[:, 2, 2] = 1.0
-    intrinsics[:, 0, 2] = size[0] / 2 - focal * seen[:, 0] / seen[:, 2]
+    intrinsics[:, 0, 2] = size / 2 - focal * seen[:, 0] / seen[:, 2]
     # Rows of both are equal but for rounding; one value keeps them aligned exactly.
-    intrinsics[:, 1, 2] = size[1] / 2 - focal * seen[0, 1] / seen[0, 2]
+    intrinsics[:, 1, 2] = size / 2 - focal * seen[0, 1] / seen[0, 2]
     to_source = rig.intrinsics[pair] @ rotations @ rotation.T @ np.linalg.inv(intrinsics)
-    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size[0], size[1]), scale)
+    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size, size), rig.size[pair], scale)

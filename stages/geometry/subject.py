@@ -14,6 +14,13 @@ PERSON_RADIUS = 0.3
 """Metres; half the width of a person with the arms down."""
 FILLED = 0.75
 """Share of the picture's longer side a person fills in a capture framed on purpose."""
+UPRIGHT = 0.94
+"""Length of the mean upward axis, over the longest mean axis of any common roll, down to which cameras pass as upright.
+Cameras above each other over 60 degrees have 0.95; an arc of 90 degrees whose pictures lie on their side has 0.90."""
+ALIKE = 0.7
+"""Length of the mean roll (a point of the unit circle for each camera) below which each is rolled in its own way."""
+SURE = 0.05
+"""Sine of the angle by which a camera must look up or down for that to tell above from below."""
 
 
 def expected_distance(rig: Rig) -> np.ndarray:
@@ -49,10 +56,46 @@ def subject_distance(rig: Rig, view: int, given: float | None) -> float:
 
 
 def up_direction(rig: Rig) -> np.ndarray:
-    """[3] unit mean of the cameras' upward picture axes in the world; the first camera's where they cancel out."""
-    up = -rig.rotations[:, 1].mean(axis=0)
-    length = np.linalg.norm(up)
-    return up / length if length > 0.1 else -rig.rotations[0, 1]
+    """[3] unit vector that is up for the rig, from how its cameras stand and are held.
+
+    The mean of the cameras' upward picture axes, where all cameras can be upright at once. Where they cannot, since
+    their upward axes fan out although the cameras stand around something, all are rolled alike (pictures that lie on
+    their side): up is then the direction in the picture plane that the cameras agree upon best, max over the angle a of
+    abs(mean(cos a up + sin a right)), an eigenvector. Where each is rolled by an angle of its own, up is what the
+    optical axes have least of (all around: vary least in). Of the two senses it is that of pictures that are rolled
+    alike, else that in which cameras look down.
+    """
+    right, upward, forward = rig.rotations[:, 0], -rig.rotations[:, 1], rig.rotations[:, 2]
+    alike = np.stack([upward.mean(axis=0), right.mean(axis=0)])
+    values, vectors = np.linalg.eigh(alike @ alike.T)
+    held, agreed = float(np.linalg.norm(alike[0])), float(np.sqrt(max(values[1], 0.0)))
+    up = alike[0] if held >= UPRIGHT * agreed else vectors[:, 1] @ alike
+    pictures = float(alike[0] @ up)
+    if len(rig) > 2 and _agreement(rig, up) < ALIKE:
+        spread = forward - forward.mean(axis=0)
+        about = spread if np.linalg.norm(forward.mean(axis=0)) < 0.5 else forward
+        up, pictures = np.linalg.eigh(about.T @ about)[1][:, 0], 0.0
+    if np.linalg.norm(up) < 1e-9:
+        return upward[0]
+    up = up / np.linalg.norm(up)
+    votes = (pictures, _seen_from_above(forward, up), float(alike[1] @ up))
+    return up if next((v for v in votes if abs(v) > SURE), 1.0) > 0 else -up
+
+
+def _seen_from_above(forward: np.ndarray, up: np.ndarray) -> float:
+    """How far optical axes [V, 3] point away from `up` [3] (sine; negative: towards it): cameras at one height around
+    something look along a cone, whose axis and slope are read off the plane through the tips; else their mean."""
+    spread = forward - forward.mean(axis=0)
+    values, vectors = np.linalg.eigh(spread.T @ spread)
+    conical = len(forward) > 2 and values[0] < 0.1 * values[1]
+    axis = vectors[:, 0] * (vectors[:, 0] @ up) if conical else up
+    return -float(forward.mean(axis=0) @ axis)
+
+
+def _agreement(rig: Rig, up: np.ndarray) -> float:
+    """How far all cameras are rolled by one angle against `up` [3]: the length of the mean direction, 0 to 1."""
+    roll = np.arctan2(rig.rotations[:, 0] @ up, -rig.rotations[:, 1] @ up)
+    return float(np.hypot(np.cos(roll).mean(), np.sin(roll).mean()))
 
 
 def body_points(subject: np.ndarray, up: np.ndarray) -> np.ndarray:

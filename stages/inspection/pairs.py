@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import MIN_BODY, PairReport, PairVerdict, body_share
+from posegaussian.stages.geometry.pairs import PairReport, PairVerdict, shared_body
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.storage.model.cameras import Rig
 
-USELESS = 0.5
-"""Share of the body that stays inside the rectified pictures below which a pair is useless rather than clipped."""
 PARTNERED = (1.0, 0.6)
 """Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of
 docs/measurements/quality.md) pictures come apart; where all four have a partner (`balance`) they hold together."""
@@ -23,15 +21,6 @@ hand) come out whole; beyond 66 nothing is matched, see docs/measurements/qualit
 REMEDY = {
     PairVerdict.TOO_WIDE: (
         "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject"
-    ),
-    PairVerdict.CLIPPED: (
-        "move the cameras closer together, or farther away from the subject; or try depth.method: sweep, which compares"
-        " them all the same"
-    ),
-    PairVerdict.ROLLED: "turn the cameras upright; or try depth.method: sweep, which compares them all the same",
-    PairVerdict.VERTICAL: (
-        "set the cameras beside each other rather than above;"
-        " or try depth.method: sweep, which compares them all the same"
     ),
     PairVerdict.COINCIDENT: "move one of the two aside",
     PairVerdict.BEHIND: "move one of the two aside",
@@ -47,7 +36,7 @@ class Rectified:
     views: tuple[int, int]
     """Indices of the cameras in the footage."""
     kind: str
-    """ok, wide, clipped, useless, or the reason of `posegaussian.stages.geometry.pairs.PairVerdict`."""
+    """ok, or the reason of `posegaussian.stages.geometry.pairs.PairVerdict`."""
     fate: str
     """matched, not needed (other partners are nearer), not asked for (not two sources, or depth compares no
     pictures), or refused."""
@@ -56,20 +45,17 @@ class Rectified:
     baseline: float
     """Metres between the cameras."""
     body: float
-    """Share of a person there that both pictures keep when they are rectified."""
+    """Share of what either picture shows of a person there that both show."""
     sentence: str
     """Why, with the value and the bound that decided."""
 
 
 def rectified(rig: Rig, report: PairReport, fate: str, views: tuple[int, int]) -> Rectified:
-    """One pair with the run's verdict on it, too wide ones told apart by what is left of the body;
-    `views`: in the footage."""
+    """One pair with the run's verdict on it; `views`: in the footage."""
     first, second = report.views
     baseline = float(np.linalg.norm(rig.centres[first] - rig.centres[second]))
-    body = body_share(rig, first, second, look_at_point(rig), up_direction(rig))
+    body = shared_body(rig, first, second, look_at_point(rig), up_direction(rig))
     kind = "ok" if report.usable else str(report.verdict)
-    if report.verdict in (PairVerdict.TOO_WIDE, PairVerdict.CLIPPED):
-        kind = "useless" if body < USELESS else "clipped" if body < MIN_BODY else "wide"
     return Rectified(views, kind, fate, report.angle, baseline, body, report.sentence.partition(": ")[2])
 
 
@@ -178,7 +164,7 @@ def _note(planned: Planned, pair: Rectified) -> Finding:
     names = tuple(planned.rig.names[planned.active[v]] for v in pair.views)
     sentence = (
         f"{pair.fate}: {pair.sentence}; {pair.angle:.1f} degrees apart, baseline {pair.baseline:.2f} m, {pair.body:.0%}"
-        " of a body kept when rectified"
+        " of what they show of a person is in both pictures"
     )
     return Finding(
         "rectification",

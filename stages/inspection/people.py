@@ -10,11 +10,13 @@ from posegaussian.stages.contract.facts import JOINTS2D
 from posegaussian.stages.contract.io import PictureReader
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
+from posegaussian.stages.estimators.turned import Turned, quarter_turns
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.joints import SCORE
+from posegaussian.storage.model.cameras import Rig
 
 SEVERAL = (0.05, 1.0)
 """Share of the pictures that show more than one person: now and then a passer-by is left out by the views'
@@ -35,15 +37,15 @@ one a camera."""
 
 
 class Finder:
-    """People in pictures, by an estimator."""
+    """People in pictures, turned upright where the rig holds a camera rolled, by an estimator."""
 
-    def __init__(self, pictures: PictureReader, estimator: Estimator) -> None:
-        self._pictures, self._estimator = pictures, estimator
+    def __init__(self, pictures: PictureReader, estimator: Estimator, rig: Rig) -> None:
+        self._pictures, self._estimator, self._rig = pictures, estimator, rig
 
     def read(self, view: int, number: int) -> np.ndarray:
         """[people, J, 3] (u, v, score) of those it is sure of, captured px."""
         (picture,) = self._pictures.read(view, [number])
-        found = self._estimator.find(to_display(picture), MOST)
+        found = Turned(self._estimator, quarter_turns(self._rig, view)).find(to_display(picture), MOST)
         return np.asarray(found.joints[found.presence >= SURE], dtype=np.float64)
 
 

@@ -30,6 +30,8 @@ SLACK = 1.0
 SLOPE = 10.0
 """Pixel footprints (depth / focal length) of depth between neighbouring pixels,
 above which they belong to different surfaces."""
+TINY = 1e-3
+"""Metres in front of a rectified camera, at least."""
 SUBPIXEL = 16
 """OpenCV's fixed-point steps of a pixel."""
 
@@ -37,10 +39,12 @@ SUBPIXEL = 16
 def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.ndarray, bounds: Bounds) -> np.ndarray:
     """Depth [h, w] float32 of the pair's first view, metres along its optical axis, 0 where nothing matches.
 
-    `first`, `second` [h, w, 3] uint8 are the source pictures, `mask` [h, w] bool says which pixels of the first are
-    wanted. Nothing is checked against the other direction; see `posegaussian.stages.matching.fuse`.
+    Pixels that the second picture does not show, or shows at an angle at which nothing can be compared, have no match;
+    the others do not suffer from it. `first`, `second` [h, w, 3] uint8 are the source pictures, `mask` [h, w] bool says
+    which pixels of the first are wanted. Nothing is checked against the other direction; see
+    `posegaussian.stages.matching.fuse`.
     """
-    window = _window(pair, mask)
+    window = _window(pair, _with_counterpart(pair, mask, bounds))
     out = np.zeros(mask.shape, np.float32)
     if window is None:
         return out
@@ -54,6 +58,9 @@ def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.n
     smallest, count = _search(low - guide, high - guide, wanted)
     disparity, found = _residual(pair, first, second, window, guide, smallest, count)
     found &= wanted & (disparity >= low - SLACK) & (disparity <= high + SLACK)
+    counterparts = pixel_centres(window[2:]) + window[:2]
+    counterparts[..., 0] -= disparity
+    found &= pair.seen(1, counterparts)
     depth = pair.depth(np.where(found, np.clip(disparity, low, high), np.nan))
     inverse = np.where(found & (depth > 0), 1 / depth, 0).astype(np.float32)
     rectified, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1]))
@@ -64,18 +71,32 @@ def match(pair: RectifiedPair, first: np.ndarray, second: np.ndarray, mask: np.n
     return out
 
 
-def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
-    """The part of the rectified frame that holds the mask, with a margin of a matching window;
-    None for an empty one."""
+def _with_counterpart(pair: RectifiedPair, mask: np.ndarray, bounds: Bounds) -> np.ndarray:
+    """[h, w] bool: pixels of the mask that may be compared: what lies at them, anywhere between the bounds, is not all
+    beside the second picture, nor drawn out beyond recognition in either."""
     rows, columns = np.nonzero(mask)
     pixels, ratio = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1])[rows, columns])
-    pixels = pixels[ratio > 0]
-    if not len(pixels):
+    near, beside = np.zeros(len(rows), bool), np.ones((len(rows), 4), bool)
+    for depth in (bounds.near, bounds.far):
+        z = np.maximum(depth[rows, columns] * ratio, TINY)
+        source, scale = pair.source_pixels(1, np.stack([pixels[:, 0] - pair.disparity(z), pixels[:, 1]], axis=-1))
+        near |= (depth[rows, columns] > 0) & pair.comparable(1, 1 / np.where(scale > 0, scale, np.inf))
+        beside &= np.concatenate([source < 0, source > pair.source_size[1]], axis=1)
+    out = np.zeros_like(mask)
+    out[rows, columns] = pair.comparable(0, ratio) & near & ~beside.any(axis=1)
+    return out
+
+
+def _window(pair: RectifiedPair, mask: np.ndarray) -> Window | None:
+    """The part of the rectified plane that holds the mask, with a margin of a matching window;
+    None for an empty one."""
+    if not mask.any():
         return None
-    low = np.maximum(np.floor(pixels.min(axis=0)) - BLOCK, 0).astype(int)
-    high = np.minimum(np.ceil(pixels.max(axis=0)) + BLOCK, pair.size).astype(int)
+    rows, columns = np.nonzero(mask)
+    pixels, _ = pair.rectified_pixels(0, pixel_centres(mask.shape[::-1])[rows, columns])
+    low, high = np.floor(pixels.min(axis=0)).astype(int) - BLOCK, np.ceil(pixels.max(axis=0)).astype(int) + BLOCK
     w, h = (int(n) for n in high - low)
-    return (int(low[0]), int(low[1]), w, h) if w > 0 and h > 0 else None
+    return int(low[0]), int(low[1]), w, h
 
 
 def _disparity(pair: RectifiedPair, depth: np.ndarray, source: np.ndarray, ratio: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.simulator.effects.base import generator
-from posegaussian.stages.simulator.scene import Arc, Dome, Listed, Ring, Scene, SceneCamera, Stereo
+from posegaussian.stages.simulator.scene import Arc, Dome, Listed, Ring, Scene, SceneCamera, Stereo, THuman
 from posegaussian.storage.model.cameras import Rig, camera_centre, rigid
 
 
@@ -82,7 +82,7 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
         for v in range(sources):
             away = generator(scene.seed, "jitter", v).normal(size=3) * scene.rig.jitter
             centre = camera_centre(poses[v]) + away
-            roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else scene.rig.roll
+            roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else _roll(scene, rows[v][0])
             poses[v] = pointed(centre, target, (0, 0, 1), roll)
     return (
         Rig(
@@ -165,13 +165,35 @@ def _placed(
             rig.height + rig.radius * math.sin(e),
         ]
     )
-    pose = pointed(centre, target, (0, 0, 1), rig.roll)
+    if rig.tilt:
+        centre = target + _tilted(rig, around) @ (centre - target)
+    pose = pointed(centre, target, (0, 0, 1), _roll(scene, name))
     return (
         name,
         _intrinsics(rig.size, rig.focal, rig.fill, float(np.linalg.norm(centre - target)), subject_height),
         pose,
         rig.size,
     )
+
+
+def _roll(scene: Scene, name: str) -> float:
+    """Degrees by which a camera that is not listed is rolled."""
+    rig = scene.rig
+    assert not isinstance(rig, Listed)
+    further = float(generator(scene.seed, f"roll {name}").uniform(-1, 1)) * rig.roll_spread if rig.roll_spread else 0.0
+    return rig.roll + further
+
+
+def _tilted(rig: Ring | Arc | Dome | Stereo | THuman, around: float) -> np.ndarray:
+    """[3, 3] turn by the rig's tilt about the line from the subject towards the rig's start; of a pair, its middle."""
+    toward = rig.start
+    if isinstance(rig, Stereo):
+        apart = 720.0 / rig.cameras
+        toward += apart * round((around - rig.start) / apart)
+    a, t = math.radians(toward), -math.radians(rig.tilt)
+    on = np.array([[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, math.cos(t), -math.sin(t)], [0.0, math.sin(t), math.cos(t)]])
+    return on @ about_x @ on.T
 
 
 def _listed(

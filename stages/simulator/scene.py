@@ -18,14 +18,15 @@ from posegaussian.stages.simulator.effects.registry import EFFECTS
 from posegaussian.stages.simulator.subjects.motion_names import MOTION_NAMES
 from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS
 from posegaussian.stages.simulator.subjects.splits import refusal
+from posegaussian.stages.simulator.wardrobe.description import Carried, Cloth, Extras, Hair, Strap
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Size = tuple[Annotated[int, Field(ge=16, le=8192)], Annotated[int, Field(ge=16, le=8192)]]
 Point = tuple[Number, Number, Number]
 
 
-class Person(Params):
-    """A baked subject."""
+class Person(Extras):
+    """A baked subject, what it wears and what it holds."""
 
     person: str = Field("auto", description="Name of a subject, or auto: chosen by the seed.")
     outfit: str = Field("auto", description="Name of an outfit, or auto: chosen by the seed.")
@@ -44,6 +45,10 @@ class Person(Params):
         if value not in ("auto", *OUTFITS):
             raise ValueError(f"there is no outfit {value!r}; there are {', '.join(OUTFITS)}, and auto")
         return value
+
+    def extras(self) -> Extras:
+        """What it wears beyond the outfit, and holds."""
+        return Extras.model_validate({name: getattr(self, name) for name in Extras.model_fields})
 
 
 class Scan(Params):
@@ -97,6 +102,17 @@ class _Around(_Lens):
     radius: float = Field(2.6, gt=0, description="Distance from the subject's axis.")
     height: float = Field(1.15, description="Height of the cameras above the ground.")
     jitter: float = Field(0.0, ge=0, le=1, description="Random displacement of every camera, standard deviation.")
+    roll_spread: float = Field(
+        0.0, ge=0, le=180, description="Degrees by which every camera is rolled further, at random, at most."
+    )
+    tilt: float = Field(
+        0.0,
+        description=(
+            "Degrees the circle of cameras is turned, clockwise as they look, about the line of sight of its `start`"
+            " (of stereo: each pair about its own): baselines run diagonally at 45, an arc or a pair stands upright at"
+            " 90. Pictures stay level; `roll` turns them."
+        ),
+    )
     start: float = Field(0.0, description="Degrees to the left of the subject's front where the first camera stands.")
     framing: Literal["rest", "frames"] = Field(
         "rest",
@@ -268,6 +284,15 @@ def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
         if scene.effects.second_person is not None:
             named.append((("effects", "second_person", "motion"), scene.effects.second_person.motion))
         out += [(place, why) for place, name in named for why in [refusal(scene.seed, name)] if why is not None]
+        for key, what, taken in (
+            ("straps", "strap", [s.kind for s in scene.subject.straps]),
+            ("carries", "hand", [c.hand for c in scene.subject.carries]),
+        ):
+            out += [
+                (("subject", key, i), f"{what} {name!r} is taken already; each may be given once")
+                for i, name in enumerate(taken)
+                if name in taken[:i]
+            ]
         inside = (BODY_RADIUS, BODY_HEIGHT)
         if not isinstance(scene.rig, Listed) and scene.rig.radius <= inside[0]:
             out.append(
@@ -316,6 +341,15 @@ def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
     return out
 
 
+_OF_PERSON: dict[str, type[BaseModel]] = {
+    "upper": Cloth,
+    "lower": Cloth,
+    "straps": Strap,
+    "carries": Carried,
+    "hair": Hair,
+}
+
+
 def known_fields(path: tuple[str | int, ...], tag: str | None = None) -> list[str]:
     """Names that may stand in a section of a scene file; `tag` is the rig's kind. Empty where nothing is known."""
     if not path:
@@ -329,6 +363,8 @@ def known_fields(path: tuple[str | int, ...], tag: str | None = None) -> list[st
         )
     if top == "rig":
         return list((SceneCamera if len(path) > 1 else RIGS.get(str(tag), Ring)).model_fields)
+    if top == "subject" and len(path) > 1:
+        return list(_OF_PERSON[str(path[1])].model_fields) if path[1] in _OF_PERSON else []
     models: dict[str, tuple[type[BaseModel], ...]] = {
         "subject": (Person, Scan),
         "motion": (Motion,),

@@ -46,7 +46,14 @@ def play(scene: Scene) -> Performer:
     subject, outfit = cast(scene.seed, scene.subject.person, scene.subject.outfit)
     style = generator(scene.seed, "style").uniform(-1.0, 1.0, 4)
     return Performer(
-        subject, outfit, scene.motion.name, scene.motion.speed, scene.motion.phase, style, scene.subject.heading
+        subject,
+        outfit,
+        scene.motion.name,
+        scene.motion.speed,
+        scene.motion.phase,
+        style,
+        scene.subject.heading,
+        extras=scene.subject.extras(),
     )
 
 

@@ -20,6 +20,7 @@ from posegaussian.stages.simulator.effects.occluding_object import EFFECT as OCC
 from posegaussian.stages.simulator.effects.rolling_shutter import EFFECT as ROLLING_SHUTTER
 from posegaussian.stages.simulator.effects.second_person import EFFECT as SECOND_PERSON
 from posegaussian.stages.simulator.effects.sensor_noise import EFFECT as SENSOR_NOISE
+from posegaussian.stages.simulator.effects.soft_matte import EFFECT as SOFT_MATTE
 from posegaussian.stages.simulator.effects.specular import EFFECT as SPECULAR
 from posegaussian.stages.simulator.effects.time_offset import EFFECT as TIME_OFFSET
 from posegaussian.stages.simulator.effects.vignetting import EFFECT as VIGNETTING
@@ -44,5 +45,6 @@ EFFECTS: tuple[SceneEffect, ...] = (
     SENSOR_NOISE,
     JPEG,
     MASK_ERROR,
+    SOFT_MATTE,
     JOINT_NOISE,
 )

@@ -27,9 +27,9 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 
 
 def apply(gloss: np.ndarray, params: Any) -> np.ndarray:
-    """Gloss [L, 2] (share mirrored face-on, exponent) of every layer; without this effect nothing is mirrored."""
+    """Gloss [L, 3] (share mirrored face-on, exponent, sheen) of every layer; without this effect nothing mirrors."""
     out = gloss.copy()
-    out[:, 0] *= params.strength
+    out[:, (0, 2)] *= params.strength
     return out
 
 

@@ -19,14 +19,15 @@ SKY, GROUND = 0.46, 0.20
 
 
 def flat_textures(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All textures as one [N, 3] float32 list; [L, 3] int64 (start, width, height); [L, 2] (gloss, exponent)."""
+    """All textures as one [N, 3] float32 list; [L, 3] int64 (start, width, height); [L, 3] (gloss, exponent,
+    sheen)."""
     pictures = [t.albedo for t in mesh.textures]
     starts = np.cumsum([0, *(p.shape[0] * p.shape[1] for p in pictures)])
     info = np.array([[s, p.shape[1], p.shape[0]] for s, p in zip(starts, pictures, strict=False)], dtype=np.int64)
     return (
         np.concatenate([p.reshape(-1, 3) for p in pictures]),
         info,
-        np.array([[t.gloss, t.exponent] for t in mesh.textures]),
+        np.array([[t.gloss, t.exponent, t.sheen] for t in mesh.textures]),
     )
 
 
@@ -69,7 +70,10 @@ def shade(
 
     index from `rasterize`; p [V, 3] picture and depth of the vertices; normals [V, 3] unit, world; lit [V, 1 + n] share
     of the sky and of each light that reaches a vertex; eye [3] the camera's centre. Diffuse light is E = sky ((1 + n_z)
-    / 2) + ground ((1 - n_z) / 2) + sum_l power_l max(0, n l); a highlight (Blinn-Phong) is added where `shiny`.
+    / 2) + ground ((1 - n_z) / 2) + sum_l power_l max(0, n l). Where `shiny`, a highlight (Blinn-Phong) is added, and on
+    polished surfaces what Fresnel mirrors of sky and ground: sheen F (sky (1 + r_z) / 2 + ground (1 - r_z) / 2), F =
+    gloss + (1 - gloss) (1 - n v)^5 with the direction v to the camera and the
+    mirrored direction r (Schlick's approximation).
     """
     h, w = index.shape
     out = np.zeros((h, w, 3), dtype=np.float32)
@@ -115,6 +119,16 @@ def shade(
                 sky * 0.5 * (1.0 + n2) + ground * 0.5 * (1.0 - n2)
             )
             mirrored = 0.0
+            if shiny and gloss[k, 2] > 0.0:
+                d = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+                facing = max(0.0, (n0 * x0 + n1 * x1 + n2 * x2) / d)
+                fresnel = gloss[k, 2] * (gloss[k, 0] + (1.0 - gloss[k, 0]) * (1.0 - facing) ** 5)
+                r2 = 2.0 * facing * n2 - x2 / d
+                mirrored = (
+                    fresnel
+                    * (s0 * lit[a, 0] + s1 * lit[b, 0] + s2 * lit[c, 0])
+                    * (sky * 0.5 * (1.0 + r2) + ground * 0.5 * (1.0 - r2))
+                )
             for m in range(len(lights)):
                 facing = n0 * lights[m, 0] + n1 * lights[m, 1] + n2 * lights[m, 2]
                 if facing <= 0.0:

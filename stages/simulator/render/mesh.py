@@ -18,6 +18,8 @@ class Texture:
     """Share of the light that a shiny surface mirrors, seen face-on."""
     exponent: float = 20.0
     """Sharpness of the highlight (Blinn-Phong)."""
+    sheen: float = 0.0
+    """Share of Fresnel's reflection of sky and ground that a polished surface shows."""
 
 
 @dataclass(frozen=True, eq=False)

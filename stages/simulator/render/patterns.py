@@ -14,8 +14,8 @@ from numba import njit
 from posegaussian.stages.simulator.render.raster import rasterize, shares
 from posegaussian.stages.simulator.render.texture import noise
 
-PLAIN, STRIPES, CHECKS, DOTS, CAMOUFLAGE, FLORAL, DENIM, SKIN, HAIR, EYE = range(10)
-PATTERNS = ("plain", "stripes", "checks", "dots", "camouflage", "floral", "denim", "skin", "hair", "eye")
+PLAIN, STRIPES, CHECKS, DOTS, CAMOUFLAGE, FLORAL, DENIM, SKIN, HAIR, EYE, PRINT = range(11)
+PATTERNS = ("plain", "stripes", "checks", "dots", "camouflage", "floral", "denim", "skin", "hair", "eye", "print")
 
 
 @njit(cache=True, nogil=True)
@@ -39,6 +39,36 @@ def _band(x: float, period: float, share: float) -> float:
     """1 inside the bands that take `share` of every period, 0 outside; edges 3 mm soft."""
     t = abs(x / period - math.floor(x / period) - 0.5) * period
     return 1.0 - _step(t, 0.5 * share * period, 0.003)
+
+
+@njit(cache=True, nogil=True)
+def _print(x: float, y: float, z: float, scale: float) -> tuple[float, float, float]:
+    """A printed picture with the statistics of photographs: opaque leaves of all sizes, the nearer over the farther
+    (dead leaves; Lee, Mumford and Huang, IJCV 2001), each with a tone and a gradient of its own."""
+    left, second, third, bright = 1.0, 0.0, 0.0, 0.0
+    u, v = y + 0.35 * x, z
+    for k in range(12):  # sizes come in turns, so that small leaves lie over and under large ones
+        cell = scale * (0.45, 1.6, 0.8, 2.6)[k % 4]
+        i0, j0 = math.floor(u / cell), math.floor(v / cell)
+        for i in range(i0 - 1, i0 + 2):
+            for j in range(j0 - 1, j0 + 2):
+                p, q, r = float(i), float(j), 7.0 * k  # noise at whole numbers is a hash
+                a, b, c, d = noise(p, q, r), noise(p, q, r + 1.0), noise(p, q, r + 2.0), noise(p, q, r + 3.0)
+                if k < 10 and a < 0.45:
+                    continue  # no leaf in this cell
+                du, dv = u - (i + b) * cell, v - (j + c) * cell
+                long = 0.35 + 0.75 * d
+                turned = du * math.cos(6.3 * a) + dv * math.sin(6.3 * a)
+                across = dv * math.cos(6.3 * a) - du * math.sin(6.3 * a)
+                far = math.sqrt(turned * turned + across * across * (1.0 + 3.0 * b)) / cell
+                cover = left * (1.0 - _step((far - 0.75 * long) * cell, 0.0, 0.003))
+                second += cover * _step(noise(p, q, r + 4.0), 0.5, 0.5)
+                third += cover * _step(noise(p, q, r + 5.0), 0.6, 0.5)
+                bright += cover * (0.35 + 0.9 * noise(p, q, r + 6.0)) * (1.0 + 0.5 * turned / cell)
+                left -= cover
+        if left < 0.004:
+            break
+    return second, third, bright + left
 
 
 @njit(cache=True, nogil=True)
@@ -66,6 +96,8 @@ def _weights(pattern: int, x: float, y: float, z: float, scale: float) -> tuple[
     if pattern == DENIM:
         worn = _step(_octaves(x, y, 0.5 * z, 0.25), 0.1, 0.9)
         return 0.35 * worn, 0.0, fine * (1.0 + 0.12 * (noise(x / 0.012, y / 0.012, z / 0.012) - 0.5))
+    if pattern == PRINT:
+        return _print(x, y, z, scale)
     if pattern == HAIR:
         strand = noise(x / 0.009, y / 0.009, z / 0.07) - 0.5 + 0.6 * (noise(x / 0.02 + 3.0, y / 0.02, z / 0.12) - 0.5)
         return 0.0, 0.0, 1.0 + 0.75 * strand

@@ -14,6 +14,7 @@ from posegaussian.stages.simulator.subjects.garments import dressed
 from posegaussian.stages.simulator.subjects.motion import turn
 from posegaussian.stages.simulator.subjects.motions import bones_at
 from posegaussian.stages.simulator.subjects.skeleton import CARRIERS
+from posegaussian.stages.simulator.wardrobe.description import NOTHING, Extras
 
 
 class Actor(Protocol):
@@ -44,8 +45,9 @@ class Performer:
         style: np.ndarray,
         heading: float = 0.0,
         position: tuple[float, float] = (0.0, 0.0),
+        extras: Extras = NOTHING,
     ) -> None:
-        self.body, self.mesh = load_body(subject), dressed(subject, outfit)
+        self.body, self.mesh = load_body(subject), dressed(subject, outfit, extras)
         self._motion, self._speed, self._phase, self._style = motion, speed, phase, style
         self._place = np.eye(4)
         self._place[:3, :3] = turn("z", math.radians(heading))

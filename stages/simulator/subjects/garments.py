@@ -1,154 +1,34 @@
 """Dressing a baked body: garments, shoes and hair are shells over the skin, cut along smooth hems; skin below is left
 out.
-
-A shell is the skin's own surface, smoothed until it no longer follows every muscle, pushed out along its normals, never
-closer to the skin than a few millimetres. A field that is positive inside says how far it reaches.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.simulator.render.mesh import Mesh, Texture, clipped, joined
-from posegaussian.stages.simulator.render.patterns import PATTERNS, texture
-from posegaussian.stages.simulator.render.raster import vertex_normals
-from posegaussian.stages.simulator.render.texture import noise
+from posegaussian.stages.simulator.render.mesh import Mesh, Texture, joined
 from posegaussian.stages.simulator.subjects.bodies import EYE_VERTICES, Body, load_body
-from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS, Appearance, Garment, Outfit, Rgb
+from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS, Appearance, Garment, Outfit
+from posegaussian.stages.simulator.subjects.shells import Shell, cut, linear, marks, noise_at, painted, shell
 from posegaussian.stages.simulator.subjects.shoes import shoes
 from posegaussian.stages.simulator.subjects.skeleton import SIDES
+from posegaussian.stages.simulator.wardrobe.carried import carried
+from posegaussian.stages.simulator.wardrobe.description import NOTHING, Cloth, Extras
+from posegaussian.stages.simulator.wardrobe.folds import folded
+from posegaussian.stages.simulator.wardrobe.materials import MATERIALS, three
+from posegaussian.stages.simulator.wardrobe.strands import strands
+from posegaussian.stages.simulator.wardrobe.straps import strapped, unpressed
 
 ARM, LEG = ("upper_arm", "forearm", "hand"), ("thigh", "shin", "foot")
-TEXELS = 1024
-"""Side of a layer's texture: about 2 mm a texel on the body."""
 TUCK = 0.03
 """Metres under a hem where skin or cloth below is no longer drawn."""
 WAIST = 0.09
 """Metres that trousers reach up under the hem of a top."""
-
-
-def _smoothed(values: np.ndarray, edges: np.ndarray, weight: np.ndarray, rounds: int) -> np.ndarray:
-    """Laplacian smoothing over the vertices with weight > 0;
-    each moves by `weight` of the way to its neighbours' mean."""
-    own = edges[(weight[edges] > 0).all(axis=1)]
-    a, b = np.concatenate([own[:, 0], own[:, 1]]), np.concatenate([own[:, 1], own[:, 0]])
-    count = np.maximum(np.bincount(a, minlength=len(values)), 1)[:, None]
-    linked = np.bincount(a, minlength=len(values)) > 0
-    out = values.copy()
-    for _ in range(rounds):
-        mean = np.stack([np.bincount(a, out[b, k], minlength=len(values)) for k in range(3)], axis=1) / count
-        out = np.where(linked[:, None], out + weight[:, None] * (mean - out), out)
-    return out
-
-
-def _noise(points: np.ndarray, cell: float, shift: float) -> np.ndarray:
-    return np.array([noise(x + shift, y, z) for x, y, z in points / cell]) - 0.5
-
-
-def _shell(
-    body: Body, inside: np.ndarray, offset: np.ndarray, rounds: int, wrinkles: float, follows: np.ndarray | float = 1.0
-) -> np.ndarray:
-    """[V, 3] the skin smoothed and pushed out by `offset` metres, where it `follows` (0..1) nowhere nearer than a
-    third of it."""
-    region = (inside > -0.06).astype(np.float64)
-    smooth = _smoothed(body.vertices, body.edges, 0.5 * region, rounds)
-    used = body.tris[(inside[body.tris] > -0.08).any(axis=1)]
-    out_of_skin, out = vertex_normals(body.vertices, body.tris), vertex_normals(smooth, used)
-    if wrinkles:
-        p = body.vertices * np.array([1.0, 1.0, 1.6])
-        offset = offset + wrinkles * (np.abs(_noise(p, 0.075, 0.0)) * -2.0 + 0.5 + _noise(p, 0.03, 11.0))
-    pushed = smooth + out * offset[:, None]
-    short = np.maximum(0.35 * offset, 0.004) - np.einsum("vk,vk->v", pushed - body.vertices, out_of_skin)
-    pushed += out_of_skin * (follows * np.maximum(short, 0.0))[:, None]
-    return _smoothed(pushed, body.edges, 0.35 * region, 2)
-
-
-def _cut(body: Body, vertices: np.ndarray, inside: np.ndarray, layer: Texture, slack: np.ndarray) -> Mesh:
-    """The part of a shell where the field is positive, as a mesh of its own."""
-    parent, corners, tris = clipped(inside, body.tris)
-    flat = corners.reshape(-1, 3)
-    owners = np.repeat(tris, 3, axis=0)
-    ranked = np.where(flat > 0, owners, -1)
-    low_rank = np.argsort(ranked, axis=1, kind="stable")
-    ids = np.take_along_axis(ranked, low_rank, axis=1)[:, 1:]
-    part = np.take_along_axis(flat, low_rank, axis=1)[:, 1:]
-    single = ids[:, 0] < 0
-    ids[single, 0], part[single, 0] = ids[single, 1], 0.0
-    _, first, back = np.unique(ids[:, 0] * (len(vertices) + 1) + ids[:, 1], return_index=True, return_inverse=True)
-    a, b, s, t = ids[first, 0], ids[first, 1], part[first, :1], part[first, 1:]
-
-    def blend(values: np.ndarray) -> np.ndarray:
-        return s * values[a] + t * values[b]
-
-    uv = np.einsum("nij,njk->nik", corners, body.uv[parent]).astype(np.float32)
-    bones, weights = _strongest(blend(body.weights))
-    return Mesh(
-        blend(vertices),
-        back.reshape(-1, 3).astype(np.int32),
-        uv,
-        np.zeros(len(parent), np.int32),
-        (layer,),
-        bones,
-        weights,
-        blend(slack[:, None])[:, 0],
-    )
-
-
-def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[V, 4] bones and [V, 4] weights from [V, B]."""
-    index = np.argsort(-weights, axis=1, kind="stable")[:, :4]
-    best = np.take_along_axis(weights, index, axis=1)
-    return index, best / best.sum(axis=1, keepdims=True)
-
-
-def linear(color: Rgb | tuple[float, float, float]) -> np.ndarray:
-    """[3] linear reflectance of an sRGB colour in bytes (IEC 61966-2-1)."""
-    c = np.array(color, dtype=np.float64) / 255.0
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-
-
-def _marks(body: Body) -> np.ndarray:
-    """[4, 3] nose, eyes, and 1 / size of the head relative to an adult's, whose eyes are 64 mm apart."""
-    apart = np.linalg.norm(body.joints[1] - body.joints[2])
-    return np.stack([*body.joints[:3], [0.064 / apart, 0.0, 0.0]])
-
-
-def _painted(
-    body: Body,
-    mesh: Mesh,
-    pattern: str,
-    colors: tuple[Rgb, Rgb, Rgb],
-    scale: float,
-    gloss: float,
-    exponent: float = 20.0,
-    texels: int = TEXELS,
-) -> Mesh:
-    picture = texture(
-        PATTERNS.index(pattern),
-        np.stack([linear(c) for c in colors]),
-        scale,
-        _marks(body),
-        mesh.vertices,
-        mesh.tris,
-        mesh.uv,
-        texels,
-    )
-    return Mesh(
-        mesh.vertices,
-        mesh.tris,
-        mesh.uv,
-        mesh.layer,
-        (Texture(picture, gloss, exponent),),
-        mesh.bones,
-        mesh.weights,
-        mesh.slack,
-    )
-
-
-BLANK = Texture(np.zeros((1, 1, 3), np.float32))
 
 
 def upper_field(body: Body, garment: Garment) -> np.ndarray:
@@ -168,7 +48,7 @@ def lower_field(body: Body, garment: Garment) -> np.ndarray:
     return np.where(body.arms > 0.3, -1.0, np.minimum(leg, waist))
 
 
-def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
+def _upper(body: Body, garment: Garment) -> Shell:
     inside = upper_field(body, garment)
     reach = np.maximum(body.along(ARM), 0.0) / body.limb_length(ARM, 2.0)
     belly = np.clip((body.pivot("chest")[2] - body.vertices[:, 2]) / 0.25, 0.0, 1.0) * (body.arms < 0.3)
@@ -178,16 +58,16 @@ def _upper(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
         body.arms < 0.3
     )
     slack = offset * np.clip(0.3 + belly, 0.0, 1.0) * (1.0 - 0.7 * over)
-    vertices = _shell(body, inside, offset, 34, 0.5 * garment.loose)
-    return _cut(body, vertices, inside, BLANK, slack), inside
+    vertices = shell(body, inside, offset, 34, 0.5 * garment.loose)
+    return Shell(vertices, inside, slack)
 
 
-def _lower(body: Body, garment: Garment) -> tuple[Mesh, np.ndarray]:
+def _lower(body: Body, garment: Garment) -> Shell:
     inside = lower_field(body, garment)
     down = np.clip(body.along(LEG) / body.limb_length(LEG, 2.0), 0.0, 1.0)
     offset = garment.loose * (0.7 + 1.2 * down) + 0.002
-    vertices = _shell(body, inside, offset, 20, 0.45 * garment.loose)
-    return _cut(body, vertices, inside, BLANK, offset * down), inside
+    vertices = shell(body, inside, offset, 20, 0.45 * garment.loose)
+    return Shell(vertices, inside, offset * down)
 
 
 def _foot_field(body: Body) -> np.ndarray:
@@ -197,7 +77,7 @@ def _foot_field(body: Body) -> np.ndarray:
 
 
 def _hair(body: Body, look: Appearance) -> tuple[Mesh, np.ndarray]:
-    size = 1.0 / _marks(body)[3, 0]
+    size = 1.0 / marks(body)[3, 0]
     ear, eye, nose = body.joints[3:5].mean(axis=0), body.joints[1:3].mean(axis=0), body.joints[0]
     p = (body.vertices - ear) / size
     front = (nose[0] - ear[0]) / size
@@ -215,13 +95,13 @@ def _hair(body: Body, look: Appearance) -> tuple[Mesh, np.ndarray]:
     if look.style == "long":
         inside = np.where(np.abs(p[:, 1]) > 0.085 + 0.1 * (p[:, 2] > -0.02), -1.0, inside)
     thick = {"short": 0.014, "bob": 0.028, "long": 0.026}[look.style]
-    offset = np.minimum(thick, 0.003 + 0.55 * np.maximum(inside, 0.0)) + 0.006 * _noise(body.vertices, 0.035, 3.0) * (
+    offset = np.minimum(thick, 0.003 + 0.55 * np.maximum(inside, 0.0)) + 0.006 * noise_at(body.vertices, 0.035, 3.0) * (
         inside > 0.01
     )
     # hair lies over the ears, not along their folds
     ears = np.minimum(*(np.linalg.norm(body.vertices - e, axis=1) for e in body.joints[3:5])) / size < 0.055
-    vertices = _shell(body, inside, offset, 8 if look.style == "short" else 30, 0.0, 1.0 - 1.0 * ears)
-    return _cut(body, vertices, inside, BLANK, np.zeros(len(vertices))), np.where(ears, inside + TUCK, inside)
+    vertices = shell(body, inside, offset, 8 if look.style == "short" else 30, 0.0, 1.0 - 1.0 * ears)
+    return cut(body, Shell(vertices, inside, np.zeros(len(vertices)))), np.where(ears, inside + TUCK, inside)
 
 
 def _without(mesh: Mesh, hidden: np.ndarray) -> Mesh:
@@ -243,7 +123,7 @@ def _skin(body: Body, look: Appearance, covered: np.ndarray) -> list[Mesh]:
     everything = np.ones(len(body.vertices))
     eyes = np.all(body.tris >= len(body.vertices) - EYE_VERTICES, axis=1)
     hidden = np.all(covered[body.tris] > TUCK, axis=1)
-    whole = _cut(body, body.vertices, everything, BLANK, np.zeros(len(everything)))
+    whole = cut(body, Shell(body.vertices, everything, np.zeros(len(everything))))
     r, g, b = look.skin
     balls = _without(whole, ~eyes)
     low = balls.uv.min(axis=(0, 1))
@@ -254,37 +134,67 @@ def _skin(body: Body, look: Appearance, covered: np.ndarray) -> list[Mesh]:
         tuple(int(0.6 * c + 0.08 * s) for c, s in zip(look.hair, look.skin, strict=True)),
     )
     return [
-        _painted(body, _without(whole, eyes | hidden), "skin", (look.skin, lips, brows), 0.1, 0.035, 12.0),  # type: ignore[arg-type]
-        _painted(body, balls, "eye", ((206, 202, 198), (84, 62, 44), (10, 10, 12)), 0.1, 0.10, 80.0, 128),
+        painted(body, _without(whole, eyes | hidden), "skin", (look.skin, lips, brows), 0.1, 0.035, 12.0),  # type: ignore[arg-type]
+        painted(body, balls, "eye", ((206, 202, 198), (84, 62, 44), (10, 10, 12)), 0.1, 0.10, 80.0, 128),
     ]
 
 
 @lru_cache(maxsize=4)
-def dressed(subject: str, outfit: str) -> Mesh:
-    """A baked subject in an outfit, at rest, standing on its soles at z = -SOLE. Raises KeyError for unknown names."""
+def dressed(subject: str, outfit: str, extras: Extras = NOTHING) -> Mesh:
+    """A baked subject in an outfit, at rest, standing on its soles at z = -SOLE, with whatever else it wears and holds.
+    Raises KeyError for unknown names."""
     body, look, clothes = load_body(subject), LOOKS[subject], OUTFITS[outfit]
-    return _assembled(body, look, clothes)
+    return _assembled(body, look, clothes, extras)
 
 
-def _assembled(body: Body, look: Appearance, clothes: Outfit) -> Mesh:
-    upper, in_upper = _upper(body, clothes.upper)
-    lower, in_lower = _lower(body, clothes.lower)
+def _made_of(garment: Garment, cloth: Cloth) -> Garment:
+    """A garment of the cloth that a scene asks for."""
+    changed: dict[str, Any] = {"folds": cloth.folds}
+    if cloth.colors is not None:
+        changed |= {"colors": three(cloth.colors), "pattern": "plain"}
+    if cloth.pattern is not None:
+        changed["pattern"] = cloth.pattern
+    if cloth.scale is not None:
+        changed["scale"] = cloth.scale
+    if cloth.material is not None:
+        made = MATERIALS[cloth.material]
+        changed |= {"gloss": made.gloss, "exponent": made.exponent, "sheen": made.sheen}
+    return dataclasses.replace(garment, **changed)
+
+
+def _sewn(body: Body, garment: Garment, whole: Shell, free: Callable[[Mesh], np.ndarray]) -> Mesh:
+    """A garment's mesh, painted and folded; `free` says where folds may stand out."""
+    g = garment
+    flat = painted(body, cut(body, whole), g.pattern, g.colors, g.scale, g.gloss, g.exponent, sheen=g.sheen)
+    return folded(body, flat, g.folds, free) if g.folds else flat
+
+
+def _assembled(body: Body, look: Appearance, clothes: Outfit, extras: Extras) -> Mesh:
+    tops, trousers = _made_of(clothes.upper, extras.upper), _made_of(clothes.lower, extras.lower)
+    upper, lower = _upper(body, tops), _lower(body, trousers)
     hair, in_hair = _hair(body, look)
-    covered = np.maximum.reduce([in_upper, in_lower, _foot_field(body), in_hair])
+    covered = np.maximum.reduce([upper.inside, lower.inside, _foot_field(body), in_hair])
     uppers, soles = (
         Texture(np.broadcast_to(linear(c), (1, 1, 3)).astype(np.float32), g, 30.0)
         for c, g in ((clothes.shoes, 0.08), (clothes.sole, 0.03))
     )
+    hem = body.pivot("left_thigh")[2] + 0.02
+
+    def loose(mesh: Mesh) -> np.ndarray:
+        return unpressed(body, extras.straps, mesh)
+
+    def loose_below_the_hem(mesh: Mesh) -> np.ndarray:
+        return loose(mesh) * np.clip((hem - mesh.vertices[:, 2]) / 0.06, 0.0, 1.0)
+
     return joined(
         [
             *_skin(body, look, covered),
-            _painted(
-                body, upper, clothes.upper.pattern, clothes.upper.colors, clothes.upper.scale, clothes.upper.gloss
-            ),
-            _painted(
-                body, lower, clothes.lower.pattern, clothes.lower.colors, clothes.lower.scale, clothes.lower.gloss
-            ),
+            _sewn(body, tops, upper, loose),
+            _sewn(body, trousers, lower, loose_below_the_hem),
             shoes(body, uppers, soles),
-            _painted(body, hair, "hair", (look.hair,) * 3, 0.1, 0.06, 25.0),
+            painted(body, hair, "hair", (look.hair,) * 3, 0.1, 0.06, 25.0),
+            *(m for k, strap in enumerate(extras.straps) for m in strapped(body, strap, k, (lower, upper))),
+            *(carried(body, thing) for thing in extras.carries),
+            *([strands(hair, extras.hair, linear(look.hair))] if extras.hair.strands else []),
         ]
     )

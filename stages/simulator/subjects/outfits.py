@@ -27,6 +27,12 @@ class Garment:
     """Period of the pattern, metres."""
     gloss: float = 0.02
     """Share of light mirrored face-on."""
+    exponent: float = 20.0
+    """Sharpness of the highlight."""
+    sheen: float = 0.0
+    """Share of Fresnel's reflection that is left."""
+    folds: float = 0.0
+    """Metres that folds stand out."""
 
 
 @dataclass(frozen=True)

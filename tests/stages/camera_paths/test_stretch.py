@@ -148,8 +148,27 @@ def test_a_ring_passes_every_camera_and_two_rows_are_not_zigzagged() -> None:
     assert rows.views in (tuple(range(9)), tuple(range(9, 18)))
 
 
-def test_the_subject_stays_in_the_middle_upright() -> None:
-    rig = RIGS["two groups"]
+def test_past_cameras_above_each_other_the_path_goes_up_and_down() -> None:
+    stack = rig_of([camera(on_ring(0, e), np.zeros(3)) for e in (0, 20, 40)])
+    found = best_stretch(stack, range(3))
+    assert found is not None
+    assert set(found.views) == {0, 1, 2}
+    assert found.views[1] == 1
+    assert not found.closed
+    # The subject, where the cameras look, is 1e-4 of the way off.
+    assert found.span == pytest.approx(40, abs=0.1)
+    path = path_of(stack)
+    np.testing.assert_allclose(centres(path)[:, 1], 0, atol=1e-6)
+    heights = centres(path)[:, 2]
+    assert np.ptp(heights) > 0.9 * np.ptp(stack.centres[:, 2])
+    beside = best_stretch(rig_of([camera(on_ring(a), np.zeros(3)) for a in (0, 20, 40)]), range(3))
+    assert beside is not None
+    assert beside.span == pytest.approx(found.span, abs=1.0)
+
+
+@pytest.mark.parametrize("name", ["two groups", "stack"])
+def test_the_subject_stays_in_the_middle_upright(name: str) -> None:
+    rig = RIGS[name] if name in RIGS else rig_of([camera(on_ring(0, e), np.zeros(3)) for e in (0, 20, 40)])
     path = path_of(rig, 9)
     for pose, k in zip(path.world_to_camera[:, 0], path.intrinsics[:, 0], strict=True):
         seen = pose[:3, :3] @ look_at_point(rig) + pose[:3, 3]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,8 @@ from posegaussian.stages.detection.params import DetectionParams, estimator_choi
 from posegaussian.stages.detection.reader import EstimatedJoints
 from posegaussian.stages.detection.run import check
 from posegaussian.stages.detection.stage import STAGE
-from posegaussian.stages.imaging.regions import to_own
+from posegaussian.stages.estimators.turned import Turned, quarter_turns, turned_back
+from posegaussian.stages.imaging.regions import to_own, to_picture
 from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.stage import STAGE as POSE
 from tests.support.acting_estimator import Actor, Numbered
@@ -137,11 +140,11 @@ def test_pose_takes_the_subject_and_its_own_heatmaps() -> None:
 def test_the_survey_s_reader_looks_once_at_a_picture() -> None:
     estimator = actor()
     pictures = Numbered(FRAMES, (SIZE, SIZE), ((3, 2),))
-    reader = EstimatedJoints(pictures, estimator)
+    reader = EstimatedJoints(pictures, estimator, RIG)
     reader.look_at(2, [0, 1, 3, 7])
     np.testing.assert_allclose(reader.read(2, 1)[0], SUBJECT[1, 2], atol=1e-3)
     assert reader.read(2, 3).shape == (0, 17, 3)
-    EstimatedJoints(Numbered(FRAMES, (SIZE, SIZE)), estimator).read(2, 0)
+    EstimatedJoints(Numbered(FRAMES, (SIZE, SIZE)), estimator, RIG).read(2, 0)
     assert estimator.asked == [("find", 0, 2), ("find", 1, 2)]
 
 
@@ -179,3 +182,55 @@ def test_impossible_values_are_refused() -> None:
         check(Block("detection/joints2d", broken, 0), DetectionParams())
     with pytest.raises(ValueError, match="left < right"):
         DetectionParams(box={"cam01": [3.0, 0.0, 1.0, 5.0]})
+
+
+TURNS = [0, 1, 2, 3, 1]
+"""Quarters counter-clockwise that bring each view's picture back upright."""
+
+
+def rolled() -> np.ndarray:
+    """[F, V, 17, 3] the subject in the pictures of the same cameras, each rolled by quarters about its axis."""
+    k, poses = RIG.intrinsics.copy(), RIG.world_to_camera.copy()
+    for v, quarters in enumerate(TURNS):
+        a = -quarters * np.pi / 2
+        poses[v] = np.array([[np.cos(a), np.sin(a), 0, 0], [-np.sin(a), np.cos(a), 0, 0], *np.eye(4)[2:]]) @ poses[v]
+        k[v, :2, 2] = turned_back(k[v, :2, 2], (SIZE, SIZE), quarters)
+        k[v, [0, 1], [0, 1]] = np.roll(k[v, [0, 1], [0, 1]], quarters)
+    return pixels(replace(RIG, intrinsics=k, world_to_camera=poses), POINTS)
+
+
+def test_an_estimator_is_shown_people_upright_and_its_joints_come_back() -> None:
+    """What the actor finds in the picture turned upright is the subject as the level ring sees it."""
+    seen = rolled()
+    for v, k in enumerate(TURNS):
+        turned = Turned(actor(), k)
+        shown = np.full((SIZE, SIZE, 3), (1, v, 0), np.uint8)
+        (joints,) = turned.find(shown, 3).joints
+        np.testing.assert_allclose(joints[:, :2], seen[1, v, :, :2], atol=1e-3)
+    level = RIG.subset([0, 2])
+    assert [quarter_turns(level, v) for v in (0, 1)] == [0, 0]
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_points_regions_and_pictures_turn_together(quarters: int) -> None:
+    """A mark in a picture that is no square is found where the turned picture has it, and a region's own coordinates
+    keep their meaning."""
+    picture = np.zeros((40, 64, 3), np.uint8)
+    picture[10, 50] = 255
+    row, column = (int(i) for i in np.argwhere(np.rot90(picture, quarters)[..., 0])[0])
+    np.testing.assert_allclose(turned_back(np.array([column + 0.5, row + 0.5]), (64, 40), quarters), [50.5, 10.5])
+    region = np.array([20.0, 30.0, 8.0, 0.3])
+    back = Turned(actor(), quarters).leaning(np.array([*turned_back(region[:2], (64, 40), quarters), *region[2:]]))
+    own = np.array([[0.2, 0.9], [0.7, 0.1]])
+    np.testing.assert_allclose(
+        to_picture(own, back), turned_back(to_picture(own, region), (64, 40), quarters), atol=1e-9
+    )
+
+
+def test_a_ring_whose_pictures_lie_on_their_side_is_turned_upright() -> None:
+    for k in range(4):
+        a = -k * np.pi / 2
+        turn = np.array([[np.cos(a), np.sin(a), 0, 0], [-np.sin(a), np.cos(a), 0, 0], *np.eye(4)[2:]])
+        rig = replace(RIG, world_to_camera=turn @ RIG.world_to_camera)
+        # Cameras that all hang upside down are believed: up is up in their pictures.
+        assert {quarter_turns(rig, v) for v in range(len(rig))} == {k if k % 2 else 0}

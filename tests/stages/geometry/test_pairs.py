@@ -4,7 +4,14 @@ of 1.8 m."""
 import numpy as np
 import pytest
 
-from posegaussian.stages.geometry.pairs import PairVerdict, choose_pairs, classify, pair_notes, pair_report
+from posegaussian.stages.geometry.pairs import (
+    PairVerdict,
+    choose_pairs,
+    classify,
+    pair_notes,
+    pair_report,
+    shared_body,
+)
 from posegaussian.stages.geometry.rectification import rectify
 from posegaussian.stages.geometry.subject import body_points, look_at_point
 from posegaussian.storage.model.cameras import Rig
@@ -27,12 +34,13 @@ ROWS: dict[str, tuple[Rig, PairVerdict]] = {
     "90": (rig_of([REFERENCE, beside(90)]), PairVerdict.TOO_WIDE),
     "120": (rig_of([REFERENCE, beside(120)]), PairVerdict.TOO_WIDE),
     "180": (rig_of([REFERENCE, beside(180)]), PairVerdict.TOO_WIDE),
-    "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), PairVerdict.VERTICAL),
-    "diagonal 20/20.5": (rig_of([REFERENCE, camera(on_ring(20, 28.5), ORIGIN)]), PairVerdict.VERTICAL),
-    # Two cameras alone cannot tell a vertical pair from one whose pictures both lie on their side.
-    "both rolled 90": (rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90)]), PairVerdict.VERTICAL),
-    "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), PairVerdict.ROLLED),
-    "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), PairVerdict.ROLLED),
+    "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), PairVerdict.USABLE),
+    "diagonal 20/20.5": (rig_of([REFERENCE, camera(on_ring(20, 28.5), ORIGIN)]), PairVerdict.USABLE),
+    "both rolled 90": (rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90)]), PairVerdict.USABLE),
+    "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), PairVerdict.USABLE),
+    "one rolled 45": (rig_of([REFERENCE, beside(22.5, 45)]), PairVerdict.USABLE),
+    "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), PairVerdict.USABLE),
+    "one above the other, too far": (rig_of([REFERENCE, camera(on_ring(0, 78), ORIGIN)]), PairVerdict.TOO_WIDE),
     "camera behind camera": (rig_of([REFERENCE, camera(on_ring(0, radius=3.0), ORIGIN)]), PairVerdict.BEHIND),
     "coincident": (rig_of([REFERENCE, REFERENCE]), PairVerdict.COINCIDENT),
     "same place, turned": (rig_of([REFERENCE, camera(on_ring(0), np.array([0.0, 0.2, 0.0]))]), PairVerdict.COINCIDENT),
@@ -57,29 +65,44 @@ def test_every_row_gets_its_verdict_in_either_order(row: str) -> None:
     assert np.isfinite([report.angle, report.measured, report.bound]).all()
 
 
-def test_both_rolled_are_called_rolled_where_the_rig_knows_up():
-    upright = [beside(a) for a in (90, 135, 180, 225, 270)]
-    rig = rig_of([camera(on_ring(0), ORIGIN, 90), beside(22.5, 90), *upright])
-    assert classify(rig, 0, 1).verdict is PairVerdict.ROLLED
-
-
-def test_the_worse_of_the_two_tilts_decides():
-    # Seen from below the second camera's rows are steeper: one picture alone would pass.
-    rig = rig_of([REFERENCE, camera(on_ring(20, 24), ORIGIN)])
-    report = classify(rig, 0, 1)
-    assert report.verdict is PairVerdict.VERTICAL
-    single = [
-        abs(np.degrees(np.arctan2(r[1] @ (b := rig.centres[1] - rig.centres[0]), r[0] @ b))) for r in rig.rotations
+@pytest.mark.parametrize("rolls", [(90, 90), (45, 45), (0, 90), (180, 0), (27, -63)])
+@pytest.mark.parametrize("row", ROWS)
+def test_how_cameras_are_held_changes_no_verdict(row: str, rolls: tuple[float, float]) -> None:
+    rig, verdict = ROWS[row]
+    turns = [np.radians(r) for r in rolls]
+    held = [
+        np.array([[np.cos(t), np.sin(t), 0, 0], [-np.sin(t), np.cos(t), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]) @ pose
+        for t, pose in zip(turns, rig.world_to_camera, strict=True)
     ]
-    assert report.measured == pytest.approx(max(single))
-    assert min(single) < report.bound
+    rolled = rig_of(held, focal=rig.intrinsics[:, 0, 0].tolist())
+    subject, up = look_at_point(rig), np.array([0.0, 0, 1])
+    report = classify(rolled, 0, 1, subject=subject, up=up)
+    assert report.verdict is verdict, report.sentence
+    assert report.measured == pytest.approx(classify(rig, 0, 1, subject=subject, up=up).measured, abs=1e-9)
 
 
-def test_a_wide_pair_loses_the_body_when_the_angle_is_allowed():
-    report = classify(ROWS["120"][0], 0, 1, max_angle=170)
-    assert report.verdict is PairVerdict.CLIPPED
-    assert report.measured < report.bound
-    assert "of the body" in report.sentence
+def test_the_lean_of_a_baseline_is_told_against_the_rigs_up() -> None:
+    assert classify(ROWS["22.5"][0], 0, 1).lean == pytest.approx(0, abs=1e-9)
+    assert classify(ROWS["vertical 20"][0], 0, 1).lean > 75
+    ring_on_its_side = rig_of([camera(on_ring(a), ORIGIN, 90) for a in range(0, 360, 45)])
+    assert classify(ring_on_its_side, 0, 1).lean == pytest.approx(0, abs=1e-6)
+
+
+def test_pictures_that_show_different_ends_of_a_body_are_no_pair() -> None:
+    head, feet = np.array([0.0, 0, 0.85]), np.array([0.0, 0, -0.85])
+    rig = rig_of([camera(on_ring(0), head), camera(on_ring(30), feet)], (1024, 1024), 4000.0)
+    for order in ((0, 1), (1, 0)):
+        report = classify(rig, *order, subject=ORIGIN, up=np.array([0.0, 0, 1]))
+        assert report.verdict is PairVerdict.UNSEEN
+        assert "in the other" in report.sentence
+
+
+def test_a_body_partly_beside_one_picture_does_not_refuse_a_pair() -> None:
+    rig = rig_of([REFERENCE, camera(on_ring(30, 8, 1.5), np.array([0.0, 0, 0.6]))])
+    subject, up = ORIGIN, np.array([0.0, 0, 1])
+    assert shared_body(rig, 0, 1, subject, up) < 0.9
+    assert shared_body(rig, 0, 1, subject, up) == shared_body(rig, 1, 0, subject, up)
+    assert classify(rig, 0, 1, subject=subject, up=up).usable
 
 
 def test_a_camera_that_looks_elsewhere_is_told_by_name_in_either_order():
@@ -138,7 +161,7 @@ def test_no_pair_of_the_report_is_left_out():
 
 
 def test_every_pair_that_is_not_matched_is_spoken_of() -> None:
-    rig = rig_of([REFERENCE, beside(22.5), beside(90), camera(on_ring(0, 28), ORIGIN)])
+    rig = rig_of([REFERENCE, beside(22.5), beside(90), beside(180)])
     reports, notes = pair_report(rig), pair_notes(rig, range(4))
     refused = [r for r in reports if not r.usable]
     assert refused

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
-from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
+from posegaussian.stages.geometry.rectification import STRETCH, RectifiedPair, rectify
 from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth
 
 ORIGIN = np.zeros(3)
@@ -65,9 +65,9 @@ def test_maps_have_no_half_pixel_bias():
     rig = rig_of([camera(on_ring(0), ORIGIN), camera(on_ring(30), ORIGIN)], (96, 64), 80.0)
     pair = rectify(rig, 0, 1, ORIGIN)
     ramp = pixel_centres((96, 64)).astype(np.float32)
-    window = (20, 10, 60, 50)
+    window = (20, 34, 60, 50)
     seen = cv2.remap(ramp, *pair.maps(0, window), cv2.INTER_LINEAR, borderValue=(-1, -1))
-    wanted, _ = pair.source_pixels(0, pixel_centres((60, 50)) + np.array([20, 10]))
+    wanted, _ = pair.source_pixels(0, pixel_centres((60, 50)) + np.array([20, 34]))
     inside = ((wanted > 1) & (wanted < np.array([95, 63]))).all(axis=-1)
     assert inside.sum() > 1000
     # cv2.remap works in steps of 1/32 px; a forgotten half would be 0.5.
@@ -109,3 +109,51 @@ def test_what_has_no_rectification_is_an_error():
         rectify(behind, 0, 1, ORIGIN)
     with pytest.raises(ValueError, match="lies behind"):
         rectify(ring(8), 0, 1, np.array([9.0, 4.0, 0]))
+
+
+HELD = [(0.0, 0.0, (30.0, 8.0)), (90.0, 90.0, (30.0, 8.0)), (27.0, -140.0, (30.0, 8.0)), (0.0, 0.0, (0.0, 38.0)),
+        (45.0, 45.0, (21.0, 29.0)), (10.0, 190.0, (-15.0, 30.0))]  # fmt: skip
+"""Rolls of both cameras, and where the second stands: beside, above, diagonally above the first."""
+
+
+@pytest.mark.parametrize(("first", "second", "place"), HELD)
+def test_however_cameras_are_held_rows_align_and_pixels_come_back(
+    first: float, second: float, place: tuple[float, float]
+) -> None:
+    rig = rig_of([camera(on_ring(0), ORIGIN, first), camera(on_ring(*place), ORIGIN, second)], (640, 360), 400.0)
+    forth, back = rectify(rig, 0, 1, ORIGIN), rectify(rig, 1, 0, ORIGIN)
+    np.testing.assert_array_equal(forth.rotation, back.rotation)
+    seen = [project(POINTS, forth.intrinsics[i], forth.world_to_camera(i)) for i in (0, 1)]
+    np.testing.assert_allclose(seen[0][0][:, 1], seen[1][0][:, 1], atol=1e-9)
+    np.testing.assert_allclose(forth.disparity(seen[0][1]), seen[0][0][:, 0] - seen[1][0][:, 0], atol=1e-9)
+    for which in (0, 1):
+        source, ratio = forth.source_pixels(which, seen[which][0])
+        np.testing.assert_allclose(source, project(POINTS, rig.intrinsics[which], rig.world_to_camera[which])[0])
+        again, inverse = forth.rectified_pixels(which, source)
+        np.testing.assert_allclose(again, seen[which][0], atol=1e-8)
+        np.testing.assert_allclose(ratio * inverse, 1, rtol=1e-10)
+
+
+@pytest.mark.parametrize("roll", [0.0, 45.0, 90.0, 123.0])
+def test_the_rectified_cameras_of_a_ring_do_not_depend_on_how_it_is_held(roll: float) -> None:
+    level, rolled = (rig_of([camera(on_ring(a), ORIGIN, r) for a in range(0, 360, 45)]) for r in (0.0, roll))
+    for a, b in ((0, 1), (7, 0), (3, 2)):
+        ours, theirs = rectify(rolled, a, b, ORIGIN), rectify(level, a, b, ORIGIN)
+        # Beyond a quarter turn a rig held upside down is believed: the rectified pictures stand on their heads.
+        sense = -1 if roll > 90 else 1
+        np.testing.assert_allclose(ours.rotation[:2], sense * theirs.rotation[:2], atol=1e-12)
+        np.testing.assert_allclose(ours.rotation[2], theirs.rotation[2], atol=1e-12)
+
+
+def test_a_pixel_that_is_drawn_out_beyond_the_bound_is_not_comparable() -> None:
+    """The share of the source's area is what a small square of it becomes, measured at its corners."""
+    pair = pair_at(60, focal=300.0)
+    pixels = pixel_centres((640, 480))[::40, ::40].reshape(-1, 2)
+    corners = pixels[:, None] + np.array([[0, 0], [1e-3, 0], [0, 1e-3]])
+    moved, ratio = pair.rectified_pixels(0, corners)
+    growth = np.abs(np.linalg.det(moved[:, 1:] - moved[:, :1])) / 1e-6
+    told = pair.comparable(0, ratio[:, 0])
+    clear = (ratio[:, 0] > 0) & (np.abs(growth / STRETCH - 1) > 0.02)
+    np.testing.assert_array_equal(told[clear], growth[clear] < STRETCH)
+    assert told.any()
+    assert not told.all()

@@ -24,21 +24,21 @@ PAIRS = {
     "22.5": (on(0, 22.5), 819.2, {"ok"}),
     "45": (on(0, 45), 819.2, {"ok"}),
     "60": (on(0, 60), 819.2, {"ok"}),
-    "67.5": (on(0, 67.5), 819.2, {"wide", "clipped"}),
-    "72": (on(0, 72), 819.2, {"wide", "clipped"}),
-    "90": (on(0, 90), 819.2, {"wide", "clipped", "useless"}),
-    "120": (on(0, 120), 819.2, {"clipped", "useless"}),
-    "150": (on(0, 150), 819.2, {"useless"}),
-    "180": (on(0, 180), 819.2, {"useless"}),
+    "67.5": (on(0, 67.5), 819.2, {"too wide"}),
+    "72": (on(0, 72), 819.2, {"too wide"}),
+    "90": (on(0, 90), 819.2, {"too wide"}),
+    "120": (on(0, 120), 819.2, {"too wide"}),
+    "150": (on(0, 150), 819.2, {"too wide"}),
+    "180": (on(0, 180), 819.2, {"too wide"}),
     "swapped": (on(22.5, 0), 819.2, {"ok"}),
-    "vertical": ([camera(on_ring(0, 0), MIDDLE), camera(on_ring(0, 20), MIDDLE)], 819.2, {"vertical"}),
-    "diagonal": ([camera(on_ring(0, 0), MIDDLE), camera(on_ring(20, 20.5), MIDDLE)], 819.2, {"vertical"}),
-    "both rolled": ([camera(on_ring(a), MIDDLE, 90) for a in (0, 20)], 819.2, {"vertical", "rolled"}),
-    "one rolled": ([camera(on_ring(0), MIDDLE), camera(on_ring(20), MIDDLE, 90)], 819.2, {"rolled"}),
+    "vertical": ([camera(on_ring(0, 0), MIDDLE), camera(on_ring(0, 20), MIDDLE)], 819.2, {"ok"}),
+    "diagonal": ([camera(on_ring(0, 0), MIDDLE), camera(on_ring(20, 20.5), MIDDLE)], 819.2, {"ok"}),
+    "both rolled": ([camera(on_ring(a), MIDDLE, 90) for a in (0, 20)], 819.2, {"ok"}),
+    "one rolled": ([camera(on_ring(0), MIDDLE), camera(on_ring(20), MIDDLE, 90)], 819.2, {"ok"}),
     "behind": ([camera(on_ring(0, 8, r), MIDDLE) for r in (2.0, 3.0)], 819.2, {"one behind the other"}),
     "coincident": (on(0, 0), 819.2, {"coincident"}),
     "a tenth of a millimetre": (on(0, 0.003), 819.2, {"coincident"}),
-    "focal ratio 1.5": (on(0, 22.5), [819.2, 1228.8], {"ok", "clipped"}),
+    "focal ratio 1.5": (on(0, 22.5), [819.2, 1228.8], {"ok"}),
 }
 RIGS = {
     "two pairs": rig_of(on(0, 48, 180, 245)),
@@ -95,14 +95,16 @@ def test_of_two_pairs_that_face_each_other_four_are_refused_and_it_is_not_good()
     assert "cam0 - cam1" in worst.sentence
 
 
-def test_a_rolled_camera_is_called_rolled_and_not_too_far() -> None:
+def test_a_rolled_camera_is_a_partner_like_any_other() -> None:
     plan = planned(RIGS["one is rolled"])
-    found = of(findings(plan), "partners")
-    assert "cam3 cannot be matched" in found.sentence
-    assert "cam2 and cam3 (27 degrees apart): rolled" in found.sentence
-    assert "upright" in found.advice
-    assert "closer" not in found.advice
-    assert [f.number for f in findings(plan) if f.cameras == ("cam2", "cam3")] == ["26.7 degrees"]
+    found = findings(plan)
+    assert of(found, "partners").verdict is FindingVerdict.GOOD
+    assert (2, 3) in plan.matched
+    (note,) = (f for f in found if f.cameras == ("cam2", "cam3"))
+    assert note.number == "26.7 degrees"
+    assert note.verdict is FindingVerdict.GOOD
+    assert "rolled" not in note.sentence
+    assert "of a person is in both pictures" in note.sentence
 
 
 def test_cameras_without_partner_count_and_a_pair_that_is_refused_is_a_note() -> None:

@@ -114,4 +114,4 @@ def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:
         def read(self, view: int, numbers: list[int]) -> list[np.ndarray]:
             return [np.zeros((8, 8, 3), np.uint8) for _ in numbers]
 
-    assert Finder(Pictures(), Estimator()).read(0, 3).shape == (2, 17, 3)  # type: ignore[arg-type]
+    assert Finder(Pictures(), Estimator(), RIG).read(0, 3).shape == (2, 17, 3)  # type: ignore[arg-type]

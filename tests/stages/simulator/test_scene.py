@@ -26,7 +26,7 @@ EVERYTHING: dict[str, Any] = {
     "ambient_occlusion": {"directions": 8}, "cast_shadow": "on", "specular": "on",
     "background_room": "on", "depth_of_field": {"aperture": 0.5, "switch": "on"}, "vignetting": "on",
     "camera_gain": "on", "sensor_noise": "on", "jpeg": "on",
-    "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "joint_noise": "on",
+    "mask_error": {"grow": 1, "wobble": 1, "holes": 1}, "soft_matte": "on", "joint_noise": "on",
 }  # fmt: skip
 
 
@@ -202,3 +202,37 @@ def test_rigs() -> None:
     away = np.linalg.norm(still.centres - moved.centres, axis=1)
     assert (away > 0.01).all()
     assert away.max() < 0.5
+
+
+@pytest.mark.parametrize("last", [{"kind": "arc", "span": 40}, {"kind": "stereo", "baseline": 1.2}])
+def test_a_tilted_rig_still_looks_at_the_subject_and_its_baselines_turn(last: dict[str, Any]) -> None:
+    other = 3 if last["kind"] == "arc" else 1
+
+    def baselines(**held: float) -> np.ndarray:
+        rig, _ = rig_of(cameras=4, height=0.85, start=30.0, held_out=1, **last, **held)
+        for v in range(len(rig)):
+            uv, _ = project(np.array([0.0, 0.0, 0.85]), rig.intrinsics[v], rig.world_to_camera[v])
+            np.testing.assert_allclose(uv, rig.size[v] / 2, atol=1e-9)
+        off = np.linalg.norm(rig.centres - [0, 0, 0.85], axis=1)
+        np.testing.assert_allclose(off[:4], 2.6, rtol=1e-9)
+        return rig.rotations[0] @ (rig.centres[other] - rig.centres[0])
+
+    upright = baselines()
+    assert upright[1] == pytest.approx(0, abs=1e-12)
+    for tilt in (45.0, 90.0, -90.0):
+        level, rolled = baselines(tilt=tilt), baselines(tilt=tilt, roll=tilt)
+        assert np.linalg.norm(level) == pytest.approx(np.linalg.norm(upright))
+        # Pictures turned with the rig see the baseline where an upright rig has it, but for up being elsewhere now.
+        assert abs(level[1]) > 5 * abs(rolled[1])
+        assert rolled[0] > 0
+
+
+def test_each_camera_is_rolled_by_its_own_angle_and_nothing_else_changes() -> None:
+    level, rolled = rig_of(cameras=8)[0], rig_of(cameras=8, roll=5.0, roll_spread=40.0)[0]
+    np.testing.assert_allclose(rolled.centres, level.centres, atol=1e-12)
+    np.testing.assert_allclose(rolled.rotations[:, 2], level.rotations[:, 2], atol=1e-12)
+    relative = rolled.rotations @ level.rotations.transpose(0, 2, 1)
+    angles = np.degrees(np.arctan2(relative[:, 0, 1], relative[:, 0, 0]))
+    assert (np.abs(angles - 5) <= 40).all()
+    assert np.ptp(angles) > 20, "no two alike"
+    np.testing.assert_array_equal(rolled.rotations[:4], rig_of(cameras=8, roll=5.0, roll_spread=40.0)[0].rotations[:4])
