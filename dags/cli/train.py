@@ -48,7 +48,8 @@ def train(
         typer.Option(
             "--workers",
             help=(
-                "Processes that make frames ahead of the trainer, 0: it makes them itself; default: half of the cores."
+                "Processes that make frames ahead of the trainer, 0: it makes them itself; default: half of the cores,"
+                " all of them where a GPU trains."
             ),
             min=0,
             max=256,
@@ -69,14 +70,16 @@ def train(
     Example: posegaussian train --config fast.yaml --minutes 30
     """
     from posegaussian.dags.training.config import load_training
-    from posegaussian.dags.training.loop import TrainingOrder, cores
+    from posegaussian.dags.training.loop import TrainingOrder, chosen_device, cores
     from posegaussian.dags.training.loop import train as run
     from posegaussian.storage.model.errors import ConfigError
 
     if device not in ("auto", "cpu", "cuda"):
         raise ConfigError(f"--device {device}: auto, cpu or cuda")
     settings = load_training(config, assignments or [])
-    own = max(1, cores() // 2) if workers is None else workers
+    device = chosen_device(device)
+    most = cores() if device == "cuda" else max(1, cores() // 2)
+    own = most if workers is None else workers
     if output is not None:
         output_folder("train --output", output)
     folder = output or Path(f"training-{config.stem if config else 'default'}")

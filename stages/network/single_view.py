@@ -40,4 +40,4 @@ def single_pair(rig: Rig, view: int, subject: np.ndarray, scale: float = 1.0) ->
 def beside(pair: RectifiedPair, window: Window) -> Window:
     """The window of the camera that never filmed: where the subject has a disparity of 0 between both, to a px."""
     distance = abs(pair.baseline) / APART
-    return window[0] - round(float(pair.disparity(np.float64(distance)))), *window[1:]
+    return window[0] - round(float(pair.disparity(np.array(distance)))), *window[1:]

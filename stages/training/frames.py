@@ -27,7 +27,7 @@ from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.take import Shot, Take
-from posegaussian.stages.training import scenes
+from posegaussian.stages.training import scenes, wardrobe
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.scenes import training_scene
 from posegaussian.storage.model.cameras import Rig
@@ -134,4 +134,4 @@ def data_key(config: TrainingConfig) -> str:
             LIMBS,
         )
     )
-    return hashlib.sha256((said + inspect.getsource(scenes)).encode()).hexdigest()[:16]
+    return hashlib.sha256((said + inspect.getsource(scenes) + inspect.getsource(wardrobe)).encode()).hexdigest()[:16]

@@ -90,7 +90,8 @@ def found(joints: np.ndarray, marks: Marks, random: np.random.Generator | None) 
     if random.random() < TURNED:
         part = (ARMS, LEGS, tuple(range(count)))[int(random.integers(3))]
         turned = np.flatnonzero(random.random(frames) < 0.5)
-        out[np.ix_(turned, part)] = out[np.ix_(turned, np.array(COCO17.flips)[list(part)])]
+        ours = np.array(part)
+        out[np.ix_(turned, ours)] = out[np.ix_(turned, np.array(COCO17.flips)[ours])]
     if random.random() < LIMB:
         hidden = list(ENDS[int(random.integers(len(ENDS)))])
         out[:, hidden, 2] *= 0.3 if random.random() < 0.5 else 0.0

@@ -156,7 +156,9 @@ def draw(example: Example, maps: Sequence[GaussianMaps], threads: int) -> torch.
     for which, m in enumerate(maps):
         assert isinstance(m.depth, torch.Tensor)
         camera = example.cameras[which]
-        lifted = lift(m, np.asarray(camera.intrinsics), camera.world_to_camera, torch.float32, m.depth.device)
+        lifted = lift(
+            m, np.asarray(camera.intrinsics), np.asarray(camera.world_to_camera), torch.float32, m.depth.device
+        )
         parts.append(lifted.seen_from(example.target))
     drawn = rasterize(Gaussians.concatenate(parts), [example.target], drawing=Drawing(threads=threads))
     return drawn.color[0].permute(2, 0, 1)[None].clamp(0, 1)

@@ -12,6 +12,7 @@ from typing import Any
 from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, casting
+from posegaussian.stages.training.wardrobe import extras
 
 FAULTS: tuple[tuple[float, str, Mapping[str, tuple[float, float]]], ...] = (
     (0.5, "sensor_noise", {"electrons": (1500, 12000), "read": (3, 12)}),
@@ -19,6 +20,7 @@ FAULTS: tuple[tuple[float, str, Mapping[str, tuple[float, float]]], ...] = (
     (0.4, "specular", {"strength": (0.5, 4.0)}),
     (0.4, "calibration_error", {"pixels": (0.1, 0.8)}),
     (0.4, "mask_error", {"wobble": (0.2, 1.2), "grow": (-1.5, 1.5)}),
+    (0.3, "soft_matte", {"width": (1.0, 6.0)}),
     (0.4, "background_room", {"side": (14.0, 18.0)}),
     (0.3, "cast_shadow", {}),
     (0.3, "vignetting", {"corner": (0.05, 0.4)}),
@@ -31,6 +33,8 @@ FAULTY = 0.6
 """Share of the scenes that may have faults."""
 WHOLE = frozenset({"quality"})
 """Settings that are whole numbers."""
+DRESSED = 0.5
+"""Share of the training scenes whose people wear and hold what captured people do."""
 ASTRAY = 0.4
 """Share of the training scenes whose cameras stand by eye: rolled, and at heights and gaps of their own."""
 LONGEST = 3.0
@@ -61,13 +65,16 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
         drawn = {key: float(random.uniform(*ends)) for key, ends in between.items()}
         if random.random() < share and faulty:
             effects[name] = {"switch": "on", **{k: round(v) if k in WHOLE else v for k, v in drawn.items()}}
+    dressed = extras(random) if seed < FIRST_VALIDATION_SEED and random.random() < DRESSED else {}
+    if dressed:  # what it is made of shows by what it mirrors
+        effects["specular"] = {"switch": "on", "strength": float(random.uniform(0.5, 2.0))}
     astray = seed < FIRST_VALIDATION_SEED and random.random() < ASTRAY
     return Scene.model_validate(
         {
             "seed": seed,
             "frames": frames,
             "frame_rate": FRAME_RATE,
-            "subject": {"heading": float(random.uniform(-180.0, 180.0))},
+            "subject": {"heading": float(random.uniform(-180.0, 180.0)), **dressed},
             "motion": {
                 "name": motion,
                 "phase": float(random.uniform(0.0, LONGEST)),
@@ -79,6 +86,8 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
                 "radius": float(random.uniform(2.4, 6.0)),
                 "height": float(random.uniform(0.6, 2.2)),
                 "roll": float(random.uniform(-8.0, 8.0)) if astray else 0.0,
+                "roll_spread": float(random.uniform(0.0, 6.0)) if astray else 0.0,
+                "tilt": float(random.uniform(-12.0, 12.0)) if astray else 0.0,
                 "jitter": float(random.uniform(0.0, 0.25)) if astray else 0.0,
                 "start": float(random.uniform(0.0, 360.0)),
                 "size": [size, size],

@@ -62,8 +62,8 @@ class _Shape:
         self.base = random.uniform(0.05, 0.95, 3) if random.random() < 0.5 else np.full(3, random.uniform(0.05, 0.95))
         grey = random.random() < GREY
         self.contrast = 0.0 if grey else float(random.uniform(0.05, 0.5))
-        waves = np.exp(random.uniform(*np.log(WAVES), (4, 3, 1)))
-        self.waves = waves * random.normal(size=(4, 3, 3)) / np.sqrt(3)
+        waves = np.exp(random.uniform(np.log(WAVES[0]), np.log(WAVES[1]), (4, 3, 1)))
+        self.waves = (waves * random.normal(size=(4, 3, 3)) / np.sqrt(3)).astype(np.float32)
 
     def seen(self, intrinsics: np.ndarray, pose: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         """Depth [h, w] float32 metres, 0 beside it, and premultiplied colour [h, w, 3] uint8 of a camera's picture."""
@@ -71,11 +71,12 @@ class _Shape:
         depth, normal = self._hit(origin - self.centre, directions)
         there = np.isfinite(depth) & (depth > 0.1)
         depth = np.where(there, depth, 0)
-        points = origin + directions * depth[..., None] - self.centre
+        points = (origin + directions[there] * depth[there][:, None] - self.centre).astype(np.float32)
         wave = sum(np.sin(points @ w.T) for w in self.waves) / len(self.waves)
-        lit = 0.6 + 0.4 * np.clip(normal @ self.light, -1, 1)
-        color = np.clip(self.base * lit[..., None] * (1 + self.contrast * wave), 0, 1)
-        return depth.astype(np.float32), np.where(there[..., None], np.rint(255 * color), 0).astype(np.uint8)
+        lit = 0.6 + 0.4 * np.clip(normal[there] @ self.light, -1, 1)
+        color = np.zeros((*depth.shape, 3), np.uint8)
+        color[there] = np.rint(255 * np.clip(self.base * lit[:, None] * (1 + self.contrast * wave), 0, 1))
+        return depth.astype(np.float32), color
 
     def _hit(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [h, w] of the first surface along rays from an origin [3] about the centre, not finite without one, and

@@ -13,6 +13,7 @@ from posegaussian.stages.simulator.subjects.splits import (
     cast,
     refusal,
 )
+from posegaussian.stages.simulator.wardrobe.description import NOTHING
 from posegaussian.stages.training.scenes import training_scene
 
 TRAINED = range(200)
@@ -62,4 +63,16 @@ def test_a_scene_follows_from_its_seed_and_validation_is_exact() -> None:
     }
     assert all(effects[s] == {"ambient_occlusion"} for s in VALIDATED)
     spoilt = sum(len(effects[s]) > 1 for s in TRAINED)
-    assert 0.2 < spoilt / len(TRAINED) < 0.6
+    assert 0.2 < spoilt / len(TRAINED) < 0.85
+
+
+def test_half_of_the_trained_people_are_dressed_as_captured_ones_and_no_validated_one() -> None:
+    people = {s: training_scene(s, 1, (6,), 64).subject for s in (*TRAINED, *VALIDATED)}
+    dressed = {s: p.extras() != NOTHING for s, p in people.items() if isinstance(p, Person)}
+    assert not any(dressed[s] for s in VALIDATED)
+    # five standard errors of 200 draws of 0.5
+    assert sum(dressed[s] for s in TRAINED) / len(TRAINED) == pytest.approx(0.5, abs=0.18)
+    own = [p for p in people.values() if isinstance(p, Person)]
+    assert {s.kind for p in own for s in p.straps} == {"sash", "harness", "belt", "thighs", "bracers"}
+    assert {c.thing for p in own for c in p.carries} == {"helmet", "bag", "board"}
+    assert any(p.hair.strands for p in own)
