@@ -3,6 +3,7 @@ joints and the outline of the hull."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.matching import Matched
+from posegaussian.stages.inspection.portraits import Portrait
 from posegaussian.stages.inspection.report import Report
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.survey.algorithms.joints import SCORE
@@ -27,6 +29,8 @@ from posegaussian.storage.readers.images import write_png
 
 HEIGHT = 720
 """Px of a pair's picture."""
+THUMBNAIL = 240
+"""Px of a person's picture, at most."""
 LINES = 10
 """Matched points that are drawn with their lines."""
 MOST = 60
@@ -83,6 +87,19 @@ def write_pictures(footage: Footage, report: Report, folder: Path) -> list[PairP
                 f" {pair.angle:.0f} degrees at the subject",
             )
         )
+    return out
+
+
+def write_portraits(footage: Footage, people: Sequence[Portrait], folder: Path) -> list[Path]:
+    """One PNG a person, `person1.png`, as large as they are in the picture that shows them largest, at most."""
+    out = []
+    for p in people:
+        left, top, right, bottom = p.box
+        cut = footage.raw(p.view, p.number)[top : max(bottom, top + 1), left : max(right, left + 1)]
+        scale = min(1.0, THUMBNAIL / cut.shape[0])
+        width, height = max(1, round(cut.shape[1] * scale)), max(1, round(cut.shape[0] * scale))
+        out.append(folder / f"{p.name}.png")
+        write_png(out[-1], cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA))
     return out
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from posegaussian.dags.inspection.figures import PairPicture
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, by_measure
 from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.portraits import NAMED, Portrait
 from posegaussian.stages.inspection.report import Report
 from posegaussian.storage.files.write import write_atomically
 
@@ -29,6 +30,7 @@ table{border-collapse:collapse;width:100%;font-size:.88rem}
 th,td{text-align:left;vertical-align:top;padding:.28rem .6rem .28rem 0;border-bottom:1px solid #e3e6ea}
 td.n{white-space:nowrap}.mark{color:#fff;border-radius:4px;padding:.05rem .45rem;white-space:nowrap;font-size:.82rem}
 figure{margin:1.2rem 0}figure img{max-width:100%;border-radius:4px;display:block}
+.people{display:flex;flex-wrap:wrap;gap:1rem}.people figure{margin:0;max-width:14rem}
 figcaption{font-size:.88rem;margin:.35rem 0}
 .key span{margin-right:1.2rem}.key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;
 margin-right:.35em;border:1px solid #888}
@@ -41,15 +43,29 @@ KEY = (
 )
 
 
-def write_page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], file: Path) -> Path:
-    """Write the page; pictures are linked relative to it."""
-    write_atomically(file, page(name, footage, report, pictures, file.parent).encode())
+def write_page(
+    name: str,
+    footage: Footage,
+    report: Report,
+    pictures: Sequence[PairPicture],
+    file: Path,
+    people: Sequence[tuple[Portrait, Path]] = (),
+) -> Path:
+    """Write the page; pictures, those of `people` too, are linked relative to it."""
+    write_atomically(file, page(name, footage, report, pictures, file.parent, people).encode())
     return file
 
 
-def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPicture], folder: Path) -> str:
+def page(
+    name: str,
+    footage: Footage,
+    report: Report,
+    pictures: Sequence[PairPicture],
+    folder: Path,
+    people: Sequence[tuple[Portrait, Path]] = (),
+) -> str:
     """The page's text: the verdict in one sentence, what to do, what a run will make of it,
-    the pictures, and all numbers."""
+    the people, the pictures, and all numbers."""
     width, height = footage.captured.max(axis=0)
     about = (
         f"{len(footage.rig)} camera{'s' if len(footage.rig) > 1 else ''} of up to {width}x{height} px,"
@@ -71,6 +87,7 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
         + "".join(f"<li>{escape(line)}</li>" for line in report.outlook)
         + "</ul>",
         _unmeasured(report),
+        _people(people, folder),
         "<h2>Pairs of cameras</h2>",
         '<p class="key">' + "".join(f'<span><i style="background:{c}"></i>{t}</span>' for c, t in KEY) + "</p>",
         (
@@ -83,6 +100,18 @@ def page(name: str, footage: Footage, report: Report, pictures: Sequence[PairPic
         "</body></html>\n",
     ]
     return "\n".join(parts)
+
+
+def _people(people: Sequence[tuple[Portrait, Path]], folder: Path) -> str:
+    """Everybody with a picture; nothing where nobody was found."""
+    if not people:
+        return ""
+    figures = "".join(
+        f'<figure><img src="{escape(file.relative_to(folder).as_posix(), quote=True)}"'
+        f' alt="{escape(p.name, quote=True)}"><figcaption>{escape(p.sentence)}</figcaption></figure>'
+        for p, file in people
+    )
+    return f'<h2>People</h2><p>{escape(NAMED)}</p><div class="people">{figures}</div>'
 
 
 def _to_do(report: Report) -> str:

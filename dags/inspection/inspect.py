@@ -26,6 +26,7 @@ from posegaussian.stages.inspection.finding import Finding, FindingVerdict, wors
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.inspection.portraits import portraits
 from posegaussian.stages.inspection.report import Report, inspect
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.readers.sources import open_source
@@ -138,7 +139,7 @@ def planned_of(context: Context) -> Planned:
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:
     """Measure, print, and write pictures and page into `output` (default: inspect-SEQUENCE); returns the exit
     status, 1 for a bad capture."""
-    from posegaussian.dags.inspection.figures import write_pictures
+    from posegaussian.dags.inspection.figures import write_pictures, write_portraits
     from posegaussian.dags.inspection.html_page import write_page
 
     name = context.sequence.name
@@ -146,9 +147,11 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     report = inspect(footage, sizes, planned_of(context))
     folder = output or Path(f"inspect-{name}")
     pictures = write_pictures(footage, report, folder)
-    page = write_page(name, footage, report, pictures, folder / "index.html")
+    people = portraits(footage)
+    seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
+    page = write_page(name, footage, report, pictures, folder / "index.html", seen)
     console.print(table(name, report))
-    for line in (*report.outlook, *spoken(report)):
+    for line in (*report.outlook, *(p.sentence for p in people if len(people) > 1), *spoken(report)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)

@@ -33,6 +33,10 @@ SIZES = (0.67, 1.25)
 """Extent of a detection over that of the person in space seen there, between which it may be that person: who hides
 another is nearer, and larger."""
 
+TOUCHING, SHARED = 0.03, 0.4
+"""Extents within which two detections' joints are the same, and the share of such joints that makes a detection of
+somebody else doubtful."""
+
 
 @dataclass(frozen=True, eq=False)
 class Seen:
@@ -70,6 +74,9 @@ def associate(rig: Rig, people: Sequence[np.ndarray]) -> list[Seen]:
             continue
         kept, space = person
         free[kept] = False
+        for t in kept:
+            others = np.flatnonzero(free & (views == views[t]))
+            free[others[[_shares(joints[o], joints[t]) for o in others]]] = False
         index = np.full(len(people), -1)
         index[views[kept]] = own[kept]
         found.append(Seen(index, space))
@@ -136,6 +143,14 @@ def distance(rig: Rig, view: int, space: np.ndarray, joints: np.ndarray) -> floa
     if size <= 0 or expected <= 0 or not SIZES[0] <= extent(np.where(both, believed, 0.0)) / expected <= SIZES[1]:
         return np.inf
     return apart(there, believed) / size
+
+
+def _shares(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether a detection takes so many joints of another one in the same picture that it is no other person: where
+    people hide each other, a detector also gives the arms of one with the legs of the other."""
+    both = (a[:, 2] >= SCORE) & (b[:, 2] >= SCORE)
+    near = np.minimum(*(np.linalg.norm((x - b)[:, :2], axis=1) for x in (a, a[FLIPS]))) < TOUCHING * extent(b)
+    return bool(near[both].mean() >= SHARED) if both.any() else False
 
 
 def _doubled(a: np.ndarray, b: np.ndarray) -> bool:

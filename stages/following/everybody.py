@@ -55,13 +55,17 @@ class Everybody:
     """{number: mean extent}."""
     bones: dict[int, np.ndarray] = field(default_factory=dict)
     """{number: mean lengths [8], 0 = unknown}."""
+    least: int = LEAST_FRAMES
+    """Frames in which a person must be seen to count."""
 
     @classmethod
-    def of(cls, rig: Rig, frames: Iterable[Frame], times: np.ndarray, gap: float) -> Everybody:
+    def of(
+        cls, rig: Rig, frames: Iterable[Frame], times: np.ndarray, gap: float, least: int = LEAST_FRAMES
+    ) -> Everybody:
         """Follow everybody; frames in order. Where the rig has one camera, in its picture."""
         follower = Follower(rig, gap)
         shape = (len(times), len(rig), CANDIDATES)
-        out = cls(np.full(shape, -1, np.int32), np.zeros(shape, np.float32), times)
+        out = cls(np.full(shape, -1, np.int32), np.zeros(shape, np.float32), times, least=min(least, len(times)))
         sums: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((2, len(_BONES) + 1)))
         for f, time, people in frames:
             numbers, placed = follower.step(f, time, people)
@@ -84,7 +88,7 @@ class Everybody:
         close = self._in_company()
         for number in sorted(self.places):
             frames = np.array([f for f, _ in self.places[number]])
-            if len(frames) < self._least and not cuts_of(self.encounters, number):
+            if len(frames) < self.least and not cuts_of(self.encounters, number):
                 continue
             for piece, own in enumerate(pieces_of(frames, cuts_of(self.encounters, number))):
                 apart = own[~np.isin(own, close[number])]
@@ -111,10 +115,6 @@ class Everybody:
             who[[a + 1, b + 1]] = who[[b + 1, a + 1]]
         self.places = self._places(swaps, root)
         self._rank()
-
-    @property
-    def _least(self) -> int:
-        return min(LEAST_FRAMES, len(self.times))
 
     def _in_company(self) -> dict[int, np.ndarray]:
         """{number: frames in which somebody is near}."""
@@ -153,7 +153,7 @@ class Everybody:
 
     def _rank(self) -> None:
         """Number people anew by how many pictures show them, the earlier first of equals; -1 who was hardly there."""
-        kept = [n for n, x in self.places.items() if len(x) >= self._least]
+        kept = [n for n, x in self.places.items() if len(x) >= self.least]
         pictures = np.bincount(self.numbers[self.numbers >= 0], minlength=max([*self.places, -1]) + 1)
         kept.sort(key=lambda n: (-int(pictures[n]), self.places[n][0][0], n))
         lut = np.full(len(pictures) + 1, -1, dtype=np.int32)

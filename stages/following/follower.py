@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posegaussian.stages.following.assignment import matched
-from posegaussian.stages.following.association import Seen, associate, canonical, distance
+from posegaussian.stages.following.association import SAME, Seen, associate, canonical, distance
 from posegaussian.stages.following.nearness import apart, centre, extent
 from posegaussian.storage.model.cameras import Rig
 
@@ -26,8 +26,6 @@ COASTING = 0.25
 """Seconds that a person goes on as before; then they are looked for where they were seen last."""
 CLOSE = 0.5
 """Body extents between the middles of two people who may be mistaken for each other."""
-LOOSE = 0.1
-"""Share of a body that a single view's detection may be off a person whom it did not help to place."""
 
 
 @dataclass(eq=False)
@@ -142,7 +140,7 @@ class Follower:
             free = [i for i in canonical(found) if numbers[v][i] < 0]
             missed = [p for p in self.live if p.number not in numbers[v]]
             off = np.array([[distance(self.rig, v, p.at(time), found[i]) for i in free] for p in missed])
-            for a, b in matched(off.reshape(len(missed), len(free)), LOOSE):
+            for a, b in matched(off.reshape(len(missed), len(free)), SAME):
                 numbers[v][free[b]] = missed[a].number
 
     def _meet(self, frame: int, placed: dict[int, Seen]) -> None:

@@ -41,12 +41,16 @@ class Finder:
 
     def __init__(self, pictures: PictureReader, estimator: Estimator, rig: Rig) -> None:
         self._pictures, self._estimator, self._rig = pictures, estimator, rig
+        self.joint_set = estimator.joint_set
+        self._seen: dict[tuple[int, int], np.ndarray] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
-        """[people, J, 3] (u, v, score) of those it is sure of, captured px."""
-        (picture,) = self._pictures.read(view, [number])
-        found = Turned(self._estimator, quarter_turns(self._rig, view)).find(to_display(picture), MOST)
-        return np.asarray(found.joints[found.presence >= SURE], dtype=np.float64)
+        """[people, J, 3] (u, v, score) of those it is sure of, captured px; each picture is looked at once."""
+        if (view, number) not in self._seen:
+            (picture,) = self._pictures.read(view, [number])
+            found = Turned(self._estimator, quarter_turns(self._rig, view)).find(to_display(picture), MOST)
+            self._seen[view, number] = np.asarray(found.joints[found.presence >= SURE], dtype=np.float64)
+        return self._seen[view, number]
 
 
 def of_people(footage: Footage, planned: Planned) -> list[Finding]:
@@ -82,7 +86,7 @@ def of_people(footage: Footage, planned: Planned) -> list[Finding]:
         seen = ", ".join(f"{footage.names[v]} up to {n}" for v, n in several.items())
         told = (
             f"more than one person in {share:.0%} of the pictures that were looked at ({seen}); one is reconstructed:"
-            " whom the views agree on, nearest to where they all look"
+            " who is in most pictures and largest in them, or whom pose.subject names"
         )
     return [
         measured("people", (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))
@@ -93,8 +97,8 @@ def _advice(planned: Planned, name: str) -> str:
     """What keeps the others out, given what the run takes for masks and joints."""
     matte, estimator = planned.matte[0], planned.estimator[0]
     choose = (
-        f"if it should be another person, say where: detection.box: {{{name}: [left, top, right, bottom]}}, px of the"
-        " captured picture"
+        "if it should be another person, say who: pose.subject: person2, or where:"
+        f" detection.box: {{{name}: [left, top, right, bottom]}}, px of the captured picture"
     )
     if estimator not in ("blazepose", "onnx"):
         choose += ", with detection.estimator: blazepose, as given joints are taken as they are"

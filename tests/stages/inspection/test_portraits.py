@@ -1,0 +1,80 @@
+"""The people of a capture: how many, in which cameras, and where each is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from posegaussian.dags.inspection.figures import write_portraits
+from posegaussian.dags.inspection.html_page import _people
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.inspection.footage import Footage, scope_of
+from posegaussian.stages.inspection.portraits import portraits
+from tests.stages.following.test_following import People, at, filmed
+from tests.support.walking_skeleton import ring
+
+RIG = ring(4, size=512, focal=0.9, radius=3.5)
+FRAMES = 9
+
+
+@dataclass
+class Pictures:
+    def read(self, view: int, numbers: list[int]) -> Any:
+        for n in numbers:
+            yield np.full((512, 512, 3), 20 * view + n, np.uint8)
+
+
+@dataclass
+class Found:
+    people: People
+    joint_set: str = "coco17"
+
+    def read(self, view: int, number: int) -> np.ndarray:
+        return np.array(self.people[number][view]).reshape(-1, 17, 3)
+
+
+def footage(people: People) -> Footage:
+    crops = np.tile([1.0, 0, 0], (len(RIG), 1))
+    readers = {"found": Found(people), "pictures": Pictures()}
+    return Footage(scope_of(RIG, RIG, crops, Facts()), crops, RIG.size, [np.arange(FRAMES)] * len(RIG), 25.0, readers)
+
+
+def two_people() -> tuple[People, np.ndarray]:
+    still = np.zeros((FRAMES, 2))
+    return filmed(at([still, still + np.array([0.0, 0.9])]), RIG)
+
+
+def test_everybody_is_there_once_with_the_cameras_that_show_them_and_a_picture(tmp_path: Path) -> None:
+    people, order = two_people()
+    people = [[p[order[f, v] == 0] if v == 3 else p for v, p in enumerate(views)] for f, views in enumerate(people)]
+    found = portraits(footage(people))
+    assert [p.name for p in found] == ["person1", "person2"]
+    assert found[0].cameras == dict.fromkeys(RIG.names, 3)
+    assert found[1].cameras == dict.fromkeys(RIG.names[:3], 3)
+    assert [(p.frames, p.of_frames) for p in found] == [(3, 3)] * 2
+    for p, which in zip(found, (0, 1), strict=True):
+        at_it = order[p.number, p.view].tolist().index(which) if p.view < 3 else 0
+        middle = people[p.number][p.view][at_it][:, :2].mean(axis=0)
+        assert p.box[0] < middle[0] < p.box[2]
+        assert p.box[1] < middle[1] < p.box[3]
+    files = write_portraits(footage(people), found, tmp_path)
+    text = _people(list(zip(found, files, strict=True)), tmp_path)
+    for p, file in zip(found, files, strict=True):
+        picture = cv2.imread(str(file))
+        assert picture is not None
+        assert int(picture[0, 0, 0]) == 20 * p.view + p.number
+        assert f'src="{p.name}.png"' in text
+        assert p.sentence in text
+
+
+def test_nobody_is_shown_where_nobody_looks_and_where_nobody_is() -> None:
+    nobody = [[np.zeros((0, 17, 3))] * len(RIG) for _ in range(FRAMES)]
+    assert portraits(footage(nobody)) == []
+    blind = footage(nobody)
+    blind.readers = {"pictures": Pictures()}  # type: ignore[misc]
+    assert portraits(blind) == []
+    assert _people([], Path()) == ""
