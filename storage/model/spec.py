@@ -38,6 +38,8 @@ FIXED_DIMS = {
     "map_x": 64,
     "hint_y": 256,
     "hint_x": 256,
+    "switch": 2,
+    "score": 3,
 }
 """Dimensions whose length never depends on the capture: (u, v, score), (x, y, z, score), tangent-tangent-normal, ..."""
 
