@@ -7,6 +7,7 @@ from posegaussian.stages.depth.stage import STAGE as DEPTH
 from posegaussian.stages.detection.stage import STAGE as DETECTION
 from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.gaussians.stage import STAGE as GAUSSIANS
+from posegaussian.stages.judge.stage import STAGE as JUDGE
 from posegaussian.stages.metrics.stage import STAGE as METRICS
 from posegaussian.stages.network.stage import STAGE as NETWORK
 from posegaussian.stages.people.stage import STAGE as PEOPLE
@@ -19,6 +20,7 @@ from posegaussian.stages.tracks.stage import STAGE as TRACKS
 
 STAGES: tuple[Stage, ...] = (
     SURVEY,
+    JUDGE,
     DETECTION,
     TRACKS,
     PEOPLE,

@@ -65,6 +65,8 @@ SHAPE = {
     "camera_x": 1920,
     "joint": 25,
     "found_joint": 33,
+    "judged": 16,
+    "depth_method": 3,
     "sample": 25,
     "person": 3,
 }
@@ -97,7 +99,7 @@ def test_names_are_unique_and_match_the_keys_of_the_settings() -> None:
     for s in STAGES:
         assert stage(s.name) is s
         assert Settings.model_fields[s.name].annotation is s.params
-    with pytest.raises(KeyError, match="survey, detection"):
+    with pytest.raises(KeyError, match="survey, judge, detection"):
         stage("nothing")
 
 

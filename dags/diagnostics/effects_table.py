@@ -13,7 +13,7 @@ from rich.table import Table
 from posegaussian.dags.planning.effects import EffectVerdict
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.task_cost import load
-from posegaussian.dags.planning.tasks import tasks_of
+from posegaussian.dags.planning.tasks import PRODUCERS, tasks_of
 from posegaussian.stages.contract.declaration import Stage
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
@@ -60,14 +60,18 @@ def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
     """(name, answer, setting, why) of every choice."""
     for stage in STAGES:
         for choice in stage.choices:
-            params = plan.context.params(stage)
+            params, name = plan.context.params(stage), f"{stage.name}.{choice.setting}"
             answer, why = choice.resolve(params, plan.context.facts)
-            yield f"{stage.name}.{choice.setting}", str(answer), str(getattr(params, choice.setting)), why
+            measured = plan.context.choices.get(name)
+            if measured is not None:
+                answer = answer if measured.picked else "undecided"
+                why = measured.picked.reason if measured.picked else f"known once {_awaited(measured.asks)} ran"
+            yield name, str(answer), str(getattr(params, choice.setting)), why
 
 
 def _measured(v: EffectVerdict) -> str:
     if v.decision is None:
-        return "after survey"
+        return f"after {_awaited(v.asks).rpartition(' and ')[2]}"
     return "" if v.decision.measured is None else v.effect.quantity(f"{v.decision.measured:.3g}")
 
 
@@ -76,7 +80,12 @@ def _state(v: EffectVerdict) -> str:
 
 
 def _why(v: EffectVerdict) -> str:
-    return f"{v.effect.measure}: known once the survey ran" if v.decision is None else v.decision.reason
+    return v.decision.reason if v.decision else f"{v.effect.measure}: known once {_awaited(v.asks)} ran"
+
+
+def _awaited(asks: tuple[str, ...]) -> str:
+    """`survey and judge`: the stages whose outputs are asked for."""
+    return " and ".join(dict.fromkeys(PRODUCERS[a][0].name for a in asks))
 
 
 def _time(v: EffectVerdict, spent: float | None) -> str:

@@ -199,7 +199,7 @@ def tell_plans(plans: Iterable[Plan], refused: Iterable[str]) -> None:
                         d.measured if d else None,
                         e.effect.threshold,
                         e.effect.unit,
-                        d.reason if d else "known once the survey ran",
+                        d.reason if d else "known once it was measured",
                     )
                 )
             )

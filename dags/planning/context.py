@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.effects import EffectVerdict, judged, refusals
+from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Verdicts, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
@@ -36,7 +36,8 @@ class Context:
     path_texts: tuple[str, ...]
     """Camera paths as written: in the settings, or asked for by an export."""
     noted: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    """By array, what sequence-wide stages noted for decisions, [S, ...] of the source views where it has a view axis;
+    empty before they ran."""
     asked_for: bool = False
     """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
@@ -148,12 +149,12 @@ class Context:
         return TimeGrid(len(self.source_frames), self.sequence.partition_frames)
 
     def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
-        """The same sequence after the survey; all that does not follow from its notes is taken over, not made again."""
+        """The same sequence with other notes; all that does not follow from them is taken over, not made again."""
         other = replace(self, noted=noted)
         kept = {
             k: v
             for k, v in self.__dict__.items()
-            if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}
+            if k not in {*(f.name for f in fields(self)), "verdicts", "facts", "waits"}
         }
         other.__dict__.update(kept)
         return other
@@ -203,39 +204,58 @@ class Context:
         )
 
     @cached_property
+    def verdicts(self) -> Verdicts:
+        """What is known of every effect, and of the choices that measures have a say in."""
+        return judged(self.evidence, self.settings.effects)
+
+    @property
     def effects(self) -> dict[str, EffectVerdict]:
         """What is known of every effect."""
-        return judged(self.evidence, self.settings.effects)
+        return self.verdicts.effects
+
+    @property
+    def choices(self) -> dict[str, ChoiceVerdict]:
+        """What is known of the choices that measures have a say in, by `stage.setting`."""
+        return self.verdicts.choices
 
     @cached_property
     def facts(self) -> Facts:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided
-        ones count as on), the optional stages that are needed, and those outputs of sequence-wide stages that are
-        asked for."""
+        ones count as on), what choices came to, the optional stages that are needed, and those outputs of
+        sequence-wide stages that are asked for."""
         known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
+        known |= {v.picked.fact for v in self.choices.values() if v.picked}
         known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
-        asked = self.exported | {a for v in self.effects.values() for a in v.asks}
-        asked |= {
-            r.array
-            for s in STAGES
-            if s.unneeded(self.params(s), known) is None
-            for r in s.reads_for(self.params(s), known)
-        }
-        return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
+        constants = {w.name for s in STAGES if s.sequence_wide for w in s.writes}
+        known |= constants & (self.exported | self.verdicts.asked)
+        for s in reversed(STAGES):  # a sequence-wide stage that is asked asks those before it
+            asked = not s.sequence_wide or bool(known & {w.name for w in s.writes})
+            if asked and s.unneeded(self.params(s), known) is None:
+                known |= constants & {r.array for r in s.reads_for(self.params(s), known)}
+        return known
 
     @cached_property
     def waits(self) -> dict[str, tuple[str, ...]]:
-        """{stage: outputs of the survey} that undecided effects of the stage wait for."""
-        open_ones = [v for v in self.effects.values() if v.decision is None]
-        return {
-            s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks))
-            for v in open_ones
-            for s in v.stages
-        }
+        """{stage: outputs of sequence-wide stages} that what is undecided about the stage waits for. A sequence-wide
+        stage that something undecided asks waits for the stages before it, which may settle that."""
+        found: dict[str, dict[str, None]] = {}
+        for v in self.verdicts.open:
+            missing = [a for a in v.asks if a not in self.noted]
+            for s in v.stages:
+                found.setdefault(s, {}).update(dict.fromkeys(missing))
+            before: list[str] = []
+            for wide in (s for s in STAGES if s.sequence_wide):
+                own = [a for a in missing if a in {w.name for w in wide.writes}]
+                if own and before:
+                    found.setdefault(wide.name, {}).update(dict.fromkeys(before))
+                before += own
+        return {s: tuple(arrays) for s, arrays in found.items()}
 
     def effect_states(self, stage: Stage) -> dict[str, str]:
-        """{effect: on | undecided} of a stage's effects; what is off is as good as absent and leaves no trace."""
+        """{effect: on | undecided} of a stage's effects, and what its choices came to by what was measured; what is
+        off is as good as absent and leaves no trace."""
         states = {e.name: self.effects[e.name].state for e in stage.effects}
+        states |= {name: v.state for name, v in self.choices.items() if stage.name in v.stages}
         return {name: state for name, state in states.items() if state != "off"}
 
     @cached_property

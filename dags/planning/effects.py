@@ -1,19 +1,25 @@
-"""Which effects are on for a sequence: settings, measures and the survey's notes become decisions, with reasons.
+"""Which effects are on for a sequence, and what its choices come to: settings, measures and notes of sequence-wide
+stages become decisions, with reasons.
 
-An effect that needs a measure of the frames stays undecided until the survey ran; work behind it waits for the survey.
+What needs a measure of the frames stays undecided until the stages that take it ran; work behind it waits for them.
 Only the decision enters fingerprints, so neither ten more frames nor a slightly different measure make anything stale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from posegaussian.dags.config.effect_settings import Setting, declared
-from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.declaration import Choice, Decision, Effect, Evidence, Picked
+from posegaussian.stages.registry import STAGES
+
+Answer = TypeVar("Answer")
+MEASURED = tuple(frozenset(w.name for w in s.writes) for s in STAGES if s.sequence_wide)
+"""Outputs of the sequence-wide stages, stage by stage in the order of flow."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +32,13 @@ class EffectVerdict:
     setting: Setting
     """What the configuration says."""
     decision: Decision | None
-    """None: the survey must run first."""
+    """None: something must be measured first."""
     asks: tuple[str, ...] = ()
-    """Outputs of the survey that decide; empty where it is decided without."""
+    """Outputs of sequence-wide stages that decide, or may; empty where it is decided without."""
 
     @property
     def state(self) -> Literal["on", "off", "undecided"]:
-        """on, off, or undecided until the survey ran."""
+        """on, off, or undecided until it was measured."""
         return "undecided" if self.decision is None else "on" if self.decision.on else "off"
 
     @property
@@ -45,20 +51,98 @@ class EffectVerdict:
         )
 
 
-def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> dict[str, EffectVerdict]:
-    """Every effect of the registry, in the order of flow; an effect that is on is a fact for those behind it.
+@dataclass(frozen=True)
+class ChoiceVerdict:
+    """What is known of a choice that measures have a say in."""
+
+    name: str
+    """`stage.setting`."""
+    choice: Choice
+    stages: tuple[str, ...]
+    """The stage that declares it."""
+    picked: Picked | None
+    """None: something must be measured first."""
+    asks: tuple[str, ...]
+    """As of an effect."""
+
+    @property
+    def state(self) -> str:
+        """The fact that it came to, or undecided."""
+        return "undecided" if self.picked is None else self.picked.fact
+
+    @property
+    def sentence(self) -> str:
+        """For the run's log."""
+        assert self.picked is not None, f"{self.name} is not decided"
+        return f"{self.name}: {self.picked.reason}"
+
+
+class Verdicts(NamedTuple):
+    """What is known of all effects and of the choices that measures have a say in."""
+
+    effects: dict[str, EffectVerdict]
+    """By name, in the order of flow."""
+    choices: dict[str, ChoiceVerdict]
+    """By name, in the order of flow."""
+
+    @property
+    def open(self) -> list[EffectVerdict | ChoiceVerdict]:
+        """The undecided ones."""
+        return [v for v in (*self.effects.values(), *self.choices.values()) if v.state == "undecided"]
+
+    @property
+    def asked(self) -> set[str]:
+        """Outputs of sequence-wide stages that decide, or may."""
+        return {a for v in (*self.effects.values(), *self.choices.values()) for a in v.asks}
+
+
+def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:
+    """Every effect and choice of the registry, in the order of flow; an effect that is on, and what a choice came to,
+    is a fact for those behind it.
 
     Args:
         evidence_of: the evidence for a stage's decisions.
         settings: `EffectSettings`.
     """
-    found: dict[str, EffectVerdict] = {}
-    for name, (effect, stages) in declared().items():
-        before = {n for n, v in found.items() if v.state != "off"}
-        evidence = evidence_of(stages[0])
-        evidence = replace(evidence, facts=evidence.facts | before)
-        found[name] = _judged(effect, stages, getattr(settings, name), evidence)
+    found, every = Verdicts({}, {}), declared()
+    for stage in STAGES:
+        for choice in stage.choices:
+            evidence = _behind(found, evidence_of(stage.name))
+            if choice.pick is not None and choice.picks(evidence.params, evidence.facts):
+                asks, picked = _measured(choice.asks, choice.pick, evidence)
+                name = f"{stage.name}.{choice.setting}"
+                found.choices[name] = ChoiceVerdict(name, choice, (stage.name,), picked, asks)
+        for effect in stage.effects:
+            if effect.name not in found.effects:
+                stages = every[effect.name][1]
+                evidence = _behind(found, evidence_of(stages[0]))
+                found.effects[effect.name] = _judged(effect, stages, getattr(settings, effect.name), evidence)
     return found
+
+
+def _behind(found: Verdicts, evidence: Evidence) -> Evidence:
+    """The evidence with what was decided so far among the facts."""
+    on = {n for n, v in found.effects.items() if v.state != "off"}
+    return replace(evidence, facts=evidence.facts | on | {v.picked.fact for v in found.choices.values() if v.picked})
+
+
+def _measured(
+    asks: tuple[str, ...], decide: Callable[[Evidence], Answer | None], evidence: Evidence
+) -> tuple[tuple[str, ...], Answer | None]:
+    """The outputs that decide, or may while nothing is decided, and the decision: a stage's outputs count where those
+    of the stages before it leave it open."""
+    asked: tuple[str, ...] = ()
+    for outputs in (frozenset(), *MEASURED):
+        more = tuple(a for a in asks if a in outputs)
+        if outputs and not more:
+            continue
+        asked += more
+        if not set(asked) <= evidence.noted.keys():
+            return asks, None
+        answer = decide(replace(evidence, noted={a: evidence.noted[a] for a in asked}))
+        if answer is not None:
+            return asked, answer
+    return asks, None
 
 
 def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> EffectVerdict:
@@ -75,12 +159,10 @@ def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence:
                 f"effects.{effect.name} is on, but {missing}" if setting == "on" else missing,
             ),
         )
-    measured = effect.decide(evidence, effect.threshold)
     if setting == "auto":
-        asks = (
-            effect.asks if effect.asks and effect.decide(replace(evidence, noted={}), effect.threshold) is None else ()
-        )
-        return EffectVerdict(effect, stages, setting, measured, asks)
+        asks, decision = _measured(effect.asks, lambda e: effect.decide(e, effect.threshold), evidence)
+        return EffectVerdict(effect, stages, setting, decision, asks)
+    measured = effect.decide(evidence, effect.threshold)
     reason = f"effects.{effect.name} is {setting}" + (f"; {measured.reason}" if measured is not None else "")
     return EffectVerdict(
         effect,
@@ -96,13 +178,13 @@ def refusals(evidence_of: Callable[[str], Evidence], verdicts: Mapping[str, Effe
     return [why for v in forced if (why := v.effect.refusal(evidence_of(v.stages[0]))) is not None]
 
 
-def noted(receipts: Mapping[int | None, Any], arrays: tuple[str, ...]) -> dict[str, np.ndarray] | None:
-    """{array: [S, ...]} from the receipts of the survey by source view, in order; None where one does not hold a
-    value."""
+def noted(receipts: Iterable[Any], arrays: tuple[str, ...], per_view: bool) -> dict[str, np.ndarray] | None:
+    """{array: values} from the receipts of one sequence-wide stage: [S, ...] by source view, in order, or those of its
+    only task; None where one does not hold a value."""
     found = {}
     for array in arrays:
-        values = [r.facts.get("noted", {}).get(array) for r in receipts.values()]
+        values = [r.facts.get("noted", {}).get(array) for r in receipts]
         if any(v is None for v in values):
             return None
-        found[array] = np.array(values)
+        found[array] = np.array(values if per_view else values[0])
     return found

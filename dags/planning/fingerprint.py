@@ -55,6 +55,7 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
             "version": stage.version,
             "code": once(("code", stage.run), lambda: code_digest(stage.run)),
             "params": context.params(stage).hashed(),
+            **({"seen": {n: getattr(context.settings, n).hashed() for n in stage.sees}} if stage.sees else {}),
             "effects": context.effect_states(stage),
             **asked,
         }
@@ -186,6 +187,8 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     if old.get("version") != new["version"]:
         out.append(f"version of {stage} {old.get('version')} -> {new['version']}")
     out += _params_changed(stage, old.get("params", {}), new["params"])
+    for name, seen in new.get("seen", {}).items():
+        out += _params_changed(name, old.get("seen", {}).get(name, {}), seen)
     if old.get("code") != new["code"]:
         out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
     out += _effects_changed(old.get("effects", {}), new["effects"])

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.effects import EffectVerdict, noted
+from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, noted
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts, reasons, still_good
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, deciding, dependencies, tasks
+from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, dependencies, measuring, tasks, tasks_of
 from posegaussian.stages.contract.declaration import Stage
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
@@ -168,15 +168,17 @@ def kept_result(context: Context, task: Task, selection: Selection, parts: Mappi
     if (
         receipt is not None
         and stage_named(task.stage).sequence_wide
-        and receipt.facts.get("sources") != survey_sources(context, task)
+        and receipt.facts.get("sources") != pictures_digest(context, task)
     ):
         return None
     return receipt
 
 
-def survey_sources(context: Context, task: Task) -> str | None:
-    """Digest of the pictures that a sequence-wide task of a view is made from."""
-    return None if task.view is None else context.capture.pictures[task.view].digest(context.capture.numbers)
+def pictures_digest(context: Context, task: Task) -> str:
+    """Digest of the pictures that a sequence-wide task is made from: its view's, or those of all source views."""
+    views = context.views.sources if task.view is None else (task.view,)
+    found = [context.capture.pictures[v].digest(context.capture.numbers) for v in views]
+    return found[0] if task.view is not None else digest(found)
 
 
 def _keeps(book: Book, task: Task, selection: Selection, parts: Mapping[str, Any]) -> bool:
@@ -188,43 +190,57 @@ def _keeps(book: Book, task: Task, selection: Selection, parts: Mapping[str, Any
 
 
 def decided(book: Book, selection: Selection = Selection()) -> Context:
-    """The book's context with the decisions that the survey leads to, where it is fresh; the book goes on with it."""
-    context = book.context
-    surveys = [t for stage in context.waits for t in deciding(context, stage)]
-    for t in dict.fromkeys(surveys):
-        state, _, parts = judge(book, t, selection, {})
-        if state is not State.FRESH and not _keeps(book, t, selection, parts):
-            return context
-    if not surveys:
-        return context
-    book.context = context.with_noted(survey_notes(book))
+    """The book's context with the decisions that sequence-wide stages lead to, as far as these are fresh; the book
+    goes on with it."""
+    while more := _notes_waited_for(book, selection):
+        book.context = book.context.with_noted({**book.context.noted, **more})
     return book.context
 
 
-def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
-    """Go on with the decisions that the survey, which just ran, leads to; returns what was decided now.
+def take_decisions(plan: Plan) -> tuple[EffectVerdict | ChoiceVerdict, ...]:
+    """Go on with the decisions that sequence-wide stages lead to which just ran; returns what was decided now.
 
-    Raises ValueError when a survey's receipt does not hold what an effect asked for.
+    Raises ValueError where all that a decision asked for is noted and it cannot be made.
     """
-    waited = [v.effect.name for v in plan.context.effects.values() if v.decision is None]
-    plan.context = plan.book.context = plan.context.with_noted(survey_notes(plan.book))
+    waited = plan.context.verdicts.open
+    plan.context = decided(plan.book)
     plan.unneeded = plan.context.unneeded()
-    if plan.context.waits:
-        raise ValueError(
-            f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run"
-            " --from survey` takes it anew"
-        )
-    return tuple(plan.context.effects[name] for name in waited)
+    now = plan.context.verdicts
+    for v in now.open:
+        if set(v.asks) <= plan.context.noted.keys():
+            stages = " and ".join(dict.fromkeys(PRODUCERS[a][0].name for a in v.asks))
+            raise ValueError(
+                f"{stages} of {plan.context.sequence.name} ran, but {_name(v)} cannot be decided by it; `run --from"
+                f" {PRODUCERS[v.asks[0]][0].name}` takes it anew"
+            )
+    undecided = {_name(v) for v in now.open}
+    every = {**now.effects, **now.choices}
+    return tuple(every[_name(v)] for v in waited if _name(v) in every and _name(v) not in undecided)
 
 
-def survey_notes(book: Book) -> dict[str, Any]:
-    """What the survey's receipts note for the effects that wait; {} where they do not hold it all."""
-    context = book.context
-    arrays = tuple(dict.fromkeys(a for asks in context.waits.values() for a in asks))
-    receipts = {
-        t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None
-    }
-    return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
+def _name(verdict: EffectVerdict | ChoiceVerdict) -> str:
+    return verdict.name if isinstance(verdict, ChoiceVerdict) else verdict.effect.name
+
+
+def _notes_waited_for(book: Book, selection: Selection) -> dict[str, Any]:
+    """What is noted by now of the arrays that decisions wait for; nothing of a stage that has a task to do."""
+    context, found = book.context, {}
+    waited = dict.fromkeys(a for asks in context.waits.values() for a in asks)
+    for stage in (s for s in STAGES if s.sequence_wide):
+        arrays = tuple(a for a in waited if PRODUCERS[a][0] is stage)
+        if arrays and all(_is_ready(book, t, selection) for t in measuring(context, stage)):
+            receipts = [r for t in measuring(context, stage) if (r := book.expected(t)) is not None]
+            found.update(noted(receipts, arrays, "view" in stage.over) or {})
+    return found
+
+
+def _is_ready(book: Book, task: Task, selection: Selection) -> bool:
+    """Whether a task's output is there, or will be taken over."""
+    digests = book.digests(task)
+    if digests is None:
+        return False
+    state, _, parts = judge(book, task, selection, digests)
+    return state is State.FRESH or _keeps(book, task, selection, parts)
 
 
 def _call_back(book: Book, verdicts: dict[Task, TaskVerdict]) -> None:
@@ -275,9 +291,13 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
     for s in STAGES:
         if not s.sequence_wide:
             continue
-        now = {v: context.capture.pictures[v].digest(context.capture.numbers) for v in context.active_views}
-        old = {t.view: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
-        changed = [context.views.names[v] for v, d in now.items() if v in old and old[v] is not None and old[v] != d]
+        old = {t: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
+        now = {t: pictures_digest(context, t) for t in tasks_of(context, s)}
+        changed = [
+            "a source view" if t.view is None else context.views.names[t.view]
+            for t, d in now.items()
+            if old.get(t) not in (None, d)
+        ]
         if changed:
             found.append(
                 f"{s.name} was taken before the pictures of {', '.join(changed)} changed and is kept; `run --from"
@@ -294,7 +314,7 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
     gone = context.unneeded()
     for s in STAGES:
         if s.name not in gone:
-            found += s.notes(context.evidence(s.name))
+            found += s.notes(replace(context.evidence(s.name), facts=context.facts))
     return tuple(found)
 
 

@@ -177,13 +177,19 @@ def producer(product: Product, task: Task) -> Task:
 
 
 def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
-    """Tasks that must be done before this one, each once: what it reads, and the survey while an effect waits for
-    its word."""
+    """Tasks that must be done before this one, each once: what it reads, and those of sequence-wide stages while a
+    decision waits for their word."""
     read = [producer(p, task) for i in inputs(context, task) for p in i.products]
     return tuple(dict.fromkeys([*read, *deciding(context, task.stage)]))
 
 
 def deciding(context: Context, stage: str) -> tuple[Task, ...]:
-    """The survey's tasks that undecided effects of a stage wait for: those of all source views."""
-    surveys = dict.fromkeys(PRODUCERS[array][0].name for array in context.waits.get(stage, ()))
-    return tuple(Task(context.sequence.name, s, None, v) for s in surveys for v in context.views.sources)
+    """Tasks of sequence-wide stages that what is undecided about a stage waits for."""
+    waited = {PRODUCERS[array][0].name: PRODUCERS[array][0] for array in context.waits.get(stage, ())}
+    return tuple(t for s in waited.values() for t in measuring(context, s))
+
+
+def measuring(context: Context, stage: Stage) -> tuple[Task, ...]:
+    """The tasks of a sequence-wide stage whose notes decide: those of all source views, or its only one."""
+    views = context.views.sources if "view" in stage.over else (None,)
+    return tuple(Task(context.sequence.name, stage.name, None, v) for v in views)

@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.fingerprint import assets
-from posegaussian.dags.planning.plan import Plan, State, survey_sources
+from posegaussian.dags.planning.plan import Plan, State, pictures_digest
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.task_cost import load, needs_of
 from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans, worked_frames
@@ -60,7 +60,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
         assets=assets(context, stage),
-        survey_sources=survey_sources(context, task) if stage.sequence_wide else None,
+        pictures=pictures_digest(context, task) if stage.sequence_wide else None,
         threads=threads,
         gpu=needs_of(context, stage, task.path).gpu,
         load=load(context, task),
@@ -86,6 +86,7 @@ def scope_of(context: Context, task: Task) -> TaskScope:
         path=_path(context, task),
         facts=context.facts,
         joint_set=context.joint_set,
+        settings={name: getattr(context.settings, name) for name in stage_named(task.stage).sees},
     )
 
 

@@ -9,6 +9,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from posegaussian.dags.planning.effects import EffectVerdict
 from posegaussian.dags.planning.plan import Plan, State, judge, kept_result, take_decisions
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
@@ -221,10 +222,12 @@ class Run:
         return True
 
     def _decide(self, plan: Plan) -> None:
-        """The survey is through: its effects are decided, and the arrays behind them can be made."""
+        """A sequence-wide stage is through: what it settles is decided, and the arrays behind that can be made."""
         decided = take_decisions(plan)
-        on, off = (tuple(v.effect.name for v in decided if v.state == state) for state in ("on", "off"))
-        self.tell(EffectsDecided(plan.context.sequence.name, tuple(v.sentence for v in decided), on, off))
+        effects = [v for v in decided if isinstance(v, EffectVerdict)]
+        on, off = (tuple(v.effect.name for v in effects if v.state == state) for state in ("on", "off"))
+        if decided:
+            self.tell(EffectsDecided(plan.context.sequence.name, tuple(v.sentence for v in decided), on, off))
         make_arrays(plan, self.rules.terms)
 
     def _settle(self, task: Task, result: Receipt | Failure) -> None:

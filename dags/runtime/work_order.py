@@ -75,7 +75,7 @@ class WorkOrder:
     of them [n, V]."""
     assets: dict[str, PlannedAsset]
     """Models and weights that the task may open, by source."""
-    survey_sources: str | None
+    pictures: str | None
     """Digest of the pictures a sequence-wide stage was taken from."""
     threads: int
     gpu: int

@@ -285,5 +285,5 @@ def _facts(order: WorkOrder, started: datetime, seconds: float, cpu_seconds: flo
         "machine": platform.machine(),
         "threads": order.threads,
         "libraries": builds.libraries(),
-        "sources": order.survey_sources,
+        "sources": order.pictures,
     }

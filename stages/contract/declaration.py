@@ -163,7 +163,8 @@ class Evidence:
     targets: tuple[CameraPath, ...]
     """Camera paths that are rendered."""
     noted: Mapping[str, np.ndarray]
-    """[S, ...] of the source views, by array: the noted outputs of the survey; empty before it ran."""
+    """By array, the noted outputs of sequence-wide stages, [S, ...] of the source views where it has a view axis;
+    empty before they ran."""
 
 
 @dataclass(frozen=True)
@@ -185,9 +186,10 @@ class Effect(Generic[Looked]):
     unit: str
     """Unit of measure and bound."""
     decide: Callable[[Looked, float], Decision | None]
-    """Pure, `decide(evidence, threshold)`; None: the survey must note `asks` first."""
+    """Pure, `decide(evidence, threshold)`; None: `asks` must be noted first."""
     asks: tuple[str, ...] = ()
-    """Outputs of the survey that the measure is made of; empty where cameras and settings suffice."""
+    """Outputs of sequence-wide stages that the measure is made of; empty where cameras and settings suffice. Those of
+    a later stage are asked for only where those of the earlier ones leave it open."""
     lacks: Callable[[Looked], str | None] = lambda evidence: None
     """What this capture lacks for the effect, which is off then whatever the settings say; or None."""
     refusal: Callable[[Looked], str | None] = lambda evidence: None
@@ -202,13 +204,37 @@ class Effect(Generic[Looked]):
 
 
 @dataclass(frozen=True)
+class Picked:
+    """What a choice came to by what was measured."""
+
+    fact: str
+    """The fact that tells the answer to `Choice.resolve`."""
+    reason: str
+    """One sentence for the plan."""
+
+
+@dataclass(frozen=True)
 class Choice:
-    """A setting with more than two answers that `auto` resolves by what the capture has; shown beside the effects."""
+    """A setting with more than two answers that `auto` resolves by what the capture has, or by what was measured of
+    it; shown beside the effects."""
 
     setting: str
     """Key of the stage's setting."""
     resolve: Callable[[Any, Facts], tuple[str, str]]
-    """(params, facts) -> the answer, and one sentence that says why."""
+    """(params, facts) -> the answer, and one sentence that says why. While a pick is awaited it is the answer that
+    reads most: work is ordered by it."""
+    picks: Callable[[Any, Facts], bool] = lambda params, facts: False
+    """(params, facts of the capture) -> whether a measure has a say."""
+    pick: Callable[[Evidence], Picked | None] | None = None
+    """Pure; asked only where `picks`. None: `asks` must be noted first."""
+    asks: tuple[str, ...] = ()
+    """Outputs of sequence-wide stages that the pick is made of."""
+    facts: tuple[str, ...] = ()
+    """The facts that it may come to."""
+
+    def __post_init__(self) -> None:
+        for name in self.facts:
+            fact(name)
 
 
 @dataclass(frozen=True)
@@ -310,6 +336,8 @@ class Stage:
     """Models or weights that its settings name, for itself and for other stages."""
     paths: Paths | None = None
     """Of the stage that renders: how its paths are made."""
+    sees: tuple[str, ...] = ()
+    """Other stages whose settings its kernel gets, too, as `inputs.settings`: it does in memory what they do."""
 
     def __post_init__(self) -> None:
         for name in ([self.name] if self.optional else []) + [w.name for w in self.writes if self.sequence_wide]:

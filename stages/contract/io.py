@@ -7,8 +7,8 @@ block a shard, so that a partition of many views never lies in memory as a whole
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -135,6 +135,8 @@ class TaskScope:
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`posegaussian.storage.model.joint_sets`); None where the
     capture has no joints."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of other stages, as far as the stage declares that it `sees` them."""
 
 
 class Inputs(TaskScope, ABC):

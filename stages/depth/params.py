@@ -5,12 +5,14 @@ from __future__ import annotations
 from pydantic import field_validator
 
 from posegaussian.stages.contract.declaration import Params, setting
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts, fact
 from posegaussian.stages.depth.methods.declaration import DepthMethod
-from posegaussian.stages.depth.methods.registry import METHODS
+from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 
 AUTO = "auto"
 """In place of a method's name: the one that suits the capture."""
+PICKED = {name: fact(f"{name}_depth") for name in BY_PICTURES}
+"""{method: the fact that `auto` comes to it, by pictures of left-out views or for want of them}."""
 
 
 class DepthParams(Params):
@@ -19,10 +21,9 @@ class DepthParams(Params):
     method: str = setting(
         AUTO,
         "; ".join(f"{m.name}: {m.sentence}" for m in METHODS.values())
-        + f"; {AUTO}: given, else relief for a single source view, else sgbm.",
-        quality_levels=[
-            m.name for m in sorted(METHODS.values(), key=lambda m: m.quality or 0) if m.quality is not None
-        ],
+        + f"; {AUTO}: given, else relief for a single source view, else what draws left-out source views best of"
+        f" {', '.join(BY_PICTURES)}; sweep where none can be left out.",
+        quality_levels=list(BY_PICTURES),
     )
     pairs: int = setting(2, "Neighbouring views each view is compared with.", quality_levels=[1, 2], ge=1, le=4)
     max_angle: float = setting(
@@ -65,6 +66,9 @@ def method_choice(params: DepthParams, facts: Facts) -> tuple[str, str]:
     """The method and one sentence that says why; for the table of effects."""
     if params.method != AUTO:
         return params.method, f"depth.method is {params.method}"
+    picked = next((name for name, told in PICKED.items() if told in facts), None)
+    if picked is not None:
+        return picked, "pictures of left-out source views say so, or what was measured on other captures"
     return next((m.name, why) for m in METHODS.values() if (why := m.auto(facts)) is not None)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
+from posegaussian.stages.depth.choice import METHOD
 from posegaussian.stages.depth.effects import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.notes import notes
-from posegaussian.stages.depth.params import AUTO, DepthParams, method_choice, refusal, resolve_method
+from posegaussian.stages.depth.params import AUTO, DepthParams, refusal, resolve_method
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -54,6 +55,6 @@ STAGE = Stage(
     needs=needs,
     refusal=refusal,
     effects=(LEFT_RIGHT_CHECK, LIMB_BOUNDS),
-    choices=(Choice("method", method_choice),),
+    choices=(METHOD,),
     notes=notes,
 )

@@ -6,6 +6,7 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS
+from posegaussian.stages.contract.judged import EXPOSURE, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.frames import facts
 from posegaussian.stages.imaging import exposure
 
@@ -15,6 +16,8 @@ NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface p
 """Why gains cannot be told."""
 FEWEST_POINTS = 200
 """Points of an outline, over a few pictures, below which its offset is chance."""
+LEAST_GAIN = 0.0
+"""dB by which gains must better the pictures of left-out views."""
 SCATTERED = 2.0
 """Interquartile range, captured px, above which a view's edges tell nothing:
 clutter beside the subject, or no edge at all."""
@@ -37,12 +40,26 @@ def _exposure(evidence: Evidence, bound: float) -> Decision | None:
         return Decision(
             False, 0.0, bound, "on surfaces that cameras share, no difference is beyond the error of the measure"
         )
+    told = (
+        f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least"
+        f" {proven:.2f} of them for certain"
+    )
+    if proven <= bound:
+        return Decision(False, proven, bound, told)
+    if cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts) is not None:
+        return Decision(True, proven, bound, told)
+    if EXPOSURE not in evidence.noted:
+        return None
+    means = mean_scores(evidence.noted[EXPOSURE])
+    if means is None:
+        return Decision(True, proven, bound, told)
+    better = float(means[1, 0] - means[0, 0])
     return Decision(
-        bool(proven > bound),
+        better >= LEAST_GAIN,
         proven,
         bound,
-        f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least"
-        f" {proven:.2f} of them for certain",
+        f"{told}; left-out source views, drawn from the others, have {drawn_at(means, 1)} with gains,"
+        f" {drawn_at(means, 0)} without",
     )
 
 
@@ -107,7 +124,7 @@ EXPOSURE_MATCHING = Effect(
     0.25,
     "stops",
     _exposure,
-    asks=(SURFACE,),
+    asks=(SURFACE, EXPOSURE),
     lacks=_single_view,
 )
 OUTLINE_CORRECTION = Effect(

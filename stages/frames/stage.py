@@ -18,6 +18,7 @@ from posegaussian.stages.contract.facts import (
     Facts,
 )
 from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.judged import GIVEN_MATTE
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
 from posegaussian.stages.frames.params import (
@@ -114,6 +115,8 @@ def told_facts(capture: Capture, views: Views, params: FramesParams, known: Fact
         LINEAR_LIGHT: exr,
     }
     found = {name for name, held in holds.items() if held}
+    if MASKS in found and params.matte in ("auto", "given"):
+        found.add(GIVEN_MATTE)
     yield from found
     if BLAZEPOSE in known and wants_segmentation(params, known | found):
         yield SEGMENTED

@@ -7,6 +7,7 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import JOINTS3D, MASKS, SEGMENTED
+from posegaussian.stages.contract.judged import COLOR, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
@@ -111,12 +112,23 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
     if patches < FEWEST:
         return Decision(False, None, bound, f"cameras share fewer than {FEWEST} patches of the body beside joints")
     even = " after exposure matching" if matching is not None else ""
+    told = (
+        f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
+        f" {noise:.1f}/255"
+    )
+    if left <= bound or cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts) is not None:
+        return Decision(bool(left > bound), left, bound, told)
+    if COLOR not in evidence.noted:
+        return None
+    means = mean_scores(evidence.noted[COLOR])
+    if means is None:
+        return Decision(True, left, bound, told)
     return Decision(
-        bool(left > bound),
+        bool(means[1, 0] >= means[0, 0]),
         left,
         bound,
-        f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
-        f" {noise:.1f}/255",
+        f"{told}; left-out source views, drawn from the others, have {drawn_at(means, 1)} with blended colours,"
+        f" {drawn_at(means, 0)} without",
     )
 
 
@@ -158,6 +170,6 @@ VIEW_DEPENDENT_COLOR = Effect(
     5.0,
     "of 255",
     _views_disagree,
-    asks=(COLORS, SURFACE, NOISE),
+    asks=(COLORS, SURFACE, NOISE, COLOR),
     lacks=_one_view,
 )

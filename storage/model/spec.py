@@ -41,6 +41,8 @@ FIXED_DIMS = {
     "candidate": 16,
     "person_fact": 8,
     "choice": 3,
+    "switch": 2,
+    "score": 3,
 }
 """Dimensions whose length never depends on the capture: (u, v, score), (x, y, z, score), tangent-tangent-normal, ..."""
 

@@ -12,5 +12,7 @@ from posegaussian.stages.depth.methods.sgbm import METHOD as SGBM
 from posegaussian.stages.depth.methods.sweep import METHOD as SWEEP
 from posegaussian.stages.depth.methods.truth import METHOD as TRUTH
 
-METHODS: Mapping[str, DepthMethod] = {m.name: m for m in (GIVEN, SWEEP, SGBM, HULL, RELIEF, TRUTH)}
+METHODS: Mapping[str, DepthMethod] = {m.name: m for m in (GIVEN, RELIEF, SWEEP, SGBM, HULL, TRUTH)}
 """In the order in which `auto` asks them."""
+BY_PICTURES = tuple(m.name for m in sorted(METHODS.values(), key=lambda m: m.quality or 0) if m.quality is not None)
+"""Those that any capture of several views can choose from, the worst quality level first."""

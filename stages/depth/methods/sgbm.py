@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 
@@ -18,18 +17,11 @@ def _maps(geometry: Geometry, frame: Frame, params: SearchSettings, checked: boo
     return (estimate if geometry.silhouettes else estimate_open)(geometry, frame, params, checked)
 
 
-def _auto(facts: Facts) -> str | None:
-    if SINGLE_SOURCE in facts:
-        return None
-    return "no depth maps came with the capture, and pairs of source views can be matched"
-
-
 METHOD = DepthMethod(
     "sgbm",
     "semi-global matching of rectified pairs, bounded by the hull",
     of_frame=_maps,
     reads=("frames/color",),
-    auto=_auto,
     several=True,
     matches=True,
     rectifies=True,

@@ -34,6 +34,8 @@ EVERY = {
     "person": 2,
     "other_view": 3,
     "found_joint": 33,
+    "judged": 16,
+    "depth_method": 3,
 }
 
 

@@ -1,0 +1,42 @@
+"""Scores of pictures of left-out source views, candidate by candidate: how the judge stage lays them out, and how they
+are compared. What decides imports this; what draws the pictures imports what decides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posegaussian.stages.contract.facts import fact
+
+DEPTH, EXPOSURE, COLOR = "judge/depth", "judge/exposure", "judge/color"
+"""[picture, candidate, measure] of the depth methods, the worst quality level first; without and with exposure gains;
+without and with colours blended by angle."""
+MEASURES = ("psnr", "ssim", "coverage")
+"""PSNR in dB and SSIM in the person's box, each channel's light fitted to the photograph's; share of the person that is
+covered."""
+NONE = -1.0
+"""Score of what was not drawn."""
+GIVEN_MATTE = fact("given_matte")
+"""Masks that came with the capture say where the subject is before any stage has run."""
+FEWEST = 3
+"""Source views of which one can be left out: two draw it."""
+
+
+def mean_scores(scores: np.ndarray) -> np.ndarray | None:
+    """[candidate, measure] means over the pictures [picture, candidate, measure] that were drawn; None without any."""
+    drawn = scores[(scores != NONE).all(axis=(1, 2))]
+    return drawn.mean(axis=0) if len(drawn) else None
+
+
+def cannot_judge(sources: int, given_matte: bool) -> str | None:
+    """Why no picture of a left-out view can be judged, or None."""
+    if sources < FEWEST:
+        return f"with {sources} source view{'s' if sources > 1 else ''} none can be left out and drawn from two others"
+    if not given_matte:
+        return "no masks came with the capture: who is the subject is not known when this is decided"
+    return None
+
+
+def drawn_at(means: np.ndarray, candidate: int) -> str:
+    """`24.66 dB / .922`: PSNR and SSIM of a candidate, from `mean_scores`."""
+    psnr, ssim = means[candidate, :2]
+    return f"{psnr:.2f} dB / {f'{ssim:.3f}'.removeprefix('0')}"

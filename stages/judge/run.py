@@ -1,0 +1,77 @@
+"""Kernel of the judge stage: a few frames, all source views but one at a time, candidate by candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, FEWEST, MEASURES, NONE, mean_scores
+from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
+from posegaussian.stages.depth.params import AUTO
+from posegaussian.stages.imaging.color import gain_table
+from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.judge.drawing import scores, with_gaussians
+from posegaussian.stages.judge.footage import frames_of
+from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
+
+PLAIN, BLENDED = Facts(), Facts(frozenset({VIEW_DEPENDENT_COLOR}))
+
+
+def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
+    """Yield `judge/depth`, `judge/exposure` and `judge/color` [picture, candidate, measure], as far as asked for.
+
+    Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
+    Gains are compared by the method that drew best, or that is set, and colours by angle with the gains that drew best.
+    """
+    asked = [name for name in (DEPTH, EXPOSURE, COLOR) if name in inputs.facts]
+    found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
+    for name in asked:
+        out = np.full((params.frames * params.views, len(BY_PICTURES) if name == DEPTH else 2, len(MEASURES)), NONE)
+        drawn = found.get(name, out[:0])
+        out[: len(drawn)] = drawn
+        yield Block(name, out)
+
+
+def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """(array, [picture, candidate, measure])."""
+    depth, sources = inputs.settings["depth"], inputs.views.sources
+    views = [sources[i] for i in np.unique(np.linspace(0, len(sources) - 1, params.views).round().astype(int))]
+    frames = frames_of(inputs, params.frames)
+    filmed = frames.read("frames/color")
+    methods = BY_PICTURES if DEPTH in asked else BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)
+    if any(METHODS[m].of_frame is None for m in methods):
+        return  # depth that came with the capture lies in files that no frame here holds
+    made = {m: with_gaussians(frames, depth, m) for m in methods}
+    drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
+    if DEPTH in asked:
+        yield DEPTH, np.stack(list(drawn.values()), axis=1)
+    best = max(methods, key=lambda m: _psnr(drawn[m]))
+    chosen = made[best]
+    if EXPOSURE in asked:
+        matched = chosen.with_array("frames/color", _matched(inputs, filmed))
+        after = scores(matched, filmed, views, PLAIN)
+        yield EXPOSURE, np.stack([drawn[best], after], axis=1)
+        chosen = matched if _psnr(after) >= _psnr(drawn[best]) else chosen
+    if COLOR in asked:
+        yield COLOR, np.stack([scores(chosen, filmed, views, f) for f in (PLAIN, BLENDED)], axis=1)
+
+
+def _psnr(drawn: np.ndarray) -> float:
+    """Mean of scores [picture, measure]; 0 dB where nothing was drawn."""
+    means = mean_scores(drawn[:, None])
+    return 0.0 if means is None else float(means[0, 0])
+
+
+def _matched(inputs: Inputs, color: np.ndarray) -> np.ndarray:
+    """Pictures [F, V, h, w, 3] with the gains that exposure matching would give the source views."""
+    sources, out = list(inputs.views.sources), color.copy()
+    found = match(np.stack([inputs.read("survey/surface", v) for v in sources])[:, sources])
+    for v, gain in zip(sources, found.gains if found is not None else (), strict=found is not None):
+        for picture in out[:, v]:
+            cv2.LUT(picture, gain_table(gain), dst=picture)
+    return out

@@ -1,0 +1,78 @@
+"""Declaration of the judge stage."""
+
+from __future__ import annotations
+
+from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE
+from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.storage.model.spec import ArraySpec, Shape
+
+
+def needs(shape: Shape, params: JudgeParams) -> Resources:
+    """Pictures, masks, depth and Gaussians of all views of a few reduced frames, by every candidate (48 bytes a pixel
+    each), what matching one frame works in, and one captured picture while it is reduced."""
+    pixels = params.size**2
+    each = params.frames * shape["view"] * 48 * (len(BY_PICTURES) + 2)
+    return Resources(
+        cpu=1, ram=pixels * (each + shape["view"] * 88 + 2000) + shape["source_y"] * shape["source_x"] * 24
+    )
+
+
+def _exposure(params: JudgeParams, facts: Facts) -> bool:
+    return EXPOSURE in facts
+
+
+STAGE = Stage(
+    name="judge",
+    summary="Draw left-out source views from the others, choice by choice, on a few reduced frames.",
+    version=1,
+    run="posegaussian.stages.judge.run:run",
+    reads=(
+        Read.source("pictures", views="sources"),
+        Read.source("masks", views="sources"),
+        Read("survey/surface", views="sources", when=_exposure),
+    ),
+    writes=(
+        ArraySpec(
+            DEPTH,
+            ("judged", "depth_method", "score"),
+            "float64",
+            "1",
+            "PSNR in dB, SSIM and coverage of pictures of left-out source views by depth method, the worst quality"
+            " level first; -1 where none was drawn.",
+            when=DEPTH,
+            noted=True,
+        ),
+        ArraySpec(
+            EXPOSURE,
+            ("judged", "switch", "score"),
+            "float64",
+            "1",
+            "The same without and with exposure gains.",
+            when=EXPOSURE,
+            noted=True,
+        ),
+        ArraySpec(
+            COLOR,
+            ("judged", "switch", "score"),
+            "float64",
+            "1",
+            "The same without and with colours blended by angle.",
+            when=COLOR,
+            noted=True,
+        ),
+    ),
+    over=("sequence",),
+    params=JudgeParams,
+    needs=needs,
+    sequence_wide=True,
+    cameras=lambda rig, params: frames_rig(rig, params.size),
+    dimensions=lambda params, facts: {
+        "judged": params.frames * params.views,
+        "depth_method": len(BY_PICTURES),
+    },
+    sees=("depth",),
+)
