@@ -254,7 +254,7 @@ class Context:
     def effect_states(self, stage: Stage) -> dict[str, str]:
         """{effect: on | undecided} of a stage's effects, and what its choices came to by what was measured; what is
         off is as good as absent and leaves no trace."""
-        states = {e.name: self.effects[e.name].state for e in stage.effects}
+        states: dict[str, str] = {e.name: self.effects[e.name].state for e in stage.effects}
         states |= {name: v.state for name, v in self.choices.items() if stage.name in v.stages}
         return {name: state for name, state in states.items() if state != "off"}
 

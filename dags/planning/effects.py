@@ -86,14 +86,19 @@ class Verdicts(NamedTuple):
     """By name, in the order of flow."""
 
     @property
+    def every(self) -> list[EffectVerdict | ChoiceVerdict]:
+        """Effects, then choices."""
+        return [*self.effects.values(), *self.choices.values()]
+
+    @property
     def open(self) -> list[EffectVerdict | ChoiceVerdict]:
         """The undecided ones."""
-        return [v for v in (*self.effects.values(), *self.choices.values()) if v.state == "undecided"]
+        return [v for v in self.every if v.state == "undecided"]
 
     @property
     def asked(self) -> set[str]:
         """Outputs of sequence-wide stages that decide, or may."""
-        return {a for v in (*self.effects.values(), *self.choices.values()) for a in v.asks}
+        return {a for v in self.every for a in v.asks}
 
 
 def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:

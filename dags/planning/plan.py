@@ -214,7 +214,7 @@ def take_decisions(plan: Plan) -> tuple[EffectVerdict | ChoiceVerdict, ...]:
                 f" {PRODUCERS[v.asks[0]][0].name}` takes it anew"
             )
     undecided = {_name(v) for v in now.open}
-    every = {**now.effects, **now.choices}
+    every: dict[str, EffectVerdict | ChoiceVerdict] = {**now.effects, **now.choices}
     return tuple(every[_name(v)] for v in waited if _name(v) in every and _name(v) not in undecided)
 
 

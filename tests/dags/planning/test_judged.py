@@ -1,0 +1,109 @@
+"""Decisions by left-out views: who is asked, when, and what a run then does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posegaussian.dags.diagnostics.effects_table import effects_reasons
+from posegaussian.dags.planning.plan import State
+from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
+from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE
+from posegaussian.stages.depth.choice import pick
+from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
+from posegaussian.storage.archive.store import Archive
+from tests.support.pipeline import NAME, Pipeline, film
+
+AUTO = ["depth.method=auto", "frames.range=0:2", "judge.views=3"]
+
+
+@pytest.fixture(scope="module")
+def judged(person_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list]:
+    p = Pipeline(tmp_path_factory.mktemp("judged") / "archive", person_folder, AUTO)
+    p.register()
+    assert p.plan().context.choices["depth.method"].state == "undecided"
+    return p, p.run()
+
+
+def test_the_judge_runs_first_and_its_word_is_the_reason(judged: tuple[Pipeline, list]) -> None:
+    p, events = judged
+    order = [e.task.stage for e in events if isinstance(e, TaskDone)]
+    assert order.index("judge") < order.index("depth")
+    (told,) = [s for e in events if isinstance(e, EffectsDecided) for s in e.sentences]
+    assert told.startswith("depth.method: left-out source views")
+    plan = p.plan()
+    assert plan.all_fresh
+    assert any(r.startswith("depth.method ") and " dB" in r for r in effects_reasons(plan))
+
+
+def test_other_scores_change_the_method_and_depth_alone_is_made_anew(
+    judged: tuple[Pipeline, list], tmp_path: Path
+) -> None:
+    p = judged[0].copy(tmp_path / "archive")
+    before = p.plan().context.choices["depth.method"].state
+    other = next(i for i, m in enumerate(BY_PICTURES) if f"{m}_depth" != before)
+    sequence = Archive.open(str(p.root)).sequence(NAME)
+    for r in list(scan_receipts(sequence)):
+        if r.stage == "judge":
+            scores = np.array(r.facts["noted"][DEPTH])
+            scores[:, other] = np.where(scores[:, other] < 0, scores[:, other], 99.0)
+            r.facts["noted"][DEPTH] = scores.tolist()
+            write_receipt(sequence, r)
+    plan = p.plan()
+    assert plan.context.choices["depth.method"].state == f"{BY_PICTURES[other]}_depth"
+    assert {v.task.stage for v in plan.verdicts.values() if v.state is State.STALE} == {"depth"}
+
+
+def test_a_method_that_is_set_asks_nobody(judged: tuple[Pipeline, list]) -> None:
+    plan = judged[0].with_settings("depth.method=hull").plan()
+    assert "judge" in plan.unneeded
+    assert not plan.context.choices
+
+
+@pytest.mark.parametrize(("views", "masks"), [(2, True), (4, False)])
+def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(
+    tmp_path: Path, views: int, masks: bool
+) -> None:
+    film(tmp_path / "capture", views=views, frames=2, held_out=0, masks=masks, depth=False)
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", AUTO, held_out="[]")
+    p.register()
+    plan = p.plan()
+    verdict = plan.context.choices["depth.method"]
+    assert verdict.state == "sweep_depth"
+    assert ("2 source views" if views == 2 else "no masks") in verdict.sentence
+    assert "judge" in plan.unneeded
+
+
+def test_the_better_picture_wins(judged: tuple[Pipeline, list]) -> None:
+    context = judged[0].plan().context
+    evidence = context.evidence("depth")
+    assert GIVEN_MATTE in evidence.facts
+    scores = np.full((4, 3, 3), 0.9)
+    scores[:, :, 0] = 20.0
+    for best, name in enumerate(BY_PICTURES):
+        better = scores.copy()
+        better[:, best, 0] += 0.01
+        picked = pick(replace(evidence, noted={DEPTH: better}))
+        assert picked is not None
+        assert picked.fact == f"{name}_depth"
+
+
+def test_the_judge_is_asked_for_gains_only_where_the_survey_proves_a_difference(
+    person_folder: Path, tmp_path: Path
+) -> None:
+    """Cameras of the simulator are alike: the survey settles it, and no picture is drawn."""
+    p = Pipeline(
+        tmp_path / "archive", person_folder, ["effects.exposure_matching=auto", "frames.range=0:2", "depth.method=hull"]
+    )
+    p.register()
+    assert EXPOSURE in p.plan().context.effects["exposure_matching"].asks
+    events = p.run()
+    assert "judge" not in {e.task.stage for e in events if isinstance(e, TaskDone)}
+    plan = p.plan()
+    assert plan.all_fresh
+    assert plan.context.effects["exposure_matching"].asks == ("survey/surface",)
+    assert "judge" in plan.unneeded
