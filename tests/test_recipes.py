@@ -381,7 +381,7 @@ from posegaussian.dags.simulation.shipped import scene_file
 from posegaussian.dags.simulation.simulate import read_scene
 from posegaussian.stages.simulator.scene import known_fields
 from posegaussian.stages.simulator.setup import stage
-from posegaussian.stages.simulator.subjects.actors import Still
+from posegaussian.stages.simulator.wardrobe.actors import Still
 import itertools, types
 import numpy as np
 box = np.array(list(itertools.product((-0.3, 0.3), (-0.3, 0.3), (0.0, 1.8))))

@@ -15,10 +15,10 @@ LABEL = 18
 """Height of a line of text, px."""
 
 
-def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int | None = 8) -> None:
-    """Write a PNG: one line a scene with `cameras` cameras, None any:
+def draw(rows: Sequence[dict[str, Any]], file: Path, cameras: int = 8) -> None:
+    """Write a PNG: one line a scene with `cameras` cameras:
     the picture as filmed, then each method's, with its box PSNR."""
-    chosen = [r for r in rows if cameras in (None, r["cameras"])]
+    chosen = [r for r in rows if r["cameras"] == cameras]
     lines = []
     for seed in dict.fromkeys(r["seed"] for r in chosen):
         scene = [r for r in chosen if r["seed"] == seed]

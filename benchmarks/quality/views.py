@@ -195,7 +195,6 @@ def clean(a: argparse.Namespace, writes: bool) -> list[tuple[str, bool]]:
         )
     if writes:
         draw(plain, Path("docs/measurements/quality.png"))
-        draw([r for r in rows if r["scenes"] == "capture_like"], Path("docs/measurements/quality_captures.png"), None)
     return [g for n in dict.fromkeys(r["cameras"] for r in plain) for g in gates(plain, n)]
 
 
@@ -242,7 +241,7 @@ def main() -> None:
     a = parser.parse_args()
     if a.seeds and a.scenes == "both" and a.captures == "clean":
         parser.error("--seeds goes with one set: say --scenes plain or --scenes capture_like, too")
-    # Only all reporting scenes are published: benchmarks/results and docs/measurements/quality*.png.
+    # Only all reporting scenes are published: benchmarks/results and docs/measurements/quality.png.
     writes = not a.seeds and (a.captures == "spoilt" or (a.scenes == "both" and a.frames == 3 and not a.cameras))
     for sentence, holds in (clean if a.captures == "clean" else spoilt)(a, writes):
         print("holds  " if holds else "FAILS  ", sentence)

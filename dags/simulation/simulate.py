@@ -66,7 +66,7 @@ def _unknown(document: Document, location: Location) -> str:
 def load_scan(scan: Scan, folder: Path) -> Any:
     """The scan of a scene as an actor; its texture is the one its material names. Raises SourceError."""
     from posegaussian.stages.simulator.scans import parse_obj, scan_mesh, texture_name
-    from posegaussian.stages.simulator.subjects.actors import Still
+    from posegaussian.stages.simulator.wardrobe.actors import Still
     from posegaussian.storage.readers.images import read_picture
 
     path = folder / scan.obj

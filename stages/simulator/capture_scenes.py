@@ -206,7 +206,7 @@ def capture_like_scene(
 ) -> Scene:
     """The scene of one seed, `size` px square, with `held_out` cameras midway between neighbours.
 
-    Of the seeds for reporting, `LIKENESSES` says what each holds; below 9000 that is drawn. `cameras` replaces the
+    Of the seeds for reporting `LIKENESSES` says what each holds; below 9000 that is drawn. `cameras` replaces the
     scene's own number, and `frames` is the most there are: a scene of a single frame stays one. The lens fits the
     person at rest, so that it is the same for every number of cameras. Raises ValueError for other seeds.
     """

@@ -14,9 +14,9 @@ from posegaussian.stages.simulator.effects.base import Ruling, SceneEvidence, ge
 from posegaussian.stages.simulator.effects.registry import EFFECTS
 from posegaussian.stages.simulator.rigs import framed, make_rig
 from posegaussian.stages.simulator.scene import Listed, Person, Scene
-from posegaussian.stages.simulator.subjects.actors import Actor, Performer
 from posegaussian.stages.simulator.subjects.splits import cast, refusal
 from posegaussian.stages.simulator.take import Take
+from posegaussian.stages.simulator.wardrobe.actors import Actor, Performer
 from posegaussian.storage.model.cameras import Rig
 
 

@@ -27,7 +27,7 @@ from posegaussian.stages.simulator.render.light import (
 )
 from posegaussian.stages.simulator.render.mesh import Mesh, joined
 from posegaussian.stages.simulator.render.raster import flat_normals, rasterize, vertex_normals
-from posegaussian.stages.simulator.subjects.actors import Actor
+from posegaussian.stages.simulator.wardrobe.actors import Actor
 from posegaussian.storage.model.cameras import Rig
 
 KEPT_MOMENTS = 200

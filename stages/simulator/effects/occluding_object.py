@@ -29,7 +29,7 @@ def _decide(evidence: SceneEvidence, bound: float) -> Decision:
 def apply(params: Any, seed: int) -> Any:
     """The post as a `take.Actor` that stands still."""
     from posegaussian.stages.simulator.render.mesh import Mesh, Texture
-    from posegaussian.stages.simulator.subjects.actors import Still
+    from posegaussian.stages.simulator.wardrobe.actors import Still
 
     n = 48
     angle = 2 * np.pi * np.arange(n) / n

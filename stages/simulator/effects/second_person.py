@@ -39,7 +39,7 @@ def _others(names: tuple[str, ...], main: str) -> tuple[str, ...]:
 
 def apply(params: Any, seed: int) -> Any:
     """The second person, drawn by the seed among the other subjects and outfits that the scene's seed allows."""
-    from posegaussian.stages.simulator.subjects.actors import Performer
+    from posegaussian.stages.simulator.wardrobe.actors import Performer
 
     random, allowed = generator(seed, "second_person"), casting(seed)
     who, what = (

@@ -81,7 +81,7 @@ def _buckle(body: Body, strap: Strap) -> np.ndarray:
     middle = {
         "belt": (0.0, _waist(body)),
         "harness": (0.0, _chest(body)),
-        "sash": tuple(0.5 * sum(_sash(body))),
+        "sash": tuple(0.5 * (_sash(body)[0] + _sash(body)[1])),
     }.get(strap.kind)
     if middle is None:
         return np.full(len(body.vertices), -1.0)

@@ -49,7 +49,7 @@ def test_a_seed_shows_only_whom_it_may(seeds: range, subjects: tuple[str, ...], 
 def test_the_second_person_of_a_scene_is_cast_by_the_same_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[str, str]] = []
     monkeypatch.setattr(
-        "posegaussian.stages.simulator.subjects.actors.Performer", lambda who, what, *rest: seen.append((who, what))
+        "posegaussian.stages.simulator.wardrobe.actors.Performer", lambda who, what, *rest: seen.append((who, what))
     )
     for seeds, subjects, outfits in (
         (range(1, 60), OPEN_SUBJECTS, OPEN_OUTFITS),

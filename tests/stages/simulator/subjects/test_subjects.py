@@ -11,12 +11,12 @@ from posegaussian.stages.simulator.render.patterns import PATTERNS
 from posegaussian.stages.simulator.scans import parse_obj, scan_mesh, texture_name
 from posegaussian.stages.simulator.scene import Scan
 from posegaussian.stages.simulator.subjects.bodies import FOLDER, load_body
-from posegaussian.stages.simulator.subjects.garments import dressed
 from posegaussian.stages.simulator.subjects.motion_names import MOTION_NAMES
 from posegaussian.stages.simulator.subjects.motions import MOTIONS, bones_at
 from posegaussian.stages.simulator.subjects.outfits import LOOKS, OUTFITS
 from posegaussian.stages.simulator.subjects.skeleton import BONES, CARRIERS, PARENTS
 from posegaussian.stages.simulator.subjects.splits import KEPT_OUTFITS, KEPT_SUBJECTS, VALIDATION_SUBJECT
+from posegaussian.stages.simulator.wardrobe.garments import dressed
 
 STYLE = np.array([0.3, -0.5, 0.1, 0.6])
 

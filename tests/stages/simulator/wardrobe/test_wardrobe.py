@@ -13,11 +13,11 @@ from posegaussian.stages.simulator.render.patterns import PATTERNS
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.subjects.bodies import load_body
-from posegaussian.stages.simulator.subjects.garments import dressed
 from posegaussian.stages.simulator.subjects.motions import bones_at
 from posegaussian.stages.simulator.wardrobe.carried import carried
 from posegaussian.stages.simulator.wardrobe.description import CLOTH_PATTERNS, NOTHING, Carried, Extras
 from posegaussian.stages.simulator.wardrobe.folds import finer
+from posegaussian.stages.simulator.wardrobe.garments import dressed
 from posegaussian.stages.simulator.wardrobe.straps import THICK
 from posegaussian.storage.model.errors import ConfigError
 

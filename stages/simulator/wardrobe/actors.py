@@ -10,11 +10,11 @@ import numpy as np
 
 from posegaussian.stages.simulator.render.mesh import Mesh, skin
 from posegaussian.stages.simulator.subjects.bodies import load_body
-from posegaussian.stages.simulator.subjects.garments import dressed
 from posegaussian.stages.simulator.subjects.motion import turn
 from posegaussian.stages.simulator.subjects.motions import bones_at
 from posegaussian.stages.simulator.subjects.skeleton import CARRIERS
 from posegaussian.stages.simulator.wardrobe.description import NOTHING, Extras
+from posegaussian.stages.simulator.wardrobe.garments import dressed
 
 
 class Actor(Protocol):
