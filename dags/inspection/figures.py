@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from posegaussian.dags.inspection.portraits import Portrait
 from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.geometry.epipolar import fundamental, homogeneous
 from posegaussian.stages.geometry.points import project
@@ -17,7 +18,6 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.matching import Matched
-from posegaussian.stages.inspection.portraits import Portrait
 from posegaussian.stages.inspection.report import Report
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.survey.algorithms.joints import SCORE

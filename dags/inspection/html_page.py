@@ -7,9 +7,9 @@ from html import escape
 from pathlib import Path
 
 from posegaussian.dags.inspection.figures import PairPicture
+from posegaussian.dags.inspection.portraits import NAMED, Portrait
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, by_measure
 from posegaussian.stages.inspection.footage import Footage
-from posegaussian.stages.inspection.portraits import NAMED, Portrait
 from posegaussian.stages.inspection.report import Report
 from posegaussian.storage.files.write import write_atomically
 

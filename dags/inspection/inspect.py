@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.inspection.portraits import portraits
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
 from posegaussian.stages.depth.params import resolve_method
@@ -26,7 +27,6 @@ from posegaussian.stages.inspection.finding import Finding, FindingVerdict, wors
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.inspection.portraits import portraits
 from posegaussian.stages.inspection.report import Report, inspect
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.readers.sources import open_source

@@ -111,6 +111,7 @@ def test_scenes_that_ship_are_valid_and_found_by_name() -> None:
         "dense_16",
         "single_pair",
         "two_people",
+        "passing",
     }
     for name in names:
         scene = read_scene(scene_file(name))

@@ -11,9 +11,9 @@ import numpy as np
 
 from posegaussian.dags.inspection.figures import write_portraits
 from posegaussian.dags.inspection.html_page import _people
+from posegaussian.dags.inspection.portraits import portraits
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.inspection.footage import Footage, scope_of
-from posegaussian.stages.inspection.portraits import portraits
 from tests.stages.following.test_following import People, at, filmed
 from tests.support.walking_skeleton import ring
 
