@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gc
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -23,7 +23,7 @@ from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, dependencies, measuring, tasks, tasks_of
 from posegaussian.stages.contract.declaration import Stage
-from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey
@@ -73,6 +73,8 @@ class Plan:
     """{stage: why this capture does not need it}."""
     selection: Selection = Selection()
     """Which stages a run may touch."""
+    wanted: Callable[[Context], frozenset[Product]] | None = None
+    """What must be there afterwards, whatever `keep` says; asked again when camera paths change."""
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -130,16 +132,23 @@ def _uncollected() -> Iterator[None]:
 
 
 @_uncollected()
-def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
+def make_plan(
+    context: Context,
+    selection: Selection = Selection(),
+    wanted: Callable[[Context], frozenset[Product]] | None = None,
+) -> Plan:
     """Judge every task of a sequence. Reads receipts and file sizes only.
 
-    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for
+    `wanted`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for
     thereby.
     """
+    held = wanted(context) if wanted else frozenset()
     constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
     context = replace(context, exported=constants) if constants else context
     book = Book.open(context, held)
     context = decided(book, selection)
+    if wanted and wanted(context) != held:
+        book = Book.open(context, wanted(context))
     verdicts: dict[Task, TaskVerdict] = {}
     for task in tasks(context):
         waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state not in READY]
@@ -153,7 +162,7 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
             state, why = State.KEPT, (TAKEN_OVER,)
         verdicts[task] = TaskVerdict(task, state, why)
     _call_back(book, verdicts)
-    return Plan(context, book, verdicts, context.unneeded(), selection)
+    return Plan(context, book, verdicts, context.unneeded(), selection, wanted)
 
 
 def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
@@ -202,16 +211,21 @@ def take_decisions(plan: Plan) -> tuple[EffectVerdict | ChoiceVerdict, ...]:
 
     Raises ValueError where all that a decision asked for is noted and it cannot be made.
     """
-    waited = plan.context.verdicts.open
+    waited, open_cameras = plan.context.verdicts.open, plan.context.cameras_undecided
+    before = plan.context.path_texts, plan.context.views
     plan.context = decided(plan.book)
     plan.unneeded = plan.context.unneeded()
+    if plan.wanted is not None and (plan.context.path_texts, plan.context.views) != before:
+        plan.book = Book.open(plan.context, plan.wanted(plan.context))
     now = plan.context.verdicts
-    for v in now.open:
-        if set(v.asks) <= plan.context.noted.keys():
-            stages = " and ".join(dict.fromkeys(PRODUCERS[a][0].name for a in v.asks))
+    stuck = {_name(v): v.asks for v in now.open}
+    stuck |= {"which cameras are believed": TRUST.asks} if open_cameras and plan.context.cameras_undecided else {}
+    for name, asks in stuck.items():
+        if set(asks) <= plan.context.noted.keys():
+            stages = " and ".join(dict.fromkeys(PRODUCERS[a][0].name for a in asks))
             raise ValueError(
-                f"{stages} of {plan.context.sequence.name} ran, but {_name(v)} cannot be decided by it; `run --from"
-                f" {PRODUCERS[v.asks[0]][0].name}` takes it anew"
+                f"{stages} of {plan.context.sequence.name} ran, but {name} cannot be decided by it; `run --from"
+                f" {PRODUCERS[asks[0]][0].name}` takes it anew"
             )
     undecided = {_name(v) for v in now.open}
     every: dict[str, EffectVerdict | ChoiceVerdict] = {**now.effects, **now.choices}
@@ -223,10 +237,11 @@ def _name(verdict: EffectVerdict | ChoiceVerdict) -> str:
 
 
 def _notes_waited_for(book: Book, selection: Selection) -> dict[str, Any]:
-    """What is noted by now of the arrays that decisions wait for; nothing of a stage that has a task to do."""
+    """What is noted by now of the arrays that decisions wait for; nothing of a stage that has a task to do, nor of one
+    that must know which cameras are believed before that is decided."""
     context, found = book.context, {}
     waited = dict.fromkeys(a for asks in context.waits.values() for a in asks)
-    for stage in (s for s in STAGES if s.sequence_wide):
+    for stage in (s for s in STAGES if s.sequence_wide and (s.trust is not None or not context.cameras_undecided)):
         arrays = tuple(a for a in waited if PRODUCERS[a][0] is stage)
         if arrays and all(_is_ready(book, t, selection) for t in measuring(context, stage)):
             receipts = [r for t in measuring(context, stage) if (r := book.expected(t)) is not None]
@@ -304,6 +319,7 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
                 f" {s.name}` takes it anew"
             )
     found += _changed_sources(context)
+    found += [v.sentence for v in context.cameras.values() if v.state == "left out"]
     for path in context.paths.values():
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:

@@ -156,9 +156,10 @@ def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
     if read.views == "own":
         assert task.view is not None, f"{task.stage} reads its own view of {read.array} but does not run over views"
         return (task.view,)
+    views = context.views_of(next(s for s in STAGES if s.name == task.stage))
     return {
-        "sources": context.views.sources,
-        "held_out": context.views.held_out,
+        "sources": views.sources,
+        "held_out": views.held_out,
         "all": tuple(range(len(context.rig))),
     }[read.views]
 
@@ -184,12 +185,13 @@ def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
 
 
 def deciding(context: Context, stage: str) -> tuple[Task, ...]:
-    """Tasks of sequence-wide stages that what is undecided about a stage waits for."""
+    """Tasks of sequence-wide stages that a stage waits for."""
     waited = {PRODUCERS[array][0].name: PRODUCERS[array][0] for array in context.waits.get(stage, ())}
     return tuple(t for s in waited.values() for t in measuring(context, s))
 
 
 def measuring(context: Context, stage: Stage) -> tuple[Task, ...]:
-    """The tasks of a sequence-wide stage whose notes decide: those of all source views, or its only one."""
-    views = context.views.sources if "view" in stage.over else (None,)
+    """The tasks of a sequence-wide stage whose notes decide: those of all views that are sources to it, or its only
+    one."""
+    views = context.views_of(stage).sources if "view" in stage.over else (None,)
     return tuple(Task(context.sequence.name, stage.name, None, v) for v in views)

@@ -121,8 +121,7 @@ class Session:
         held: Callable[[Context], frozenset[Product]] | None = None,
     ) -> Plan:
         """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
-        context = self.context(name, paths)
-        return make_plan(context, selection, held(context) if held else frozenset())
+        return make_plan(self.context(name, paths), selection, held)
 
     def backend(self) -> Backend:
         """Where tasks run, from `run.scheduler`."""

@@ -24,10 +24,11 @@ class Frames(Inputs):
         """All frames there are."""
         return self.partition
 
-    def read(self, array: str, view: int | None = None) -> np.ndarray:
-        """Whole, or one view's."""
+    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+        """Whole, or one view's; of all frames, or of some."""
         data = self._arrays[array]
-        return data if view is None else data[:, view]
+        chosen = data if view is None else data[:, view]
+        return chosen if frames is None else chosen[frames.start : frames.stop]
 
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
         """Of all frames."""
