@@ -239,12 +239,14 @@ class Context:
         """{stage: outputs of sequence-wide stages} that what is undecided about the stage waits for. A sequence-wide
         stage that something undecided asks waits for the stages before it, which may settle that."""
         found: dict[str, dict[str, None]] = {}
+        wide_ones = [s for s in STAGES if s.sequence_wide and s.unneeded(self.params(s), self.capture_facts) is None]
+        served = {w.name for s in wide_ones for w in s.writes}
         for v in self.verdicts.open:
-            missing = [a for a in v.asks if a not in self.noted]
+            missing = [a for a in v.asks if a not in self.noted and a in served]
             for s in v.stages:
                 found.setdefault(s, {}).update(dict.fromkeys(missing))
             before: list[str] = []
-            for wide in (s for s in STAGES if s.sequence_wide):
+            for wide in wide_ones:
                 own = [a for a in missing if a in {w.name for w in wide.writes}]
                 if own and before:
                     found.setdefault(wide.name, {}).update(dict.fromkeys(before))
