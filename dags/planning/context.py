@@ -279,12 +279,14 @@ class Context:
         stages before it, which may settle that."""
         first = [a for a in TRUST.asks if a not in self.noted] if self.cameras_undecided else []
         found: dict[str, dict[str, None]] = {s.name: dict.fromkeys(first) for s in STAGES if first and s.trust is None}
+        wide_ones = [s for s in STAGES if s.sequence_wide and s.unneeded(self.params(s), self.capture_facts) is None]
+        served = {w.name for s in wide_ones for w in s.writes}
         for v in self.verdicts.open:
-            missing = [a for a in v.asks if a not in self.noted]
+            missing = [a for a in v.asks if a not in self.noted and a in served]
             for s in v.stages:
                 found.setdefault(s, {}).update(dict.fromkeys(missing))
             before: list[str] = []
-            for wide in (s for s in STAGES if s.sequence_wide):
+            for wide in wide_ones:
                 own = [a for a in missing if a in {w.name for w in wide.writes}]
                 if own and before:
                     found.setdefault(wide.name, {}).update(dict.fromkeys(before))

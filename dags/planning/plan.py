@@ -242,7 +242,7 @@ def _notes_waited_for(book: Book, selection: Selection) -> dict[str, Any]:
     context, found = book.context, {}
     waited = dict.fromkeys(a for asks in context.waits.values() for a in asks)
     for stage in (s for s in STAGES if s.sequence_wide and (s.trust is not None or not context.cameras_undecided)):
-        arrays = tuple(a for a in waited if PRODUCERS[a][0] is stage)
+        arrays = tuple(a for a in waited if PRODUCERS[a][0].name == stage.name)
         if arrays and all(_is_ready(book, t, selection) for t in measuring(context, stage)):
             receipts = [r for t in measuring(context, stage) if (r := book.expected(t)) is not None]
             found.update(noted(receipts, arrays, "view" in stage.over) or {})

@@ -17,6 +17,8 @@ NONE = -1.0
 """Score of what was not drawn."""
 GIVEN_MATTE = fact("given_matte")
 """Masks that came with the capture say where the subject is before any stage has run."""
+NO_MASKS = "no masks came with the capture: who is the subject is not known when this is decided"
+"""Why no picture of a left-out view is compared."""
 FEWEST = 3
 """Source views of which one can be left out: two draw it."""
 
@@ -32,7 +34,7 @@ def cannot_judge(sources: int, given_matte: bool) -> str | None:
     if sources < FEWEST:
         return f"with {sources} source view{'s' if sources > 1 else ''} none can be left out and drawn from two others"
     if not given_matte:
-        return "no masks came with the capture: who is the subject is not known when this is decided"
+        return NO_MASKS
     return None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, GIVEN_MATTE, NO_MASKS
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
@@ -23,6 +23,11 @@ def needs(shape: Shape, params: JudgeParams) -> Resources:
 
 def _exposure(params: JudgeParams, facts: Facts) -> bool:
     return EXPOSURE in facts
+
+
+def unneeded(params: JudgeParams, facts: Facts) -> str | None:
+    """Why no picture of a left-out view can be compared, or None."""
+    return None if GIVEN_MATTE in facts else NO_MASKS
 
 
 STAGE = Stage(
@@ -68,6 +73,7 @@ STAGE = Stage(
     over=("sequence",),
     params=JudgeParams,
     needs=needs,
+    unneeded=unneeded,
     sequence_wide=True,
     cameras=lambda rig, params: frames_rig(rig, params.size),
     dimensions=lambda params, facts: {

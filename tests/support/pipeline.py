@@ -82,7 +82,8 @@ class Pipeline:
         # Every stage has something to do, and none waits for the survey or the judge; tests of what these decide set
         # it back to auto.
         forced = [f"effects.{e}={state}" for e, state in FORCED.items()]
-        fixed = ["run.scheduler=serial", "views.trust=all", "depth.method=sgbm", *forced]
+        matched = [] if any(s.startswith("views.sources") for s in self.settings) else ["depth.method=sgbm"]
+        fixed = ["run.scheduler=serial", "views.trust=all", *matched, *forced]
         return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
 
     @property
