@@ -3,7 +3,9 @@
 A foreground pixel of a view whose ray the other silhouettes leave nothing of is contradicted. Where a point of its ray
 is carved by a single view, and seen as foreground by enough of the others, that view's mask lacks something there, or
 ends elsewhere than theirs: around the place where it sees the point it carves nothing from then on. Where several views
-carve, the pixel itself is what is wrong. What is left of a hull is then no less than what all views but one agree on.
+carve, the pixel itself is what is wrong. The point that is carved least is taken: where the ray passes nearer to
+another outline, or elsewhere by the same one, a disc is given up there. What is left of a hull is then no less than
+what all views but one agree on.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Which cameras contradict the others: every pair has a vote, and the larger party is believed.
 
-A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones. So the
-camera with the largest share of contradictions is set aside, again and again, until none is contradicted by more than
-half; what is left is believed if it is the majority. Wrong cameras that agree with each other, a part of a rig that was
-registered apart, fall one after the other.
+A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones, so that
+cameras fall into parties; the larger one is believed, and whoever more than half of it contradicts is not. Wrong
+cameras that agree with each other, a part of a rig that was registered apart, are one party.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ WEIGHTS = {"features": 2, "outlines": 1, "joints": 1}
 """Features are many and precise: masks that are wrong in one view, or a detector, do not outvote them alone; both
 together do, as of a camera that is out of step before a background that stands still."""
 MAJORITY = 0.5
-"""Share of the cameras it can be compared with that must contradict a camera."""
+"""Share of the believed cameras it can be compared with that must contradict a camera, at least."""
 ACCUSERS = 2
 """Believed cameras, at least, that must contradict it."""
 CARVED = 0.05
 """Share of the foreground, of the others and its own, that is carved because of a camera that looks elsewhere."""
 RELIEF = 0.5
-"""Share of what is carved of the others that must be carved by it alone."""
+"""Share of what is carved of the others that must be carved by it alone; what is left must be within the bound."""
 FEWEST_CARVED = 4
 """Cameras among which one can be told by its silhouette."""
 LINES = KINDS[:3]
@@ -92,27 +91,28 @@ def _turned(shares: np.ndarray, kept: set[int]) -> int | None:
     relief = np.array([shares[o, b].mean() for b, o in enumerate(others)])
     before = np.array([own[o].mean() for o in others])
     worst = int(relief.argmax())
-    if min(before[worst], own[worst]) <= CARVED or relief[worst] < RELIEF * before[worst]:
+    left = before[worst] - relief[worst]
+    if min(before[worst], own[worst]) <= CARVED or left > min((1 - RELIEF) * before[worst], CARVED):
         return None
     return worst
 
 
 def _majority(votes: np.ndarray) -> set[int]:
-    """The cameras that are believed: all of them where no majority agrees against the others."""
+    """The cameras that are believed: all of them where no majority agrees against the others.
+
+    The leading eigenvector of the votes splits the cameras into the two parties that contradict each other most; then
+    everybody is heard by the larger one, until nothing changes.
+    """
     every = set(range(len(votes)))
-    kept = set(every)
-    while len(kept) > 2:
-        own = sorted(kept)
-        against = {v: int((votes[v, own] < 0).sum()) for v in own}
-        known = {v: int((votes[v, own] != 0).sum()) for v in own}
-        worst = max(own, key=lambda v: (against[v] / max(known[v], 1), against[v], -v))
-        if against[worst] <= MAJORITY * known[worst]:
+    lead = np.linalg.eigh(votes.astype(np.float64))[1][:, -1]
+    sides = [set(np.flatnonzero(side * lead > 1e-6).tolist()) for side in (1, -1)]
+    party, wrong = max(sides, key=len), set[int]()
+    for _ in every:
+        wrong = {v for v in every if _accused(votes[v, sorted(party - {v})])}
+        if party == every - wrong:
             break
-        kept.discard(worst)
-    # Whoever fell early, before the others of his party did, is heard again.
-    own = sorted(kept)
-    wrong = {v for v in every - kept if _accused(votes[v, own])}
-    return every - wrong if 2 * len(wrong) < len(every) else every
+        party = every - wrong
+    return party if 2 * len(wrong) < len(every) else every
 
 
 def _accused(votes: np.ndarray) -> bool:
@@ -144,4 +144,4 @@ def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> 
     return Belief(view in kept, measured, told + lines)
 
 
-TRUST = Trust(asks=(NAME,), bound=100 * BOUNDS["features"], unit="% of the longer side", fewest=3, decide=believed)
+TRUST = Trust(asks=(NAME,), bound=100 * BOUNDS["features"], unit="%", fewest=3, decide=believed)

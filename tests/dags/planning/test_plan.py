@@ -75,7 +75,7 @@ def test_only_leaves_other_stages_alone_and_says_so(archive: Pipeline) -> None:
 
 @pytest.mark.parametrize("name", ["depht", ""])
 def test_an_unknown_stage_is_refused_with_the_known_ones(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"no stage .*survey, judge, detection, pose, frames"):
+    with pytest.raises(ConfigError, match=r"no stage .*survey, judge, detection, tracks, people, pose, frames"):
         Selection(only=frozenset({name}))
 
 
