@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.dags.planning.captured_sizes import unexplained_sizes
 from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Verdicts, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
@@ -369,25 +370,15 @@ class Context:
             s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread
         }
 
-    def _unexplained_sizes(self) -> list[str]:
-        """Sentences about cameras whose pictures have another size than their calibration, and nothing says how they
-        relate: archives made before imports found that out."""
-        known, rig = {*self.capture.crops, *self.settings.frames.crop}, self.capture.rig
-        sizes = {
-            n: (tuple(self.capture.pictures[v].size), tuple(map(int, rig.size[v]))) for v, n in enumerate(rig.names)
-        }
-        return [
-            f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which"
-            " finds out how they relate, or say it with frames.crop"
-            for n, ((w, h), (cw, ch)) in sizes.items()
-            if (w, h) != (cw, ch) and n not in known
-        ]
-
     def refusals(self) -> list[str]:
         """Sentences about settings this capture cannot serve."""
         gone = self.unneeded()
         own = [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
-        return [*self._unexplained_sizes(), *own, *refusals(self.evidence, self.effects)]
+        return [
+            *unexplained_sizes(self.capture, self.settings.frames.crop),
+            *own,
+            *refusals(self.evidence, self.effects),
+        ]
 
 
 def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] = ()) -> Context:

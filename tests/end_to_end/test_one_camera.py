@@ -17,7 +17,10 @@ from posegaussian.storage.exporters.images_layout import write_capture
 from posegaussian.storage.readers import images
 from tests.support.pipeline import Pipeline, assert_same_content, content, film
 
-AUTO = [f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")]
+AUTO = [
+    "depth.method=auto",
+    *(f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")),
+]
 
 
 def one_camera(

@@ -56,7 +56,7 @@ MEASURES = {
 
 
 def context_of(folder: Path, archive: Path, *settings: str) -> Context:
-    pipeline = Pipeline(archive, folder, list(settings), held_out="[]")
+    pipeline = Pipeline(archive, folder, ["depth.method=auto", *settings], held_out="[]")
     pipeline.register()
     return Context(pipeline.session.archive.sequence(NAME), pipeline.configuration.for_sequence(NAME), ())
 
@@ -304,7 +304,8 @@ def test_pairs_of_real_captures(
     assert {(plan.rig.names[a], plan.rig.names[b]) for a, b in plan.matched} == matched
     assert len(plan.refused) == refused
     worst = {f.measure: f.verdict for f in of_pairs(plan, every_pair(plan))}
-    assert worst["partners" if name == "desk" else "neighbours"] is FindingVerdict.DOUBTFUL
+    assert FindingVerdict.BAD not in worst.values(), "the sweep, which auto comes to, asks for no rows in common"
+    assert name == "desk" or worst["neighbours"] is FindingVerdict.DOUBTFUL
 
 
 def test_the_command_has_its_help() -> None:
