@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Asset, Paths, Stage
+from posegaussian.stages.contract.trust import Trust
 from posegaussian.stages.depth.stage import STAGE as DEPTH
 from posegaussian.stages.detection.stage import STAGE as DETECTION
 from posegaussian.stages.frames.stage import STAGE as FRAMES
@@ -31,6 +32,8 @@ STAGES: tuple[Stage, ...] = (
 
 PATHS: Paths = next(s.paths for s in STAGES if s.paths is not None)
 """How camera paths are made."""
+TRUST: Trust = next(s.trust for s in STAGES if s.trust is not None)
+"""How it is decided which cameras are believed."""
 ASSETS: dict[str, tuple[Stage, Asset]] = {asset.name: (s, asset) for s in STAGES for asset in s.assets}
 """Models and weights by the source that they are read as, each with the stage whose settings name it."""
 

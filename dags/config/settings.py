@@ -56,6 +56,11 @@ class ViewSettings(Params):
     held_out: list[str] | None = setting(
         None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none."
     )
+    trust: Literal["auto", "all"] | list[str] = setting(
+        "auto",
+        "Which sources are believed; auto: all but those that contradict the others, all: every one, names: these"
+        " whatever they show, and of the others those that auto believes.",
+    )
 
 
 class RunSettings(Params):

@@ -15,7 +15,7 @@ from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.task_cost import load
 from posegaussian.dags.planning.tasks import tasks_of
 from posegaussian.stages.contract.declaration import Stage
-from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.model.spec import digest
 
@@ -43,6 +43,8 @@ def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
             _state(v),
             _time(v, seconds(plan, v, history)),
         )
+    measured, state, _ = _cameras(plan)
+    table.add_row("views.trust", measured, f"{TRUST.bound:g} {TRUST.unit}", state, "")
     for name, answer, setting, _ in _choices(plan):
         table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
     return table
@@ -53,7 +55,28 @@ def effects_reasons(plan: Plan, every: bool = True) -> list[str]:
     forced or chosen."""
     effects = [v for v in plan.context.effects.values() if every or v.state == "on" or v.setting != "auto"]
     told = [f"{v.effect.name} {v.state}: {_why(v)}" for v in effects]
+    cameras = list(plan.context.cameras.values())
+    told += [_cameras(plan)[2]] if not every or plan.context.cameras_undecided else [v.sentence for v in cameras]
     return told + [f"{name} {answer}: {why}" for name, answer, _, why in _choices(plan)]
+
+
+def _cameras(plan: Plan) -> tuple[str, str, str]:
+    """What was measured of the camera that agrees least, which cameras are believed, and why."""
+    cameras = plan.context.cameras
+    setting = plan.context.settings.views.trust
+    how = setting if isinstance(setting, str) else f"auto, {', '.join(setting)} forced"
+    if plan.context.cameras_undecided:
+        why = "views.trust undecided: known once the survey compared what the cameras see"
+        return "after survey", f"undecided ({how})", why
+    found = [v.belief.measured for v in cameras.values() if v.belief is not None and v.belief.measured is not None]
+    out = [name for name, v in cameras.items() if v.state == "left out"]
+    state = f"{len(cameras) - len(out)} of {len(cameras)} ({how})"
+    return (
+        f"{max(found):.3g} {TRUST.unit}" if found else "",
+        state,
+        "; ".join(cameras[name].sentence for name in out)
+        or f"views.trust: {'all cameras are' if len(cameras) > 1 else 'the camera is'} believed",
+    )
 
 
 def _choices(plan: Plan) -> Iterator[tuple[str, str, str, str]]:

@@ -28,6 +28,7 @@ from posegaussian.dags.runtime.events import (
     TaskFresh,
     TaskLeftOut,
     TaskNeeded,
+    TasksChanged,
     TaskStarted,
 )
 from posegaussian.stages.registry import STAGES
@@ -152,6 +153,9 @@ class Tally:
         """Take one event of the run."""
         if isinstance(event, RunStarted):
             self.totals = Counter(t.stage for t in event.tasks)
+        elif isinstance(event, TasksChanged):
+            self.totals += Counter(t.stage for t in event.come)
+            self.totals -= Counter(t.stage for t in event.gone)
         elif isinstance(event, TaskStarted):
             self.in_hand.add(event.task)
         elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):

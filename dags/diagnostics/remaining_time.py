@@ -23,6 +23,7 @@ from posegaussian.dags.runtime.events import (
     TaskFresh,
     TaskLeftOut,
     TaskNeeded,
+    TasksChanged,
 )
 from posegaussian.stages.registry import stage as stage_named
 
@@ -106,6 +107,15 @@ class Remaining:
                 self._left[task.stage] += seconds
         elif isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
             self._settle(event.task, event.receipt.facts.get("seconds") if isinstance(event, TaskDone) else None)
+        elif isinstance(event, TasksChanged):
+            alike = {(t.stage, t.partition): self.expected.get(t, 0.0) for t in event.gone}
+            come = {t: alike.get((t.stage, t.partition), 0.0) for t in event.come}
+            self.expected = {**self.expected, **come}
+            for task in event.gone:
+                self._settle(task, None)
+            self._open |= come
+            for task, seconds in come.items():
+                self._left[task.stage] += seconds
         elif isinstance(event, TaskNeeded):
             self._open[event.task] = self.expected.get(event.task, 0.0)
             self._left[event.task.stage] += self._open[event.task]

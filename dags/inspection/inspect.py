@@ -132,7 +132,8 @@ def planned_of(context: Context) -> Planned:
     settings, facts = context.settings, context.capture_facts
     depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts).name})
     matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
-    return Planned(context.rig, context.active_views, context.views.sources, depth, matte, estimator, facts)
+    sources, trust = context.asked_views.sources, settings.views.trust
+    return Planned(context.rig, context.active_views, sources, depth, matte, estimator, facts, trust)
 
 
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:

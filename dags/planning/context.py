@@ -13,7 +13,8 @@ from posegaussian.dags.planning.effects import EffectVerdict, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.registry import ASSETS, PATHS, STAGES
+from posegaussian.stages.contract.trust import CameraVerdict, asks, judged_cameras
+from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import check_camera_names
@@ -36,7 +37,7 @@ class Context:
     path_texts: tuple[str, ...]
     """Camera paths as written: in the settings, or asked for by an export."""
     noted: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """[S, ...] of the source views, by array: what the survey noted for the effects' decisions; empty before it ran."""
+    """[S, ...] of the `asked_views`' sources, by array: what the survey noted for decisions; empty before it ran."""
     asked_for: bool = False
     """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
@@ -77,11 +78,13 @@ class Context:
         return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in (roles.sources or ()))
 
     @cached_property
-    def views(self) -> Views:
-        """Roles of the cameras. Raises ConfigError for names that the capture does not have or that play both roles."""
+    def asked_views(self) -> Views:
+        """Roles of the cameras as they are set, before any of them is disbelieved. Raises ConfigError for names that
+        the capture does not have or that play both roles."""
         names = self.capture.rig.names
         roles, held_out = self.settings.views, self.held_out
-        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out)):
+        trust = roles.trust if isinstance(roles.trust, list) else []
+        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out), ("trust", trust)):
             for name in chosen:
                 if name not in names:
                     raise ConfigError(
@@ -102,9 +105,34 @@ class Context:
         )
 
     @cached_property
+    def cameras(self) -> dict[str, CameraVerdict]:
+        """What is known of every camera that may be a source, by name."""
+        sources = list(self.asked_views.sources)
+        pairs = {a: self.noted[a][:, sources] for a in TRUST.asks if a in self.noted}
+        return judged_cameras(
+            TRUST, tuple(self.asked_views.names[v] for v in sources), self.settings.views.trust, pairs
+        )
+
+    @property
+    def cameras_undecided(self) -> bool:
+        """Whether the survey must run before it is known which cameras are believed."""
+        return any(v.state == "undecided" for v in self.cameras.values())
+
+    @cached_property
+    def views(self) -> Views:
+        """Roles of the cameras: a source that contradicts the others is none; all are believed until the survey ran."""
+        views = self.asked_views
+        believed = tuple(v for v in views.sources if self.cameras[views.names[v]].state != "left out")
+        return replace(views, sources=believed)
+
+    def views_of(self, stage: Stage) -> Views:
+        """Roles of the cameras as a stage sees them: the one that measures who is believed sees all that are asked."""
+        return self.asked_views if stage.trust is not None else self.views
+
+    @cached_property
     def active_views(self) -> tuple[int, ...]:
-        """Views whose pictures are worked on: sources and held-out ones."""
-        return tuple(sorted({*self.views.sources, *self.views.held_out}))
+        """Views whose pictures are worked on: sources, believed or not, and held-out ones."""
+        return tuple(sorted({*self.asked_views.sources, *self.asked_views.held_out}))
 
     @cached_property
     def rig(self) -> Rig:
@@ -149,12 +177,12 @@ class Context:
 
     def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
         """The same sequence after the survey; all that does not follow from its notes is taken over, not made again."""
-        other = replace(self, noted=noted)
-        kept = {
-            k: v
-            for k, v in self.__dict__.items()
-            if k not in {*(f.name for f in fields(self)), "effects", "facts", "waits"}
-        }
+        other, follows = replace(self, noted=noted), {"effects", "facts", "waits", "cameras", "views"}
+        if other.views != self.views:
+            follows |= {"paths", "_made_paths"}
+            if not self.asked_for and self.settings.rendering.paths is None:
+                other = replace(other, path_texts=(PATHS.default(self.rig, other.views, self.settings),))
+        kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), *follows}}
         other.__dict__.update(kept)
         return other
 
@@ -162,10 +190,11 @@ class Context:
     def capture_facts(self) -> Facts:
         """What the capture has, as far as it decides which stages and inputs count: the roles of its cameras, and what
         each stage tells of it, in the order of flow."""
-        roles = {SINGLE_SOURCE: len(self.views.sources) == 1, HELD_OUT: bool(self.views.held_out)}
+        views = self.asked_views
+        roles = {SINGLE_SOURCE: len(views.sources) == 1, HELD_OUT: bool(views.held_out)}
         known = Facts(frozenset(name for name, holds in roles.items() if holds))
         for s in STAGES:
-            known = known | set(s.facts(self.capture, self.views, self.params(s), known))
+            known = known | set(s.facts(self.capture, views, self.params(s), known))
         return known
 
     def asset_settings(self, name: str) -> Any:
@@ -199,8 +228,14 @@ class Context:
             ),
             max(1, stride),
             tuple(self.paths.values()),
-            self.noted,
+            self._believed_notes,
         )
+
+    @property
+    def _believed_notes(self) -> dict[str, np.ndarray]:
+        """[S, ...] of the source views, by array."""
+        rows = [i for i, v in enumerate(self.asked_views.sources) if v in self.views.sources]
+        return {array: values[rows] for array, values in self.noted.items()}
 
     @cached_property
     def effects(self) -> dict[str, EffectVerdict]:
@@ -214,24 +249,28 @@ class Context:
         asked for."""
         known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
         known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
-        asked = self.exported | {a for v in self.effects.values() for a in v.asks}
-        asked |= {
+        wanted = self.exported | {a for v in self.effects.values() for a in v.asks}
+        if asks(TRUST, tuple(self.cameras), self.settings.views.trust):
+            wanted |= set(TRUST.asks)
+        wanted |= {
             r.array
             for s in STAGES
             if s.unneeded(self.params(s), known) is None
             for r in s.reads_for(self.params(s), known)
         }
-        return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in asked}
+        return known | {w.name for s in STAGES if s.sequence_wide for w in s.writes if w.name in wanted}
 
     @cached_property
     def waits(self) -> dict[str, tuple[str, ...]]:
-        """{stage: outputs of the survey} that undecided effects of the stage wait for."""
+        """{stage: outputs of the survey} that the stage waits for: those that decide which cameras are believed, and
+        its undecided effects."""
         open_ones = [v for v in self.effects.values() if v.decision is None]
-        return {
-            s: tuple(dict.fromkeys(a for v in open_ones if s in v.stages for a in v.asks))
-            for v in open_ones
-            for s in v.stages
-        }
+        first = TRUST.asks if self.cameras_undecided else ()
+        found = {s.name: first for s in STAGES if first and s.trust is None}
+        for stage in dict.fromkeys(s for v in open_ones for s in v.stages):
+            own = (a for v in open_ones if stage in v.stages for a in v.asks)
+            found[stage] = tuple(dict.fromkeys([*found.get(stage, ()), *own]))
+        return found
 
     def effect_states(self, stage: Stage) -> dict[str, str]:
         """{effect: on | undecided} of a stage's effects; what is off is as good as absent and leaves no trace."""
@@ -260,7 +299,9 @@ class Context:
     def joint_set(self) -> str | None:
         """Id of the joint set of `pose/*`; None without joints."""
         told = [
-            s.joint_set(self.capture, self.views, self.params(s), self.capture_facts) for s in STAGES if s.joint_set
+            s.joint_set(self.capture, self.asked_views, self.params(s), self.capture_facts)
+            for s in STAGES
+            if s.joint_set
         ]
         return next((name for name in told if name is not None), None)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gc
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -73,6 +73,8 @@ class Plan:
     """{stage: why this capture does not need it}."""
     selection: Selection = Selection()
     """Which stages a run may touch."""
+    wanted: Callable[[Context], frozenset[Product]] | None = None
+    """What must be there afterwards, whatever `keep` says; asked again when camera paths change."""
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -130,16 +132,23 @@ def _uncollected() -> Iterator[None]:
 
 
 @_uncollected()
-def make_plan(context: Context, selection: Selection = Selection(), held: frozenset[Product] = frozenset()) -> Plan:
+def make_plan(
+    context: Context,
+    selection: Selection = Selection(),
+    wanted: Callable[[Context], frozenset[Product]] | None = None,
+) -> Plan:
     """Judge every task of a sequence. Reads receipts and file sizes only.
 
-    `held`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for
+    `wanted`: products that must be there afterwards, whatever `keep` says; of sequence-wide stages, they are asked for
     thereby.
     """
+    held = wanted(context) if wanted else frozenset()
     constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
     context = replace(context, exported=constants) if constants else context
     book = Book.open(context, held)
     context = decided(book, selection)
+    if wanted and wanted(context) != held:
+        book = Book.open(context, wanted(context))
     verdicts: dict[Task, TaskVerdict] = {}
     for task in tasks(context):
         waiting = [d for d in dependencies(context, task) if d not in verdicts or verdicts[d].state not in READY]
@@ -153,7 +162,7 @@ def make_plan(context: Context, selection: Selection = Selection(), held: frozen
             state, why = State.KEPT, (TAKEN_OVER,)
         verdicts[task] = TaskVerdict(task, state, why)
     _call_back(book, verdicts)
-    return Plan(context, book, verdicts, context.unneeded(), selection)
+    return Plan(context, book, verdicts, context.unneeded(), selection, wanted)
 
 
 def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
@@ -207,11 +216,15 @@ def take_decisions(plan: Plan) -> tuple[EffectVerdict, ...]:
     Raises ValueError when a survey's receipt does not hold what an effect asked for.
     """
     waited = [v.effect.name for v in plan.context.effects.values() if v.decision is None]
+    open_ones = [*(["which cameras are believed"] if plan.context.cameras_undecided else []), *waited]
+    before = plan.context.path_texts, plan.context.views
     plan.context = plan.book.context = plan.context.with_noted(survey_notes(plan.book))
     plan.unneeded = plan.context.unneeded()
+    if plan.wanted is not None and (plan.context.path_texts, plan.context.views) != before:
+        plan.book = Book.open(plan.context, plan.wanted(plan.context))
     if plan.context.waits:
         raise ValueError(
-            f"the survey of {plan.context.sequence.name} ran, but {', '.join(waited)} cannot be decided by it; `run"
+            f"the survey of {plan.context.sequence.name} ran, but {', '.join(open_ones)} cannot be decided by it; `run"
             " --from survey` takes it anew"
         )
     return tuple(plan.context.effects[name] for name in waited)
@@ -224,7 +237,7 @@ def survey_notes(book: Book) -> dict[str, Any]:
     receipts = {
         t.view: r for stage in context.waits for t in deciding(context, stage) if (r := book.expected(t)) is not None
     }
-    return noted(receipts, arrays) or {} if len(receipts) == len(context.views.sources) else {}
+    return noted(receipts, arrays) or {} if len(receipts) == len(context.asked_views.sources) else {}
 
 
 def _call_back(book: Book, verdicts: dict[Task, TaskVerdict]) -> None:
@@ -284,6 +297,7 @@ def _notes(context: Context, book: Book) -> tuple[str, ...]:
                 f" {s.name}` takes it anew"
             )
     found += _changed_sources(context)
+    found += [v.sentence for v in context.cameras.values() if v.state == "left out"]
     for path in context.paths.values():
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:

@@ -142,9 +142,10 @@ def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
     if read.views == "own":
         assert task.view is not None, f"{task.stage} reads its own view of {read.array} but does not run over views"
         return (task.view,)
+    views = context.views_of(next(s for s in STAGES if s.name == task.stage))
     return {
-        "sources": context.views.sources,
-        "held_out": context.views.held_out,
+        "sources": views.sources,
+        "held_out": views.held_out,
         "all": tuple(range(len(context.rig))),
     }[read.views]
 
@@ -170,6 +171,6 @@ def dependencies(context: Context, task: Task) -> tuple[Task, ...]:
 
 
 def deciding(context: Context, stage: str) -> tuple[Task, ...]:
-    """The survey's tasks that undecided effects of a stage wait for: those of all source views."""
+    """The survey's tasks that a stage waits for: those of all views that may be sources."""
     surveys = dict.fromkeys(PRODUCERS[array][0].name for array in context.waits.get(stage, ()))
-    return tuple(Task(context.sequence.name, s, None, v) for s in surveys for v in context.views.sources)
+    return tuple(Task(context.sequence.name, s, None, v) for s in surveys for v in context.asked_views.sources)

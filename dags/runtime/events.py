@@ -88,6 +88,16 @@ class EffectsDecided:
 
 
 @dataclass(frozen=True)
+class TasksChanged:
+    """The cameras that are believed were decided, and camera paths with them: other tasks than the run started with."""
+
+    gone: tuple[Task, ...]
+    """Tasks that it does not come to any more."""
+    come: tuple[Task, ...]
+    """Tasks that it comes to besides."""
+
+
+@dataclass(frozen=True)
 class TaskStarted:
     """A task was handed to a worker."""
 
@@ -193,6 +203,7 @@ Event = (
     | SequenceRefused
     | RunStarted
     | EffectsDecided
+    | TasksChanged
     | TaskStarted
     | TaskFresh
     | TaskNeeded
@@ -247,4 +258,6 @@ def _plain(name: str, value: Any) -> dict[str, Any]:
         }
     if name == "tasks":
         return {"tasks": len(value), "stages": dict(Counter(t.stage for t in value))}
+    if name in ("gone", "come"):
+        return {name: len(value)}
     return {name: dict(value) if isinstance(value, Mapping) else list(value) if isinstance(value, tuple) else value}

@@ -78,7 +78,7 @@ def scope_of(context: Context, task: Task) -> TaskScope:
         source_frames=context.source_frames[own],
         time=context.time[own],
         valid=context.valid[own],
-        views=context.views,
+        views=context.views_of(stage_named(task.stage)),
         view=task.view,
         rig=context.rig_of(stage_named(task.stage)),
         source_rig=context.capture.rig,
@@ -138,7 +138,8 @@ def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], st
         "frames/valid": (context.valid, ("frame", "view"), "1", "Whether the view has a picture of the frame."),
         "frames/number": (context.source_frames, ("frame",), "1", "Source frame number."),
     }
-    for name, cameras in context.paths.items():
+    # Until it is known which cameras are believed, paths may come to go elsewhere.
+    for name, cameras in ({} if context.cameras_undecided else context.paths).items():
         prefix = f"rendering/{name}"
         found[f"{prefix}/intrinsics"] = (
             cameras.intrinsics,

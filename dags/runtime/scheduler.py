@@ -9,10 +9,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from posegaussian.dags.planning.plan import Plan, State, judge, kept_result, take_decisions
+from posegaussian.dags.planning.plan import Plan, State, TaskVerdict, judge, kept_result, take_decisions
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.planning.tasks import Task, dependencies
+from posegaussian.dags.planning.tasks import Task, dependencies, tasks
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import code_digest
 from posegaussian.dags.runtime.entering import enter, make_arrays
@@ -20,6 +20,7 @@ from posegaussian.dags.runtime.events import (
     EffectsDecided,
     Event,
     Listener,
+    Notice,
     RunEnded,
     RunStarted,
     TaskBlocked,
@@ -28,6 +29,7 @@ from posegaussian.dags.runtime.events import (
     TaskFresh,
     TaskLeftOut,
     TaskNeeded,
+    TasksChanged,
 )
 from posegaussian.dags.runtime.failures import Failure, Kind, failure
 from posegaussian.dags.runtime.in_flight import Backend, Flight, Rules
@@ -147,10 +149,13 @@ class Run:
         """Note what every task waits for."""
         for plan in self.plans.values():
             for task in plan.verdicts:
-                before = [d for d in dependencies(plan.context, task) if d in self.order]
-                self.waiting[task] = set(before)
-                for d in before:
-                    self.dependents[d].append(task)
+                self._link_one(plan, task)
+
+    def _link_one(self, plan: Plan, task: Task) -> None:
+        before = [d for d in dependencies(plan.context, task) if d in self.order]
+        self.waiting[task] = {d for d in before if d not in self.ended}
+        for d in before:
+            self.dependents[d].append(task)
 
     def _push(self, task: Task) -> None:
         heapq.heappush(self.ready, (-DEPTH[task.stage], self.order[task], task))
@@ -175,6 +180,8 @@ class Run:
         plan = self.plans[task.sequence]
         if task.stage in plan.context.waits:
             self._decide(plan)
+        if task in self.ended:
+            return  # of a camera path that is none any more
         if task.stage in plan.unneeded:
             self.tell(TaskFresh(task))
             self._release(task, "unneeded")
@@ -221,11 +228,37 @@ class Run:
         return True
 
     def _decide(self, plan: Plan) -> None:
-        """The survey is through: its effects are decided, and the arrays behind them can be made."""
+        """The survey is through: its effects and the cameras that are believed are decided, and the arrays behind them
+        can be made."""
+        name, open_cameras = plan.context.sequence.name, plan.context.cameras_undecided
         decided = take_decisions(plan)
+        if open_cameras:
+            for verdict in plan.context.cameras.values():
+                if verdict.state == "left out":
+                    self.tell(Notice(f"{name}: {verdict.sentence}"))
+            self._change_paths(plan)
         on, off = (tuple(v.effect.name for v in decided if v.state == state) for state in ("on", "off"))
-        self.tell(EffectsDecided(plan.context.sequence.name, tuple(v.sentence for v in decided), on, off))
+        self.tell(EffectsDecided(name, tuple(v.sentence for v in decided), on, off))
         make_arrays(plan, self.rules.terms)
+
+    def _change_paths(self, plan: Plan) -> None:
+        """Camera paths go between cameras that are believed: tasks of those that go elsewhere give way to others."""
+        name, paths = plan.context.sequence.name, plan.context.paths
+        gone = [t for t in self.order if t.sequence == name and t.path is not None and t.path not in paths]
+        come = [t for t in tasks(plan.context) if t.path is not None and t not in self.order]
+        if not gone and not come:
+            return
+        for task in come:
+            self.order[task] = len(self.order)
+            plan.verdicts[task] = TaskVerdict(task, State.UNDECIDED, ("other cameras are believed",))
+        self.tell(TasksChanged(tuple(gone), tuple(come)))
+        for task in gone:
+            plan.verdicts.pop(task, None)
+            self.ended[task] = "unneeded"
+        for task in come:
+            self._link_one(plan, task)
+            if not self.waiting[task]:
+                self._push(task)
 
     def _settle(self, task: Task, result: Receipt | Failure) -> None:
         self.out.discard(task)

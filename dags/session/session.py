@@ -23,7 +23,8 @@ from posegaussian.dags.diagnostics.status import every_standing
 from posegaussian.dags.humanize.text import Voice, number
 from posegaussian.dags.planning import forecast
 from posegaussian.dags.planning.context import Context, make_context
-from posegaussian.dags.planning.plan import Plan, make_plan
+from posegaussian.dags.planning.plan import Plan, decided, make_plan
+from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.resources import CPU, local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Product
@@ -110,7 +111,10 @@ class Session:
         return matches[0]
 
     def context(self, name: str, paths: tuple[str, ...] = ()) -> Context:
-        """One sequence under its settings."""
+        """One sequence under its settings, with what the survey decided of it where that is known."""
+        return decided(Book.open(self._undecided(name, paths)))
+
+    def _undecided(self, name: str, paths: tuple[str, ...]) -> Context:
         return make_context(self.archive.sequence(name), self.configuration.for_sequence(name), paths)
 
     def plan(
@@ -121,8 +125,7 @@ class Session:
         held: Callable[[Context], frozenset[Product]] | None = None,
     ) -> Plan:
         """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
-        context = self.context(name, paths)
-        return make_plan(context, selection, held(context) if held else frozenset())
+        return make_plan(self._undecided(name, paths), selection, held)
 
     def backend(self) -> Backend:
         """Where tasks run, from `run.scheduler`."""

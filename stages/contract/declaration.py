@@ -16,6 +16,7 @@ from pydantic.fields import FieldInfo
 
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.trust import Trust
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.spec import ArraySpec, Shape, TableSpec
 
@@ -310,6 +311,8 @@ class Stage:
     """Models or weights that its settings name, for itself and for other stages."""
     paths: Paths | None = None
     """Of the stage that renders: how its paths are made."""
+    trust: Trust | None = None
+    """Of the stage that measures whether cameras agree: which of them are believed."""
 
     def __post_init__(self) -> None:
         for name in ([self.name] if self.optional else []) + [w.name for w in self.writes if self.sequence_wide]:

@@ -77,6 +77,11 @@ def scope_of(rig: Rig, source_rig: Rig, captured_to_calibrated: np.ndarray, fact
     )
 
 
+def inputs_of(scope: TaskScope, footage: Footage) -> Inputs:
+    """For the survey's measures of pictures, masks and joints: a footage's files, seen by that scope."""
+    return _ReaderInputs(scope, footage.readers)
+
+
 @dataclass(eq=False)
 class Footage:
     """A capture as an inspection sees it: all cameras are sources."""
@@ -128,12 +133,12 @@ class Footage:
     @cached_property
     def inputs(self) -> Inputs:
         """For the survey's measures of pictures and masks."""
-        return _ReaderInputs(self.scope, self.readers)
+        return inputs_of(self.scope, self)
 
     @cached_property
     def joint_inputs(self) -> Inputs:
         """The same with the pixels that joints refer to."""
-        return _ReaderInputs(replace(self.scope, captured_to_calibrated=self.joint_crops), self.readers)
+        return inputs_of(replace(self.scope, captured_to_calibrated=self.joint_crops), self)
 
     @cached_property
     def px(self) -> np.ndarray:

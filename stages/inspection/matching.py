@@ -8,9 +8,9 @@ import numpy as np
 
 from posegaussian.stages.geometry.epipolar import fundamental
 from posegaussian.stages.geometry.features import Features, features, matched
+from posegaussian.stages.geometry.matches import EpipolarFit, epipolar_fit
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
-from posegaussian.stages.inspection.matches import EpipolarFit, epipolar_fit
 from posegaussian.stages.inspection.pairs import Rectified
 
 WIDEST = 55.0

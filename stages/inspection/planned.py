@@ -7,6 +7,7 @@ from functools import cached_property
 
 from posegaussian.stages.camera_paths.stretch import Stretch, best_stretch
 from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.trust import TrustSetting
 from posegaussian.stages.depth.methods.declaration import DepthMethod
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.params import DepthParams
@@ -34,6 +35,8 @@ class Planned:
     """What `detection.estimator` comes to, and why."""
     facts: Facts
     """What the capture has."""
+    trust: TrustSetting = "auto"
+    """Which cameras are believed whatever they show."""
 
     @property
     def method(self) -> DepthMethod:

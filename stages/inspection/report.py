@@ -15,6 +15,7 @@ from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
 from posegaussian.stages.inspection.people import of_people
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
+from posegaussian.stages.inspection.trust import of_trust
 
 WORDS = {
     FindingVerdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
@@ -26,6 +27,7 @@ IMPACT = (
     "picture size",
     "frames",
     "aim",
+    "agreement",
     "time offset",
     "mask agreement",
     "calibration by joints",
@@ -130,6 +132,7 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_joints(footage),
         *of_poses(footage),
         *of_masks(footage),
+        *of_trust(footage, planned),
         *time,
         *of_light(footage),
         *of_focus(footage),

@@ -21,6 +21,7 @@ from posegaussian.stages.silhouettes.hull import (
     into_views,
     searched_radius,
 )
+from posegaussian.stages.silhouettes.places import reconciled
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
@@ -163,8 +164,8 @@ def retouched(
 
 
 def silhouettes_of(rig: Rig, masks: dict[int, np.ndarray]) -> Silhouettes:
-    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, and of none where no mask
-    has a background."""
+    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it alone
+    contradicts them, and of none where no mask has a background."""
     views = sorted(masks)
     if not views:
         return Silhouettes.of(rig, {}, np.zeros(3), 0.0)
@@ -173,4 +174,4 @@ def silhouettes_of(rig: Rig, masks: dict[int, np.ndarray]) -> Silhouettes:
     if all(foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items()):
         return Silhouettes.of(rig, {}, centre, radius)
     found = Silhouettes.of(rig, masks, centre, radius)
-    return found.kept(set(agreement(rig, masks, found).carving))
+    return reconciled(rig, masks, found.kept(set(agreement(rig, masks, found).carving)))

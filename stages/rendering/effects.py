@@ -12,23 +12,25 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
+from posegaussian.stages.survey.trust import outlines_agree
 
 COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
 """What the survey measures for `view_dependent_color`."""
-TRUSTED = 0.98
-"""Share of the masks' rims that must agree. Exact masks: 1.00; calibration off by 0.3 px: 0.999; one mask of eight 1
-px too small: 0.98; calibration off by 1 px: 0.84 to 0.97."""
+AGREEMENT = "survey/agreement"
+"""What the survey measures for `silhouette_clipping` and `hole_filling`."""
+TRUSTED = 0.5
+"""Share of the pairs of cameras whose outlines must agree: of less no hull can be told. Where a single mask contradicts
+the others, its place alone is given up (`posegaussian.stages.silhouettes.places`)."""
 
 
 def _trusted(evidence: Evidence, bound: float) -> Decision | None:
-    if "survey/silhouettes" not in evidence.noted:
+    if AGREEMENT not in evidence.noted:
         return None
-    shares = evidence.noted["survey/silhouettes"][:, 0]
-    known = shares[shares >= 0]
-    if not len(known):
-        return Decision(False, None, bound, "no two masks of the sample can be compared")
-    share = float(known.mean())
-    return Decision(bool(share > bound), share, bound, f"the masks agree on {share:.1%} of their rims")
+    share, pairs = outlines_agree(evidence.noted[AGREEMENT][:, list(evidence.sources)])
+    if share is None:
+        return Decision(False, None, bound, "no two masks of the sample have outlines that can be compared")
+    told = f"the outlines of masks agree in {share:.0%} of {pairs} pairs of cameras"
+    return Decision(bool(share > bound), share, bound, f"{told}; where one contradicts the others it has no say")
 
 
 def _clipping(evidence: Evidence, bound: float) -> Decision | None:
@@ -123,21 +125,21 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
 SILHOUETTE_CLIPPING = Effect(
     facts.SILHOUETTE_CLIPPING,
     "Take away from rendered pictures what lies beyond the source masks' hull.",
-    "share of the masks' rims that the other masks agree on",
+    "share of the pairs of cameras whose outlines agree",
     TRUSTED,
     "1",
     _clipping,
-    asks=("survey/silhouettes",),
+    asks=(AGREEMENT,),
     lacks=_no_masks,
 )
 HOLE_FILLING = Effect(
     facts.HOLE_FILLING,
     "Fill small holes of rendered pictures where the source masks' hull says that there is subject.",
-    "share of the masks' rims that the other masks agree on",
+    "share of the pairs of cameras whose outlines agree",
     TRUSTED,
     "1",
     _filling,
-    asks=("survey/silhouettes",),
+    asks=(AGREEMENT,),
     lacks=_no_masks,
 )
 ANTI_ALIASING = Effect(

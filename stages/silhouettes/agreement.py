@@ -62,7 +62,7 @@ def agreement(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouette
     A view is left out where the others hold `LEAST` of unexplained foreground and leaving it out explains most of it.
     A mask with too much foreground carves nothing and stays; its own share tells.
     """
-    shares = {v: _unexplained(rig, v, masks[v], silhouettes) for v in silhouettes.views}
+    shares = {v: unexplained(rig, v, masks[v], silhouettes) for v in silhouettes.views}
     everything = {v: s[-1] for v, s in shares.items()}
     views = silhouettes.views
     if len(views) < FEWEST:
@@ -82,7 +82,7 @@ def agreement(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouette
     )
 
 
-def _unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes) -> np.ndarray:
+def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes) -> np.ndarray:
     """[S + 1] share of a view's foreground that is not explained without each of the S views,
     and (last) with all of them."""
     rows, columns = np.nonzero(foreground(mask[: rig.size[view, 1], : rig.size[view, 0]]))

@@ -9,6 +9,7 @@ from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES
 from posegaussian.stages.survey.measures.declaration import Source
 from posegaussian.stages.survey.measures.registry import MEASURES
 from posegaussian.stages.survey.params import LONGEST, SurveyParams
+from posegaussian.stages.survey.trust import TRUST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -72,4 +73,5 @@ STAGE = Stage(
     sequence_wide=True,
     cameras=lambda rig, params: frames_rig(rig, LONGEST),
     dimensions=lambda params, facts: {"sample": params.sample},
+    trust=TRUST,
 )

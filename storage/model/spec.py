@@ -29,6 +29,8 @@ FIXED_DIMS = {
     "outline": 3,
     "light": 2,
     "fit": 3,
+    "kind": 4,
+    "told": 2,
     "patch": 192,
     "point": 64,
     "outcome": 7,

@@ -81,7 +81,7 @@ class Pipeline:
     def assignments(self) -> list[str]:
         # Every stage has something to do, and none waits for the survey; tests of the effects set them back to auto.
         forced = [f"effects.{e}={state}" for e, state in FORCED.items()]
-        fixed = ["run.scheduler=serial", *forced]
+        fixed = ["run.scheduler=serial", "views.trust=all", *forced]
         return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
 
     @property

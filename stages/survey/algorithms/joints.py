@@ -46,14 +46,20 @@ def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.n
 
     `residual`: within which share of the picture's longer side views must agree on whom they see.
     """
-    joints, sources = joint_reader(inputs), list(inputs.views.sources)
-    people = []
-    for v in sources:
-        found = np.asarray(joints.read(v, number), dtype=np.float64).reshape(-1, len(joint_set(joints.joint_set)), 3)
-        found = _known(to_set(found, joints.joint_set, "coco17"))
-        pixels, mapped = to_frames(found[..., :2], inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
-        people.append(np.concatenate([pixels, np.where(mapped, found[..., 2], 0.0)[..., None]], axis=-1))
+    sources = list(inputs.views.sources)
+    people = [people_of(inputs, v, number) for v in sources]
     return subject(inputs.rig.subset(sources), people, SCORE, residual)
+
+
+def people_of(inputs: Inputs, view: int, number: int) -> np.ndarray:
+    """[people, 17, 3] COCO-17 (u, v, score) of all that a view shows in one source frame, px of `frames/*`, score 0
+    where unknown."""
+    joints = joint_reader(inputs)
+    found = np.asarray(joints.read(view, number), dtype=np.float64).reshape(-1, len(joint_set(joints.joint_set)), 3)
+    found = _known(to_set(found, joints.joint_set, "coco17"))
+    crop = inputs.captured_to_calibrated[view]
+    pixels, mapped = to_frames(found[..., :2], crop, inputs.source_rig, inputs.rig, view)
+    return np.concatenate([pixels, np.where(mapped, found[..., 2], 0.0)[..., None]], axis=-1)
 
 
 def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:

@@ -11,12 +11,9 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
 
-FRAMES = 5
-"""Sampled frames that are compared."""
 RAYS = 200
 """Rim pixels of a picture that are asked, about."""
 TOLERANCE = 0.5
@@ -63,15 +60,3 @@ def agreeing_share(rig: Rig, masks: dict[int, np.ndarray], view: int) -> float |
         rig.world_to_camera[view],
     )
     return float((others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] > 0).mean())
-
-
-def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> float:
-    """Mean over a few of the sampled source frames of `agreeing_share`; -1 where nothing can be compared."""
-    if view not in inputs.views.sources or not len(numbers):
-        return -1.0
-    warps: dict[int, Warp] = {}
-    shares = [
-        agreeing_share(inputs.rig, masks_of(inputs, int(n), warps), view) for n in sample_numbers(numbers, FRAMES)
-    ]
-    known = [s for s in shares if s is not None]
-    return float(np.mean(known)) if known else -1.0

@@ -56,7 +56,21 @@ class Seen(NamedTuple):
     """Reduced px per captured px."""
 
 
+class Shared(NamedTuple):
+    """Features that two pictures share."""
+
+    pairs: np.ndarray
+    """[n, 2] indices of the features."""
+    pixels: tuple[np.ndarray, np.ndarray]
+    """[n, 2] px of the rig, of each picture."""
+    mapped: np.ndarray
+    """[n] bool: whether the lens could be undone at both."""
+
+
 _KEPT: OrderedDict[str, Seen] = OrderedDict()
+_MATCHED: OrderedDict[tuple[str, str], np.ndarray] = OrderedDict()
+KEPT_MATCHES = 256
+"""Pairs of pictures whose matches a process keeps for the other measures of a view."""
 
 
 def compared_numbers(numbers: np.ndarray) -> np.ndarray:
@@ -72,40 +86,44 @@ class SurfaceLook(Look):
         """sample: the view's sampled source frames."""
         self._inputs, self._view, self._sample = inputs, view, sample
         self._own: dict[int, Seen] = {}
-        self.numbers = compared_numbers(sample) if _later(inputs, view) else np.zeros(0, np.int64)
+        self.numbers = compared_numbers(sample) if later(inputs, view) else np.zeros(0, np.int64)
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
         """Features of one frame."""
-        self._own[number] = keep(self._inputs.source("pictures").identity(self._view, number), shown)
+        found = seen(self._inputs, self._view, number, shown)
+        if found is not None:
+            self._own[number] = found
 
     def blocks(self) -> Iterator[Block]:
         """Compared with the later views."""
         yield Block("survey/surface", surface_stops(self._inputs, self._view, self._sample, self._own), self._view)
 
 
-def _later(inputs: Inputs, view: int) -> list[int]:
+def later(inputs: Inputs, view: int) -> list[int]:
     """Source views behind a source view: each pair is compared once."""
     return [v for v in inputs.views.sources if v > view] if view in inputs.views.sources else []
 
 
-def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[int, Seen] | None = None) -> np.ndarray:
+def surface_stops(
+    inputs: Inputs, view: int, numbers: np.ndarray, known: Mapping[int, Seen] | None = None
+) -> np.ndarray:
     """[V, 64, 3] float32: stops by which a source view is brighter than each later one at surface points that both
     show.
 
     Of a few of the sampled source frames `numbers` [n]; 99 where there is no point. Points are in the order of tone,
     the darkest first; of more than 64 those are kept that lie evenly in it. A pair whose points hardly differ in tone
     has none.
-    `seen`: what is known of the view's own pictures, by frame; what is not is looked at.
+    `known`: what is known of the view's own pictures, by frame; what is not is looked at.
     """
     out = np.full((len(inputs.rig), POINTS, 3), NONE, dtype=np.float32)
-    later, chosen = _later(inputs, view), compared_numbers(numbers)
-    found: dict[int, list[np.ndarray]] = {v: [] for v in later}
-    for number in chosen if later else ():
-        own = (seen or {}).get(int(number)) or _seen(inputs, view, int(number))
-        for v in later:
-            other = _seen(inputs, v, int(number)) if own is not None else None
+    others, chosen = later(inputs, view), compared_numbers(numbers)
+    found: dict[int, list[np.ndarray]] = {v: [] for v in others}
+    for number in chosen if others else ():
+        own = (known or {}).get(int(number)) or seen(inputs, view, int(number))
+        for v in others:
+            other = seen(inputs, v, int(number)) if own is not None else None
             if own is not None and other is not None:
-                found[v].append(_shared_light(inputs, (view, v), own, other))
+                found[v].append(_shared_light(inputs, (view, v), int(number), own, other))
     for v, parts in found.items():
         light = np.concatenate(parts) if parts else np.zeros((0, 2, 3))
         tone = light.mean(axis=(1, 2))
@@ -120,16 +138,37 @@ def surface_stops(inputs: Inputs, view: int, numbers: np.ndarray, seen: Mapping[
     return out
 
 
-def _seen(inputs: Inputs, view: int, number: int) -> Seen | None:
-    """A picture of another view, decoded unless this process has seen it; None where the view has no such frame."""
+def seen(inputs: Inputs, view: int, number: int, shown: np.ndarray | None = None) -> Seen | None:
+    """A view's picture, decoded unless it is `shown` [h, w, 3] uint8 or this process has seen it; None where the view
+    has no such frame."""
     pictures = inputs.source("pictures")
     if number not in pictures.numbers(view):
         return None
     identity = pictures.identity(view, number)
     if identity in _KEPT:
         return _KEPT[identity]
-    (picture,) = pictures.read(view, [number])
-    return keep(identity, to_display(picture))
+    if shown is None:
+        (picture,) = pictures.read(view, [number])
+        shown = to_display(picture)
+    return keep(identity, shown)
+
+
+def shared(inputs: Inputs, views: tuple[int, int], number: int, first: Seen, second: Seen) -> Shared:
+    """Features that two views' pictures of a source frame share."""
+    pictures = inputs.source("pictures")
+    key = pictures.identity(views[0], number), pictures.identity(views[1], number)
+    if key not in _MATCHED:
+        _MATCHED[key] = matched(first.features, second.features)
+    while len(_MATCHED) > KEPT_MATCHES:
+        _MATCHED.popitem(last=False)
+    pairs = _MATCHED[key]
+    pixels, mapped = [], np.ones(len(pairs), bool)
+    for i, (v, picture) in enumerate(zip(views, (first, second), strict=True)):
+        at = picture.features.points[pairs[:, i]] / picture.scale
+        found, known = to_frames(at, inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
+        pixels.append(found)
+        mapped &= known
+    return Shared(pairs, (pixels[0], pixels[1]), mapped)
 
 
 def keep(identity: str, shown: np.ndarray) -> Seen:
@@ -151,20 +190,14 @@ def keep(identity: str, shown: np.ndarray) -> Seen:
     return _KEPT[identity]
 
 
-def _shared_light(inputs: Inputs, views: tuple[int, int], own: Seen, other: Seen) -> np.ndarray:
+def _shared_light(inputs: Inputs, views: tuple[int, int], number: int, own: Seen, other: Seen) -> np.ndarray:
     """[n, 2, 3] logarithm to base 2 of the light of two cameras at the features they share."""
-    pairs = matched(own.features, other.features)
-    ideal, known = [], np.ones(len(pairs), bool)
-    for i, (v, seen) in enumerate(zip(views, (own, other), strict=True)):
-        at = seen.features.points[pairs[:, i]] / seen.scale
-        pixels, mapped = to_frames(at, inputs.captured_to_calibrated[v], inputs.source_rig, inputs.rig, v)
-        ideal.append(pixels)
-        known &= mapped
-    off = np.abs(signed_epipolar_distance(fundamental(inputs.rig, *views), *ideal))
-    right = known & (off <= BESIDE * inputs.rig.size[list(views)].max())
-    light = [seen.light[pairs[right, i]] for i, seen in enumerate((own, other))]
-    both = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
-    return np.log2(np.stack([light[0][both], light[1][both]], axis=1))
+    both = shared(inputs, views, number, own, other)
+    off = np.abs(signed_epipolar_distance(fundamental(inputs.rig, *views), *both.pixels))
+    right = both.mapped & (off <= BESIDE * inputs.rig.size[list(views)].max())
+    light = [picture.light[both.pairs[right, i]] for i, picture in enumerate((own, other))]
+    lit = (light[0] > 0).all(axis=1) & (light[1] > 0).all(axis=1)
+    return np.log2(np.stack([light[0][lit], light[1][lit]], axis=1))
 
 
 def colors_at(picture: np.ndarray, points: np.ndarray, blur: float = 3.0) -> np.ndarray:

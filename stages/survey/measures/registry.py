@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from posegaussian.stages.survey.measures.agreement import MEASURE as AGREEMENT
 from posegaussian.stages.survey.measures.colors import MEASURE as COLORS
 from posegaussian.stages.survey.measures.declaration import Measure
 from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
@@ -10,8 +11,17 @@ from posegaussian.stages.survey.measures.motion import MEASURE as MOTION
 from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
 from posegaussian.stages.survey.measures.outlines import MEASURE as OUTLINES
 from posegaussian.stages.survey.measures.plate import MEASURE as PLATE
-from posegaussian.stages.survey.measures.silhouettes import MEASURE as SILHOUETTES
 from posegaussian.stages.survey.measures.surface import MEASURE as SURFACE
 
-MEASURES: tuple[Measure, ...] = (PLATE, COLORS, SURFACE, OUTLINES, LIGHT, NOISE, MOTION, SILHOUETTES, JOINT_FIT)
+MEASURES: tuple[Measure, ...] = (
+    AGREEMENT,
+    PLATE,
+    COLORS,
+    SURFACE,
+    OUTLINES,
+    LIGHT,
+    NOISE,
+    MOTION,
+    JOINT_FIT,
+)
 """In the order in which they are taken of a view."""

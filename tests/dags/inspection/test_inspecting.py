@@ -30,6 +30,7 @@ from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import NAME, Pipeline, film
 
 MEASURES = {
+    "agreement",
     "picture size",
     "frames",
     "principal point",

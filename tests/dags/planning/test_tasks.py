@@ -39,7 +39,9 @@ def make(
     sequence = Archive.open(str(folder), create=True).create_sequence(
         "kick", replace(capture, joints=streams), partition
     )
-    return make_context(sequence, Settings.model_validate({"views": {"held_out": list(held_out)}} | settings), paths)
+    return make_context(
+        sequence, Settings.model_validate({"views": {"held_out": list(held_out), "trust": "all"}} | settings), paths
+    )
 
 
 VARIANTS: dict[str, dict[str, Any]] = {

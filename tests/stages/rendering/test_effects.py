@@ -7,7 +7,6 @@ import pytest
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share
 from posegaussian.storage.model.cameras import CameraPath
 
 
@@ -16,8 +15,11 @@ def person() -> PersonCapture:
     return capture_person(views=8, size=192, frames=1, held_out=1)
 
 
-def shares(c: PersonCapture, masks: dict[int, np.ndarray]) -> np.ndarray:
-    return np.array([[agreeing_share(c.rig, masks, v)] for v in masks])
+def outlines(apart: np.ndarray) -> np.ndarray:
+    """[8, 8, 4, 2] notes of eight cameras whose outlines lie [8, 8] apart, share of the longer side."""
+    notes = np.zeros((8, 8, 4, 2))
+    notes[..., 1, 0], notes[..., 1, 1] = np.triu(apart, 1), np.triu(np.ones((8, 8)), 1)
+    return notes
 
 
 def evidence(c: PersonCapture, targets: tuple[CameraPath, ...] = (), **noted: np.ndarray) -> SimpleNamespace:
@@ -30,21 +32,20 @@ def evidence(c: PersonCapture, targets: tuple[CameraPath, ...] = (), **noted: np
     )
 
 
-def test_masks_are_trusted_where_their_rims_agree(person: PersonCapture) -> None:
-    masks = {v: person.mask[0, v] for v in range(8)}
+def test_masks_are_trusted_where_most_outlines_agree(person: PersonCapture) -> None:
+    exact = np.zeros((8, 8))
+    one_wrong = exact.copy()
+    one_wrong[3], one_wrong[:, 3] = 0.02, 0.02
     for effect in (SILHOUETTE_CLIPPING, HOLE_FILLING):
         assert effect.decide(evidence(person), effect.threshold) is None  # type: ignore[arg-type]
-        good = effect.decide(evidence(person, survey__silhouettes=shares(person, masks)), effect.threshold)  # type: ignore[arg-type]
-        assert good is not None
-        assert good.on
-        shifted = masks | {3: np.roll(masks[3], 6, axis=1)}
-        bad = effect.decide(evidence(person, survey__silhouettes=shares(person, shifted)), effect.threshold)  # type: ignore[arg-type]
-        assert bad is not None
-        assert not bad.on
-        assert "rims" in bad.reason
-        unknown = effect.decide(evidence(person, survey__silhouettes=np.full((8, 1), -1.0)), effect.threshold)  # type: ignore[arg-type]
+        for apart, on, share in ((exact, True, 1.0), (one_wrong, True, 0.75), (exact + 0.02, False, 0.0)):
+            found = effect.decide(evidence(person, survey__agreement=outlines(apart)), effect.threshold)  # type: ignore[arg-type]
+            assert found is not None
+            assert (found.on, found.measured) == (on, pytest.approx(share))
+            assert "outlines" in found.reason
+        unknown = effect.decide(evidence(person, survey__agreement=np.zeros((8, 8, 4, 2))), effect.threshold)  # type: ignore[arg-type]
         assert unknown is not None
-        assert unknown.measured is None
+        assert (unknown.on, unknown.measured) == (False, None)
         assert effect.lacks(SimpleNamespace(facts=frozenset(), sources=(0, 1, 2)))  # type: ignore[arg-type]
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.features import features, matched
+from posegaussian.stages.geometry.matches import epipolar_fit
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.inspection.matches import epipolar_fit
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import camera, on_ring, rig_of
 

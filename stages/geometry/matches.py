@@ -78,9 +78,12 @@ def _free_fit(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, float 
     if len(first) < FEWEST_FREE:
         return nobody, None
     cv2.setRNGSeed(0)
-    matrix, _ = cv2.findFundamentalMat(
-        first.astype(np.float32), second.astype(np.float32), cv2.USAC_MAGSAC, FREE, 0.999, 20000
-    )
+    try:
+        matrix, _ = cv2.findFundamentalMat(
+            first.astype(np.float32), second.astype(np.float32), cv2.USAC_MAGSAC, FREE, 0.999, 20000
+        )
+    except cv2.error:  # of points so alike that no sample of them gives a matrix it fails instead of saying so
+        return nobody, None
     if matrix is None or matrix.shape != (3, 3):
         return nobody, None
     off = np.abs(signed_epipolar_distance(matrix, first, second))

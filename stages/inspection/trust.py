@@ -1,0 +1,64 @@
+"""Which cameras a run will believe, by its own measure and decision."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unmeasured
+from posegaussian.stages.inspection.footage import Footage, inputs_of
+from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
+from posegaussian.stages.survey.algorithms.sample import sample_numbers
+from posegaussian.stages.survey.params import LONGEST, SurveyParams
+from posegaussian.stages.survey.trust import TRUST
+
+MEASURE = "agreement"
+
+
+def of_trust(footage: Footage, planned: Planned) -> list[Finding]:
+    """Of every camera that may be a source: how far what it shows lies from what the others show."""
+    verdicts = _verdicts(footage, planned)
+    return [_of_camera(v) for v in verdicts.values()]
+
+
+def _verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdict]:
+    sources = [planned.active.index(v) for v in planned.sources]
+    names = tuple(footage.names[v] for v in sources)
+    if len(sources) < TRUST.fewest:
+        return judged_cameras(TRUST, names, planned.trust, {})
+    scope = replace(
+        footage.scope,
+        rig=frames_rig(footage.source_rig, LONGEST),
+        views=Views(footage.names, tuple(sources), ()),
+    )
+    inputs, numbers = inputs_of(scope, footage), sample_numbers(footage.common, SurveyParams().sample)
+    pairs = np.stack([agreement_of_view(inputs, v, numbers)[sources] for v in sources])
+    return judged_cameras(TRUST, names, planned.trust, dict.fromkeys(TRUST.asks, pairs))
+
+
+def _of_camera(verdict: CameraVerdict) -> Finding:
+    belief, names = verdict.belief, (verdict.camera,)
+    assert belief is not None, f"camera {verdict.camera} was compared"
+    if belief.measured is None:
+        return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
+    out = verdict.state == "left out"
+    advice = (
+        f"calibrate {verdict.camera} again, or check that its pictures, masks and timing are of this recording; a run"
+        " leaves it out (views.trust: all believes every camera)"
+    )
+    return Finding(
+        MEASURE,
+        names,
+        belief.measured,
+        TRUST.unit,
+        TRUST.bound,
+        TRUST.bound,
+        f"{verdict.state}: {belief.reason}",
+        advice if out else "",
+        FindingVerdict.BAD if out else FindingVerdict.GOOD,
+    )

@@ -1,0 +1,71 @@
+"""Where two silhouettes end across the baseline: points of their outlines that two cameras must see in one plane.
+
+A plane through both camera centres that just touches the subject touches its silhouette in both pictures (a frontier
+point: Cipolla, Astrom and Giblin, "Motion from the frontier of curved surfaces", 1995). So the outermost points of two
+outlines, above and below the baseline, lie on each other's epipolar lines whatever the subject's shape is. Of a subject
+that a picture cuts off nothing is known on that side.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
+from posegaussian.storage.model.masks import foreground
+
+SPECK = 0.02
+"""Area of a part of a mask, over that of its largest part, below which it is dirt."""
+MARGIN = 3
+"""Px from the picture's border within which an outline may go on beyond it."""
+WIDEST = 90.0
+"""Degrees about the baseline that a silhouette may take up: a camera that sees the other one beside the subject has no
+two sides."""
+
+
+def outline(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of a mask [h, w] uint8: the corners [n, 2] px of the convex hull of its foreground, and which of them [n] lie
+    away from the border of the picture."""
+    inside = foreground(mask).astype(np.uint8)
+    parts, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    areas = [cv2.contourArea(p) for p in parts]
+    kept = [p[:, 0] for p, area in zip(parts, areas, strict=True) if area > SPECK * max(areas)]
+    if not kept:
+        return np.zeros((0, 2)), np.zeros(0, bool)
+    corners = cv2.convexHull(np.concatenate(kept))[:, 0].astype(np.float64)
+    height, width = mask.shape
+    free = ((corners >= MARGIN) & (corners < np.array([width, height]) - MARGIN)).all(axis=1)
+    return points_from_integer_centres(corners), np.asarray(free)
+
+
+def touching(
+    rig: Rig, views: tuple[int, int], first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points [n, 2] and [n, 2] px of two cameras, n at most 2, where planes through both touch the silhouettes.
+
+    `first`, `second`: corners of their outlines in px of `rig`, and which are free, as `outline` gives them.
+    """
+    nothing = np.zeros((0, 2)), np.zeros((0, 2))
+    baseline = rig.centres[views[1]] - rig.centres[views[0]]
+    if not len(first[0]) or not len(second[0]) or not baseline.any():
+        return nothing
+    along = baseline / np.linalg.norm(baseline)
+    directions = [_directions(rig, v, corners) for v, (corners, _) in zip(views, (first, second), strict=True)]
+    towards = sum(d.mean(axis=0) for d in directions)
+    across = towards - along * (towards @ along)
+    if np.linalg.norm(across) < 1e-6:
+        return nothing
+    across /= np.linalg.norm(across)
+    angles = [np.arctan2(d @ np.cross(along, across), d @ across) for d in directions]
+    if max(np.ptp(a) for a in angles) > np.radians(WIDEST):
+        return nothing
+    ends = [(int(pick(angles[0])), int(pick(angles[1]))) for pick in (np.argmin, np.argmax)]
+    known = [(i, j) for i, j in ends if first[1][i] and second[1][j]]
+    return first[0][[i for i, _ in known]].reshape(-1, 2), second[0][[j for _, j in known]].reshape(-1, 2)
+
+
+def _directions(rig: Rig, view: int, pixels: np.ndarray) -> np.ndarray:
+    """[n, 3] unit directions in the world of pixels [n, 2]."""
+    rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(rig.intrinsics[view]).T
+    rays = rays @ rig.rotations[view]
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))

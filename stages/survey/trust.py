@@ -1,0 +1,147 @@
+"""Which cameras contradict the others: every pair has a vote, and the larger party is believed.
+
+A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones, so that
+cameras fall into parties; the larger one is believed, and whoever more than half of it contradicts is not. Wrong
+cameras that agree with each other, a part of a rig that was registered apart, are one party.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from posegaussian.stages.contract.trust import KINDS, Belief, Trust
+from posegaussian.stages.survey.measures.agreement import NAME
+
+BOUNDS = {"features": 0.003, "outlines": 0.003, "joints": 0.016}
+"""Share of the longer side of the picture by which what two cameras see misses their lines when they contradict each
+other. Of seven photographs of a head, calibrated by structure from motion, features miss by 0.0004 to 0.001, outlines
+by 0.0001 to 0.0022, and by 0.005 to 0.013 those of three that hang on them wrongly; a pixel of these is taken off.
+Joints as a detector finds them scatter by 0.004 and are elsewhere on a body seen from elsewhere."""
+SURE = {"features": 0.003, "outlines": 0.003, "joints": 0.006}
+"""Share up to which two cameras agree; in between a kind says nothing."""
+FEWEST_TOLD = {"features": 8, "outlines": 1, "joints": 1}
+"""Points, sides or frames below which a kind says nothing."""
+WEIGHTS = {"features": 2, "outlines": 1, "joints": 1}
+"""Features are many and precise: masks that are wrong in one view, or a detector, do not outvote them alone; both
+together do, as of a camera that is out of step before a background that stands still."""
+MAJORITY = 0.5
+"""Share of the believed cameras it can be compared with that must contradict a camera, at least."""
+ACCUSERS = 2
+"""Believed cameras, at least, that must contradict it."""
+CARVED = 0.05
+"""Share of the foreground, of the others and its own, that is carved because of a camera that looks elsewhere."""
+RELIEF = 0.5
+"""Share of what is carved of the others that must be carved by it alone; what is left must be within the bound."""
+FEWEST_CARVED = 4
+"""Cameras among which one can be told by its silhouette."""
+LINES = KINDS[:3]
+"""The kinds that are told by distance from a line."""
+WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
+
+
+def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[Belief, ...]:
+    """What the pairs' agreement [S, S, 4, 2], of lines each pair in either order, says of each of S cameras."""
+    one_way = np.asarray(noted[NAME], dtype=np.float64)
+    pairs = np.maximum(one_way, np.swapaxes(one_way, 0, 1))[:, :, : len(LINES)]
+    carving = one_way[:, :, KINDS.index("carving"), 0]
+    votes = _votes(pairs)
+    kept = _majority(votes)
+    turned = _turned(carving, kept)
+    found = [_belief(v, pairs, votes, kept) for v in range(len(names))]
+    if turned is not None:
+        own, most = 100 * carving[turned, turned], 100 * CARVED
+        told = (
+            f"its silhouette alone carves the others', which carve {own:.0f} % of its own foreground (at most {most:g})"
+        )
+        found[turned] = Belief(False, 100 * BOUNDS["outlines"] * own / most, told)
+    return tuple(found)
+
+
+def outlines_agree(pairs: np.ndarray) -> tuple[float | None, int]:
+    """Share of the pairs of S cameras, of [S, S, 4, 2], whose outlines agree, and of how many; None of none."""
+    off, count = np.moveaxis(np.asarray(pairs)[:, :, KINDS.index("outlines")], -1, 0)
+    known = count >= FEWEST_TOLD["outlines"]
+    return (float((off[known] <= BOUNDS["outlines"]).mean()) if known.any() else None), int(known.sum())
+
+
+def _votes(pairs: np.ndarray) -> np.ndarray:
+    """[S, S] int: 1 where two cameras agree, -1 where they contradict each other, 0 where nothing is known."""
+    score = np.zeros(pairs.shape[:2], int)
+    said = {}
+    for k, kind in enumerate(LINES):
+        off, count = pairs[..., k, 0], pairs[..., k, 1]
+        agree = np.where(off > BOUNDS[kind], -1, np.where(off <= SURE[kind], 1, 0))
+        said[kind] = np.where(count < FEWEST_TOLD[kind], 0, agree)
+        score += WEIGHTS[kind] * said[kind]
+    of_the_subject = (said["outlines"] < 0) & (said["joints"] < 0)
+    return np.where((score < 0) | of_the_subject, -1, np.sign(score))
+
+
+def _turned(shares: np.ndarray, kept: set[int]) -> int | None:
+    """The camera whose silhouette contradicts all others though nothing that it sees lies off their lines: of [S, S]
+    what b alone carves of a, at [a, a] what all carve. Wrong cameras spoil these shares for each other: one can be
+    told, and only where nobody else is."""
+    count = len(shares)
+    if count < FEWEST_CARVED or len(kept) < count:
+        return None
+    own = np.diagonal(shares)
+    others = [[a for a in range(count) if a != b] for b in range(count)]
+    relief = np.array([shares[o, b].mean() for b, o in enumerate(others)])
+    before = np.array([own[o].mean() for o in others])
+    worst = int(relief.argmax())
+    left = before[worst] - relief[worst]
+    if min(before[worst], own[worst]) <= CARVED or left > min((1 - RELIEF) * before[worst], CARVED):
+        return None
+    return worst
+
+
+def _majority(votes: np.ndarray) -> set[int]:
+    """The cameras that are believed: all of them where no majority agrees against the others.
+
+    The leading eigenvector of the votes splits the cameras into the two parties that contradict each other most; then
+    everybody is heard by the larger one, until nothing changes.
+    """
+    every = set(range(len(votes)))
+    lead = np.linalg.eigh(votes.astype(np.float64))[1][:, -1]
+    sides = [set(np.flatnonzero(side * lead > 1e-6).tolist()) for side in (1, -1)]
+    party, wrong = max(sides, key=len), set[int]()
+    for _ in every:
+        wrong = {v for v in every if _accused(votes[v, sorted(party - {v})])}
+        if party == every - wrong:
+            break
+        party = every - wrong
+    return party if 2 * len(wrong) < len(every) else every
+
+
+def _accused(votes: np.ndarray) -> bool:
+    against, known = int((votes < 0).sum()), int((votes != 0).sum())
+    return against >= ACCUSERS and against > MAJORITY * known
+
+
+def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> Belief:
+    """The verdict on one camera against the believed ones."""
+    others = sorted(kept - {view})
+    against = [v for v in others if votes[view, v] < 0]
+    known = [v for v in others if votes[view, v] != 0]
+    if not known:
+        return Belief(True, None, "shares nothing with any other camera that could contradict it")
+    found = {}
+    for k, kind in enumerate(LINES):
+        own = [pairs[view, v, k, 0] for v in known if pairs[view, v, k, 1] >= FEWEST_TOLD[kind]]
+        if own:
+            found[kind] = float(np.median(own))
+    numbers = ", ".join(f"{WORDS[k]} {100 * off:.2f} % (at most {100 * BOUNDS[k]:g})" for k, off in found.items())
+    told = (
+        f"it contradicts {len(against)} of the {len(known)} believed cameras it can be compared with"
+        if view not in kept
+        else f"{len(known) - len(against)} of the {len(known)} cameras it can be compared with agree"
+    )
+    # In units of the features' bound, so that one number is shown whatever told.
+    measured = 100 * BOUNDS["features"] * max(off / BOUNDS[k] for k, off in found.items())
+    lines = f"; medians off their lines, of the picture's longer side: {numbers}"
+    return Belief(view in kept, measured, told + lines)
+
+
+TRUST = Trust(asks=(NAME,), bound=100 * BOUNDS["features"], unit="%", fewest=3, decide=believed)

@@ -1,0 +1,85 @@
+"""A silhouette that contradicts all others at one place loses its say there, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
+from posegaussian.stages.silhouettes.places import AROUND, reconciled
+from posegaussian.stages.silhouettes.tangents import outline, touching
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+
+VIEWS = list(range(8))
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=8, size=128, frames=1)
+
+
+def prepared(person: PersonCapture, masks: dict[int, np.ndarray]) -> Silhouettes:
+    centre = look_at_point(person.rig.subset(VIEWS))
+    return Silhouettes.of(person.rig, masks, centre, searched_radius(person.rig, VIEWS, centre))
+
+
+def given(person: PersonCapture) -> dict[int, np.ndarray]:
+    return {v: person.mask[0, v].copy() for v in VIEWS}
+
+
+def test_exact_silhouettes_stay_as_they_are(person: PersonCapture) -> None:
+    masks = given(person)
+    before = prepared(person, masks)
+    assert (reconciled(person.rig, masks, before).distance == before.distance).all()
+
+
+def test_what_one_mask_lacks_is_given_back_there_alone(person: PersonCapture) -> None:
+    """Its feet: the mask ends above them. Little more is given back than was taken."""
+    masks = given(person)
+    rows = np.nonzero(masks[3].any(axis=1))[0]
+    cut = int(rows[-1] - 12)
+    lacking = masks[3].copy()
+    lacking[cut:] = 0
+    before = prepared(person, masks | {3: lacking})
+    after = reconciled(person.rig, masks | {3: lacking}, before)
+    changed = after.distance < before.distance
+    others = changed[[v for v in VIEWS if v != 3]].sum()
+    assert 2 * others < changed[3].sum(), "a ray may leave the hull nearer to another outline: a few discs of theirs"
+    lost = (masks[3] >= 128) & (lacking < 128)
+    assert (after.distance[3][lost] <= 0.5).mean() > 0.9
+    far = prepared(person, masks).distance[3] > AROUND + 1
+    assert (changed[3] & far).sum() < 0.2 * changed[3].sum(), "a ray's nearest miss may lie before or behind the feet"
+
+
+def test_what_one_mask_has_too_much_is_carved_by_the_others(person: PersonCapture) -> None:
+    masks = given(person)
+    masks[3][5:25, 5:25] = 255
+    before = prepared(person, masks)
+    after = reconciled(person.rig, masks, before)
+    assert (after.distance == before.distance).mean() > 0.999
+
+
+def test_fewer_than_four_masks_overrule_nobody(person: PersonCapture) -> None:
+    masks = {v: m for v, m in given(person).items() if v < 3}
+    masks[1][60:] = 0
+    before = prepared(person, masks)
+    assert reconciled(person.rig, masks, before) is before
+
+
+def test_outermost_points_of_outlines_lie_on_each_others_lines(person: PersonCapture) -> None:
+    """Within the pixel at which masks end, for whatever shape; of what the picture cuts off nothing is known."""
+    outlines = {v: outline(person.mask[0, v]) for v in VIEWS}
+    told = 0
+    for a in VIEWS:
+        for b in VIEWS[a + 1 :]:
+            first, second = touching(person.rig, (a, b), outlines[a], outlines[b])
+            off = signed_epipolar_distance(fundamental(person.rig, a, b), first, second)
+            assert (np.abs(off) <= 1.0).all()
+            told += len(off)
+    assert told > 20
+    cut = outline(person.mask[0, 0][20:-20])
+    assert not cut[1].all()
+    corners, free = outline(np.zeros((16, 16), np.uint8))
+    assert len(corners) == len(free) == 0
