@@ -39,7 +39,7 @@ bench-network: RUNS = network.gain ## The trained network over the analytic floo
 bench-network-time: RUNS = network.speed ## What the network costs for two views, by module, beside plain float32.
 bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
 bench-quality: RUNS = "quality.views clean --frames 3" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about an hour and a half on two cores.
-bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene optimisation from a plain start: about an hour on two cores.
+bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gaussian splatting: about an hour on two cores.
 bench-renderer: RUNS = renderer.cpu_speed ## The renderer beside plain torch, on one thread.
 bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 

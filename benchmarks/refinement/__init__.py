@@ -1,1 +1,1 @@
-"""Refinement beside per-scene optimisation from a plain start."""
+"""Refinement beside per-scene 3D Gaussian splatting."""

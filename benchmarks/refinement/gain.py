@@ -1,5 +1,4 @@
-"""What refinement is worth and what it costs, beside per-scene optimisation from a plain start, on simulated people at
-512 px.
+"""What refinement is worth and what it costs, beside per-scene 3D Gaussian splatting, on simulated people at 512 px.
 
     python -m benchmarks.refinement.gain                                     the published figures: seeds 9000-9007
     python -m benchmarks.refinement.gain --seeds 1-4 --minutes 0.25 --steps 0 50    tuning; seeds from 9000 on are for
@@ -7,9 +6,9 @@
 
 Eight cameras on a ring, two held out in the middle of gaps, one frame a scene. `refinement STEPS` is the pipeline with
 that many steps; its seconds are the CPU seconds a frame of all stages from frames to the rendering of both held-out
-pictures. `plain` is the same loss on Gaussians that start as points on the visual hull
-(benchmarks/refinement/plain_start.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is that of the
-held-out pictures, clipped to the source masks' hull and filled by the same code; `plain, unclipped` is what a user of
+pictures. `3dgs` is per-scene splatting from points on the visual hull, with densification
+(benchmarks/baselines/splatting.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is that of the
+held-out pictures, clipped to the source masks' hull and filled by the same code; `3dgs, unclipped` is what a user of
 3DGS sees.
 """
 
@@ -25,23 +24,18 @@ import cv2
 import numpy as np
 import torch
 
+from benchmarks.baselines.splatting import FreeGaussians, Scene, optimised
 from benchmarks.quality.cells import Cell, film_cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.refinement.picture import draw
-from benchmarks.refinement.plain_start import PlainGaussians, hull_points, optimised
 from benchmarks.report import publish, show
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.simulation.simulated_run import run_capture
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
-from posegaussian.stages.refinement.optimise import Filmed
-from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
-from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.rendering.run import quantise
-from posegaussian.stages.rendering.sources import unrefined_arrays
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
-from posegaussian.stages.splatting.definition.scene import Camera
 
 GAIN = 1.0
 """dB that 50 steps gain on the mean."""
@@ -73,30 +67,12 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
 def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
     """One row a time, of the first frame."""
     results, _ = run_capture(folder, (*settings, "depth.method=hull"))
-    context, frame = results.context, range(1)
-    rig, views = context.rig, context.views
-    cameras = {
-        v: Camera(rig.intrinsics[v], rig.world_to_camera[v], *(int(n) for n in rig.size[v])) for v in range(len(rig))
-    }
-    masks = {v: results.read("frames/mask", frame, v)[0] for v in (*views.sources, *views.held_out)}
-    maps = {
-        v: GaussianMaps(*(results.read(a, frame, v)[0] for a in unrefined_arrays(results.context.facts)))
-        for v in views.sources
-    }
-    filmed = [_filmed(cameras[v], np.asarray(maps[v].color), masks[v]) for v in views.sources]
-    silhouettes = silhouettes_of(rig, {v: masks[v] for v in views.sources})
-    extent = float(np.linalg.norm(rig.centres - rig.centres.mean(axis=0), axis=1).max() * 1.1)
+    scene = Scene.of(results)
     rows: list[dict[str, Any]] = []
 
-    def watch(spent: float, gaussians: PlainGaussians) -> None:
-        found = []
-        for v in views.held_out:
-            with torch.no_grad():
-                picture = gaussians.draw(cameras[v])
-            shown, cover = picture.color[0].numpy(), picture.alpha[0].numpy()
-            touched, _ = retouched(shown, cover, silhouettes, cameras[v], True, True)
-            found.append([_box_psnr(results, p, v, masks[v]) for p in (touched, shown)])
-        for name, value in zip(("plain", "plain, unclipped"), np.mean(found, axis=0), strict=True):
+    def watch(spent: float, gaussians: FreeGaussians) -> None:
+        found = [[_box_psnr(results, p, v, scene.masks[v]) for p in shown] for v, *shown in scene.pictures(gaussians)]
+        for name, value in zip(("3dgs", "3dgs, unclipped"), np.mean(found, axis=0), strict=True):
             rows.append(
                 {
                     "method": name,
@@ -104,21 +80,17 @@ def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[flo
                     "box psnr": float(value),
                     "optimisation s": spent,
                     "seconds": spent,
+                    "gaussians": len(gaussians),
                 }
             )
 
-    for steps in optimised(hull_points(maps, cameras), filmed, extent, [60 * m for m in minutes], watch):
+    for steps in optimised(scene.start(), scene.filmed(), [60 * m for m in minutes], watch):
         print(
-            f"seed {cell.seed}, plain {rows[-1]['level']}, {steps} steps: box {rows[-2]['box psnr']:.2f} dB,"
-            f" {rows[-1]['box psnr']:.2f} unclipped",
+            f"seed {cell.seed}, 3dgs {rows[-1]['level']}, {steps} steps, {rows[-1]['gaussians']} Gaussians: box"
+            f" {rows[-2]['box psnr']:.2f} dB, {rows[-1]['box psnr']:.2f} unclipped",
             flush=True,
         )
     return rows
-
-
-def _filmed(camera: Camera, color: np.ndarray, mask: np.ndarray) -> Filmed:
-    cover = mask.astype(np.float32) / 255
-    return Filmed(camera, torch.from_numpy(color.astype(np.float32) / 255 * cover[..., None]), torch.from_numpy(cover))
 
 
 def _box_psnr(results: Results, picture: np.ndarray, view: int, mask: np.ndarray) -> float:
@@ -157,7 +129,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
     parser.add_argument("--steps", type=int, nargs="+", default=[0, 20, 50, 200])
     parser.add_argument(
-        "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of the plain start; none: leave it out"
+        "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of 3DGS; none: leave it out"
     )
     parser.add_argument(
         "--set", action="append", default=[], help="a setting of the pipeline, as for `posegaussian run`"

@@ -10,8 +10,8 @@ from posegaussian.dags.charts.style import BLUE, GREY, RED, chart, name_points, 
 
 METHODS = {
     "refinement": (RED, "refinement, by steps"),
-    "plain": (BLUE, "plain start (points on the hull), by seconds"),
-    "plain, unclipped": (GREY, "the same, not clipped to the masks"),
+    "3dgs": (BLUE, "3DGS from points on the hull, by seconds"),
+    "3dgs, unclipped": (GREY, "the same, not clipped to the masks"),
 }
 """{method: (colour, words)} of each curve."""
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.captured_sizes import unexplained_sizes
 from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Verdicts, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
@@ -21,7 +20,7 @@ from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import check_camera_names
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.capture import Capture
-from posegaussian.storage.model.crop import captured_to_calibrated
+from posegaussian.storage.model.crop import captured_to_calibrated, unexplained_sizes
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.timegrid import TimeGrid, select

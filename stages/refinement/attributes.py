@@ -106,6 +106,11 @@ class ViewGaussians:
             a[...] = offsets[name]
         self.confine()
 
+    def reset(self) -> None:
+        """All offsets 0 again."""
+        for a in self.arrays().values():
+            a[...] = 0
+
     def confine(self) -> None:
         """Bring the offsets back within their bounds; colours stay within 0..1."""
         for name, a in self.arrays().items():

@@ -10,9 +10,9 @@ class RefinementParams(Params):
 
     steps: int = setting(
         0,
-        "Steps of two source pictures each; 0 leaves the stage out.",
+        "Most steps of two source pictures each; 0 leaves the stage out.",
         unit="steps",
-        quality_levels=[0, 20, 50, 200],
+        quality_levels=[0, 20, 50, 200, 1000],
         ge=0,
         le=10000,
     )

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.refinement.attributes import Learnt, ViewGaussians
-from posegaussian.stages.refinement.optimise import Filmed, OptimisedFrame, optimise, unrefined
+from posegaussian.stages.refinement.attributes import ViewGaussians
+from posegaussian.stages.refinement.optimise import Filmed, Memory, OptimisedFrame, optimise, unrefined
 from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.schedule import FEWEST, schedule
 from posegaussian.stages.refinement.thinning import thinned
@@ -31,12 +31,11 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     first, stop = inputs.partition.start, inputs.partition.stop
     made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
     outcomes = []
-    before: dict[int, Learnt] = {}
+    before = Memory()
     for i in range(first // params.group * params.group, stop):
-        before = {} if i % params.group == 0 else before
+        before = Memory() if i % params.group == 0 else before
         gaussians = frames.usable(i)
-        outcome = _refined(frames, gaussians, i, params, before)
-        before = {v: g.learnt() for v, g in gaussians.items()} if outcome.refined else {}
+        outcome, before = _refined(frames, gaussians, i, params, before)
         if i >= first:
             outcomes.append(outcome.row())
             for v in gaussians if outcome.refined else ():
@@ -60,14 +59,14 @@ def _nothing(width: int, height: int) -> GaussianMaps:
 
 
 def _refined(
-    frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: dict[int, Learnt]
-) -> OptimisedFrame:
+    frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: Memory
+) -> tuple[OptimisedFrame, Memory]:
     """Optimise the Gaussians of frame `i` in place, where enough views can teach and judge."""
     plan = schedule(
         frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians))
     )
     if plan is None:
-        return OptimisedFrame(len(gaussians))
+        return OptimisedFrame(len(gaussians)), Memory()
     filmed, rig = {v: frames.filmed(i, v) for v in gaussians}, frames.inputs.rig
     lifted = {
         v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
@@ -125,6 +124,7 @@ def check(block: Block, params: RefinementParams) -> list[str]:
         )
     if block.array != "refinement/outcome":
         return []
+    ended = (data[:, 4] < params.steps) & (data[:, 3] < data[:, 2])
     few, same, masked = data[:, 0] < FEWEST, ~(data[:, 3] < data[:, 2]), data[:, 6]
     warnings = []
     if few.any():
@@ -136,6 +136,11 @@ def check(block: Block, params: RefinementParams) -> list[str]:
         warnings.append(
             f"{int((same & ~few).sum())} of {len(data)} frames were passed on as they came: no step made the judging"
             " view's picture better"
+        )
+    if ended.any():
+        warnings.append(
+            f"{int(ended.sum())} of {len(data)} frames are refined by fewer than the {params.steps} steps asked for"
+            f" (the median is {int(np.median(data[ended, 4]))}): more made the left-out view's picture no better"
         )
     if masked.any():
         warnings.append(f"{int(masked.sum())} gradients were not finite and were set to 0")

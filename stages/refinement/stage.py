@@ -34,7 +34,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=1,
+    version=2,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -90,9 +90,9 @@ STAGE = Stage(
             ("frame", "outcome"),
             "float32",
             "1",
-            "Usable source views, index of the judging one (-1: none), its mean squared error before and after (sRGB"
-            " 0..1), the step that was kept, whether it started from the frame before, and how many gradients were not"
-            " finite.",
+            "Usable source views, index of the judging one (-1: none), its mean squared error before and after the"
+            " rehearsal (sRGB 0..1), the steps that were made, whether it started from the frame before, and how many"
+            " gradients were not finite.",
         ),
     ),
     over=("sequence", "time"),

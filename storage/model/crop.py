@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -22,6 +22,19 @@ class Crop(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     scale: float = Field(1.0, ge=1e-3, le=1e3, description="Calibrated pixels per captured pixel.")
     offset: tuple[Offset, Offset] = Field((0.0, 0.0), description="(dx, dy) in calibrated pixels.")
+
+
+def unexplained_sizes(
+    names: Sequence[str], captured: Sequence[tuple[int, int]], calibrated: np.ndarray, known: Collection[str]
+) -> list[str]:
+    """Sentences about cameras whose pictures have another size (width, height) px than their calibration [V, 2], and
+    nothing says how they relate: archives made before imports found that out. `known`: cameras whose crop is known."""
+    return [
+        f"camera {n}: pictures are {w}x{h} px, the calibration is for {cw}x{ch} px; import the capture again, which"
+        " finds out how they relate, or say it with frames.crop"
+        for n, (w, h), (cw, ch) in zip(names, captured, calibrated.tolist(), strict=True)
+        if (w, h) != (cw, ch) and n not in known
+    ]
 
 
 def captured_to_calibrated(names: Sequence[str], crops: Mapping[str, Crop]) -> np.ndarray:

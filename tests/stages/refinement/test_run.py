@@ -74,6 +74,28 @@ def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_th
     assert out[MASKED] == 0
 
 
+def test_the_judges_view_is_trained_on_in_the_end_but_has_no_say_in_the_rehearsal(
+    person: PersonCapture, spoilt: dict[str, np.ndarray]
+) -> None:
+    out = refine(person, spoilt, 12, frames=1)
+    judge = int(out[OUTCOME][0, JUDGE])
+    left = (out["refinement/opacity"][0, judge] > 0).any(axis=0)
+    moved = np.abs(out["refinement/depth"][0, judge] - spoilt["depth/depth"][0, judge])[left]
+    assert (moved > 0).mean() > 0.5
+    other = {k: v.copy() for k, v in spoilt.items()}
+    # Gaussians of the judge's view in other places: what the rehearsal measures stays the same, the result does not
+    other["depth/depth"][0, judge] *= np.float32(1.01)
+    again = refine(person, other, 12, frames=1)
+    np.testing.assert_array_equal(again[OUTCOME], out[OUTCOME])
+    view = next(v for v in person.views.sources if v != judge)
+    assert not np.array_equal(again["refinement/depth"][0, view], out["refinement/depth"][0, view])
+
+
+def test_few_steps_are_the_beginning_of_many(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    few, many = (refine(person, spoilt, n, frames=1)[OUTCOME][0] for n in (10, 20))
+    assert many[AFTER] <= few[AFTER]
+
+
 def test_true_maps_do_not_get_worse_for_the_judge(person: PersonCapture, true: dict[str, np.ndarray]) -> None:
     out = refine(person, true, 12, frames=1)[OUTCOME][0]
     assert out[AFTER] <= out[BEFORE]
@@ -171,6 +193,8 @@ def test_warnings_and_values_that_are_not_finite() -> None:
     (said,) = check(Block(OUTCOME, np.array([row, [5, 0, 1e-3, 1e-3, 0, 0, 0]], np.float32)), params)
     assert "1 of 2 frames" in said
     assert "no step made the judging view's picture better" in said
+    (said,) = check(Block(OUTCOME, np.array([[*row[:4], 10, 0, 0]], np.float32)), params)
+    assert "fewer than the 20 steps asked for (the median is 10)" in said
     (said,) = check(Block(OUTCOME, np.array([[*row[:6], 7]], np.float32)), params)
     assert said == "7 gradients were not finite and were set to 0"
     with pytest.raises(ValueError, match=r"refinement/depth of view 2: 1 values are not finite"):

@@ -1,0 +1,1 @@
+"""What others' methods reach on the same pictures and held-out views."""
