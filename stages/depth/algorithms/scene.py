@@ -93,6 +93,10 @@ class Geometry:
             for v in self.views
         }
 
+    def pixel(self, view: int) -> float:
+        """1/metres that move a point by one px in the neighbour that moves most; 0 without a neighbour."""
+        return 1.0 / float(self.neighbours[view].motion.max(initial=0.0) or np.inf)
+
     def distance(self, view: int) -> float:
         """Depth of the centre along a view's optical axis, metres."""
         return float(self.rig.rotations[view, 2] @ (self.centre - self.rig.centres[view]))

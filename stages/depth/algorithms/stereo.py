@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
 from posegaussian.stages.depth.algorithms.search import SearchSettings
@@ -30,7 +31,7 @@ def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: 
     first = _completed(_round(geometry, colors, inside, bounds, params, checked), found)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
     last = _completed(_round(geometry, colors, inside, again, params, checked), found)
-    return {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}
+    return agreed(geometry, {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}, found)
 
 
 def estimate_open(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
 from posegaussian.stages.depth.algorithms.search import SearchSettings
@@ -56,15 +57,15 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
     for stage in PASSES:
         if stage.reach is not None:
             bounds = {
-                v: around(
-                    even(maps[v][0], _pixel(geometry, v), FOLLOWED), _motion(geometry, v, stage.reach), *limits[v]
-                )
+                v: around(even(maps[v][0], geometry.pixel(v), FOLLOWED), _motion(geometry, v, stage.reach), *limits[v])
                 for v in geometry.views
             }
         matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
         maps = {v: complete(*matched[v], *found[v]) for v in geometry.views}
-    maps = {v: (even(z, _pixel(geometry, v), KEPT), c) for v, (z, c) in maps.items()}
-    return {v: turn_away(geometry.rig, v, *maps[v], *found[v], inside[v]) for v in geometry.views}
+    maps = {v: (even(z, geometry.pixel(v), KEPT), c) for v, (z, c) in maps.items()}
+    return agreed(
+        geometry, {v: turn_away(geometry.rig, v, *maps[v], *found[v], inside[v]) for v in geometry.views}, found
+    )
 
 
 def sweep_open(geometry: Geometry, frame: Frame, params: SearchSettings, checked: bool = True) -> Maps:
@@ -114,12 +115,7 @@ def _picture(color: np.ndarray) -> np.ndarray:
 def _motion(geometry: Geometry, view: int, share: float) -> float:
     """1/metres that move a point by `share` of the longer side in the neighbour that moves most; 0 without a
     neighbour."""
-    return share * float(geometry.rig.size[view].max()) * _pixel(geometry, view)
-
-
-def _pixel(geometry: Geometry, view: int) -> float:
-    """1/metres that move a point by one px in the neighbour that moves most; 0 without a neighbour."""
-    return 1.0 / float(geometry.neighbours[view].motion.max(initial=0.0) or np.inf)
+    return share * float(geometry.rig.size[view].max()) * geometry.pixel(view)
 
 
 def _pass(
