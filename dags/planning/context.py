@@ -373,11 +373,10 @@ class Context:
         """Sentences about settings this capture cannot serve."""
         gone = self.unneeded()
         own = [why for s in STAGES if s.name not in gone and (why := s.refusal(self.params(s), self.facts)) is not None]
-        return [
-            *unexplained_sizes(self.capture, self.settings.frames.crop),
-            *own,
-            *refusals(self.evidence, self.effects),
-        ]
+        captured = [s.size for s in self.capture.pictures]
+        cropped = {*self.capture.crops, *self.settings.frames.crop}
+        sizes = unexplained_sizes(self.capture.rig.names, captured, self.capture.rig.size, cropped)
+        return [*sizes, *own, *refusals(self.evidence, self.effects)]
 
 
 def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] = ()) -> Context:
