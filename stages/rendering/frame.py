@@ -8,16 +8,26 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
-from posegaussian.stages.rendering.facts import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.clipping import cover, retouched, silhouettes_of
+from posegaussian.stages.rendering.closing import Body, closed
+from posegaussian.stages.rendering.facts import (
+    ANTI_ALIASING,
+    HOLE_FILLING,
+    SILHOUETTE_CLIPPING,
+    SURFACE_CLOSING,
+    VIEW_DEPENDENT_COLOR,
+)
 from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
 from posegaussian.stages.rendering.view_color import Photo, color_towards
+from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
+from posegaussian.storage.model.joint_sets import to_set
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -55,6 +65,12 @@ class MapReader:
             self._masks = {v: self.inputs.read("frames/mask", v) for v in self.inputs.views.sources}
         return {v: m[i] for v, m in self._masks.items() if self.inputs.valid[i, v]}
 
+    def limbs(self, i: int) -> np.ndarray:
+        """[N, 7] capsules of the subject's limbs in the i-th frame, world metres."""
+        joint_set = self.inputs.joint_set
+        assert joint_set is not None, f"{SURFACE_CLOSING} is on without joints"
+        return limbs_of(to_set(self.inputs.read("pose/joints3d")[i : i + 1], joint_set, "coco17")[0])
+
 
 class FrameRenderer:
     """Draws the i-th frame of a partition, from its own maps only."""
@@ -64,8 +80,9 @@ class FrameRenderer:
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
         self.refined = bool(reader.refined[i])
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
-        self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING})
+        self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING})
         self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
+        self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self._lifted: dict[int, Lifted] = {}
         self._photos: dict[int, Photo] = {}
 
@@ -89,18 +106,30 @@ class FrameRenderer:
         ]
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
-        color, alpha = picture.color[0], picture.alpha[0]
-        if self.silhouettes is not None:
-            touched = retouched(
-                color.cpu().numpy(),
-                alpha.cpu().numpy(),
-                self.silhouettes,
-                camera,
-                HOLE_FILLING in self.facts,
-                SILHOUETTE_CLIPPING in self.facts,
-            )
-            color, alpha = torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+        color, alpha = self._retouched(picture.color[0], picture.alpha[0], camera)
         return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
+
+    def _retouched(self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+        """Colour and alpha of a picture with gaps closed, holes filled and the rest clipped, as far as these are on."""
+        if self.silhouettes is None:
+            return color, alpha
+        touched = color.cpu().numpy(), alpha.cpu().numpy()
+        if self.body is not None:
+            covered = cover(self.silhouettes, camera, touched[1] < 1)
+            touched = closed(*touched, self.body, camera, covered)
+        filling, clipping = HOLE_FILLING in self.facts, SILHOUETTE_CLIPPING in self.facts
+        if filling or clipping:
+            touched = retouched(*touched, self.silhouettes, camera, filling, clipping)
+        return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+
+    def _body(self, silhouettes: Silhouettes | None) -> Body | None:
+        """What closes gaps; None where no source view has a picture."""
+        masks = self.reader.masks(self.i)
+        if silhouettes is None or not masks:
+            return None
+        maps = {v: self.reader.maps(self.i, v)[0] for v in masks}
+        depth, color = ({v: np.asarray(getattr(m, n)) for v, m in maps.items()} for n in ("depth", "color"))
+        return Body.of(self.rig, silhouettes, self.reader.limbs(self.i), depth, color, masks)
 
     def _prepare(self, view: int) -> None:
         if view in self._lifted:

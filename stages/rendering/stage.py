@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
 from posegaussian.stages.network.params import depth_reads
-from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING, VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.effects import (
+    ANTI_ALIASING,
+    HOLE_FILLING,
+    SILHOUETTE_CLIPPING,
+    SURFACE_CLOSING,
+    VIEW_DEPENDENT_COLOR,
+)
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT
@@ -43,7 +50,11 @@ STAGE = Stage(
         *(Read(name, when=lambda p, f: REFINEMENT not in f) for name in ("frames/color", *OF_GAUSSIANS)),
         *depth_reads(unless="refinement"),
         *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
-        Read("frames/mask", when=lambda p, f: bool(f & {SILHOUETTE_CLIPPING.name, HOLE_FILLING.name})),
+        Read(
+            "frames/mask",
+            when=lambda p, f: bool(f & {SILHOUETTE_CLIPPING.name, HOLE_FILLING.name, SURFACE_CLOSING.name}),
+        ),
+        Read("pose/joints3d", when=lambda p, f: SURFACE_CLOSING.name in f and bool({JOINTS2D, JOINTS3D} & f)),
     ),
     writes=(
         ArraySpec(
@@ -58,6 +69,6 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
-    effects=(VIEW_DEPENDENT_COLOR, SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
+    effects=(VIEW_DEPENDENT_COLOR, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
     paths=PATHS,
 )
