@@ -74,7 +74,8 @@ def test_views_that_share_nothing_change_nothing(azimuths: tuple[float, ...]) ->
     maps = of({v: sphere_depth(rig, v, np.zeros(3), RADIUS).astype(np.float32) for v in range(len(azimuths))})
     found = agreed(geometry, maps, maps)
     for v in maps:
-        assert np.array_equal(found[v][0], maps[v][0]) and np.array_equal(found[v][1], maps[v][1])
+        assert np.array_equal(found[v][0], maps[v][0])
+        assert np.array_equal(found[v][1], maps[v][1])
 
 
 def test_the_order_of_cameras_does_not_matter() -> None:
@@ -94,4 +95,5 @@ def test_the_order_of_cameras_does_not_matter() -> None:
 
 def test_confidence_stays_a_share() -> None:
     for _, trust in agreed(GEOMETRY, of(TRUTH, 1.0), FREE).values():
-        assert trust.min() >= 0 and trust.max() <= 1
+        assert trust.min() >= 0
+        assert trust.max() <= 1
