@@ -56,7 +56,7 @@ def agreed(geometry: Geometry, maps: Maps, limits: Maps) -> Maps:
             np.stack([transfer(rig, v, k) for k in others]),
             np.stack([inverses[k] for k in others]),
             np.stack([maps[k][1] for k in others]),
-            np.float32(pixel),
+            pixel,
         )
         near, far = limits[v]
         depth = np.clip(inverse(found), near, np.maximum(near, far))
