@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.refinement.optimise import STRUCTURE, Filmed
@@ -56,7 +55,8 @@ class FreeGaussians:
 
     def __init__(self, means: np.ndarray, colors: np.ndarray, extent: float) -> None:
         """Take means [N, 3] m, colors [N, 3] sRGB; as wide as the three nearest points are away. extent m."""
-        near = cKDTree(means).query(means, k=4)[0][:, 1:]
+        points = torch.as_tensor(means, dtype=torch.float64)
+        near = torch.cdist(points, points).topk(4, largest=False).values[:, 1:].numpy()
         width = np.sqrt((near**2).mean(axis=1))
         n = len(means)
         given = {
