@@ -29,6 +29,7 @@ from posegaussian.stages.registry import stage as stage_named
 
 TYPICAL = {
     "survey": 1.2e-7,
+    "judge": 5e-7,
     "detection": 3e-7,
     "tracks": 2e-8,
     "people": 1e-10,

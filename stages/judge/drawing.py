@@ -72,4 +72,4 @@ def score(color: np.ndarray, alpha: np.ndarray, filmed: np.ndarray, mask: np.nda
     gains = (truth * picture[inside]).sum(axis=0) / np.maximum((picture[inside] ** 2).sum(axis=0), 1.0)
     values = measure(np.clip(picture * gains, 0, 255), filmed, mask, PLAIN)
     psnr, ssim = (float(values["box", name]) for name in PLAIN.measures)  # type: ignore[arg-type]
-    return psnr, ssim, float((alpha[inside] > 127).mean())
+    return psnr, ssim, float(foreground(alpha)[inside].mean())

@@ -36,8 +36,9 @@ NEEDING_THE_SURVEY = {
     "limb_bounds",
     "view_dependent_color",
     "tone_mapping",
+    "surface_closing",
 }
-"""Effects that read an array of the survey."""
+"""Effects that read an array of the survey, or follow from one that does."""
 
 
 class MemoryInputs(TimedInputs):

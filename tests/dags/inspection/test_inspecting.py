@@ -119,7 +119,7 @@ def test_page_pictures_and_table_of_a_whole_capture(capture: Path, tmp_path: Pat
     parts = Parts()
     parts.feed(page)
     assert parts.rows == len(report.findings) + 1
-    assert len(parts.pictures) == 10
+    assert len(parts.pictures) == 11
     assert all((tmp_path / "page" / p).is_file() for p in parts.pictures)
     assert not re.search(r"https?:", page)
     assert all(escape(line) in page for line in report.outlook)

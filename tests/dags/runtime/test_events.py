@@ -28,7 +28,7 @@ from posegaussian.dags.runtime.events import (
 from posegaussian.storage.archive.ledger import run_events
 from posegaussian.storage.archive.receipts import Output, Receipt, ShardFile
 from posegaussian.storage.archive.store import Archive
-from tests.support.pipeline import FORCED, NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline
 
 DOCS = Path(__file__).resolve().parents[3] / "docs/reference/ledger.md"
 TASK = Task("kick", "depth", 3, None, None)
@@ -124,14 +124,7 @@ def lines(*arguments: str) -> list[dict[str, Any]]:
 
 def test_run_and_plan_write_nothing_but_events_for_machines(finished: Pipeline, tmp_path: Path) -> None:
     archive = finished.copy(tmp_path / "archive")
-    common = [
-        "--json",
-        "--archive",
-        str(archive.root),
-        "--set",
-        "views.held_out=[mid00]",
-        *(w for e, state in FORCED.items() for w in ("--set", f"effects.{e}={state}")),
-    ]
+    common = ["--json", *archive.options]
     planned = [e for e in lines("plan", *common) if e["event"] == "task_planned"]
     assert len(planned) == len(archive.plan().verdicts)
     assert {e["state"] for e in planned} == {"fresh"}

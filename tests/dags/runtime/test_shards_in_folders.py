@@ -13,6 +13,7 @@ from posegaussian.dags.maintenance import reshard
 from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.planning.variants import others, share, variant
 from posegaussian.dags.runtime.events import RunEnded, TaskDone
 from posegaussian.dags.runtime.executors.serial import SerialBackend
@@ -157,11 +158,12 @@ def test_resharding_links_what_is_not_partitioned_under_the_names_of_the_new_arr
 ) -> None:
     """Any task's result stands for one of the survey here: it is linked as it is."""
     receipt = next(r for r in scan_receipts(sequence(old)) if r.stage == "depth")
-    into = sequence(made.copy(tmp_path / "new"))
+    new = made.copy(tmp_path / "new")
+    into = sequence(new)
     for o in receipt.outputs:
         for shard in into.place(o.array).glob("c.*"):
             shard.unlink()
-    linked = reshard._linked(Results(old.context()), into, receipt)
+    linked = reshard._linked(Results(old.context()), new.context(), Task(NAME, "survey", None, 0), receipt, {})
     assert linked.contents == receipt.contents
     assert damaged_files(into, linked) == []
     assert {f.key for o in linked.outputs for f in o.files} == {

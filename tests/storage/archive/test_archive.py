@@ -27,9 +27,22 @@ SPECS = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec)]
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 
 
+MEASURED = {"judged": 16, "depth_method": 3, "moment": 6, "found_joint": 33}
+
+
 def shape_of(height: int, width: int, frames: int = 10) -> dict[str, int]:
     both = {"y": height, "x": width, "source_y": height, "source_x": width, "camera_y": height, "camera_x": width}
-    return {**both, "frame": frames, "view": 3, "other_view": 3, "camera": 2, "joint": 25, "sample": 25, "person": 2}
+    return {
+        **both,
+        "frame": frames,
+        "view": 3,
+        "other_view": 3,
+        "camera": 2,
+        "joint": 25,
+        "sample": 25,
+        "person": 2,
+        **MEASURED,
+    }
 
 
 @QUICK

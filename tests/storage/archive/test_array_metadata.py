@@ -35,6 +35,7 @@ EVERY = {
     "other_view": 3,
     "found_joint": 33,
     "judged": 16,
+    "moment": 6,
     "depth_method": 3,
 }
 
