@@ -157,12 +157,14 @@ def test_every_edit_of_every_module_changes_exactly_the_stages_that_import_it(co
     members = {s.name: {name for name, _ in closure(s.run.partition(":")[0], copied)} for s in STAGES}
     before = {s.name: code_digest(s.run, copied) for s in STAGES}
     assert all(members.values()), members
-    for module in sorted(set().union(*members.values())):
-        file = module_file(module, copied)
-        assert file is not None
-        text = file.read_text(encoding="utf-8")
-        write(file, text + "\n# a comment\n")
-        assert {s.name: code_digest(s.run, copied) for s in STAGES} == before, f"a comment in {module} changed a digest"
+    files = {m: file for m in sorted(set().union(*members.values())) if (file := module_file(m, copied)) is not None}
+    assert set(files) == set().union(*members.values())
+    texts = {module: file.read_text(encoding="utf-8") for module, file in files.items()}
+    for module, file in files.items():
+        write(file, texts[module] + "\n# a comment\n")
+    assert {s.name: code_digest(s.run, copied) for s in STAGES} == before, "comments changed a digest"
+    for module, file in files.items():
+        text = texts[module]
         write(file, text + "\nEDITED = True\n")
         changed = {s.name for s in STAGES if code_digest(s.run, copied) != before[s.name]}
         write(file, text)
