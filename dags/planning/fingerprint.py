@@ -148,9 +148,8 @@ def _sources(context: Context, stage: Stage, task: Task) -> dict[str, str]:
         if read.array in found:
             continue
         streams = context.capture.streams(read.array)
-        span = (
-            None if task.partition is None else context.grid.span(task.partition, read.halo_for(context.params(stage)))
-        )
+        halo = read.halo_for(context.params(stage), context.facts)
+        span = None if task.partition is None else context.grid.span(task.partition, halo)
         numbers = context.capture.numbers if span is None else context.source_frames[span.start : span.stop]
         if read.array == "joints3d":
             chosen = {"joints3d": streams[0]}

@@ -119,7 +119,7 @@ def _array_reads(context: Context, name: str) -> list[tuple[Read, ArraySpec, tup
             if not read.is_source:
                 spec = PRODUCERS[read.array][1]
                 assert isinstance(spec, ArraySpec), f"{name} reads {read.array}, which is a table"
-                found.append((read, spec, read.halo_for(params)))
+                found.append((read, spec, read.halo_for(params, context.facts)))
         context.memo[key] = found
     return context.memo[key]
 
@@ -138,7 +138,9 @@ def source_spans(context: Context, task: Task) -> dict[str, range]:
     stage = next(s for s in STAGES if s.name == task.stage)
     params, every = context.params(stage), range(context.grid.frames)
     return {
-        r.array: every if task.partition is None else context.grid.span(task.partition, r.halo_for(params))
+        r.array: every
+        if task.partition is None
+        else context.grid.span(task.partition, r.halo_for(params, context.facts))
         for r in stage.reads_for(params, context.facts)
         if r.is_source
     }

@@ -88,8 +88,8 @@ class Read:
     """Name of the array (`{path}` stands for the task's camera path), or of a source."""
     views: ViewSelection = "sources"
     """Which views are read of an array with a view axis."""
-    halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0)
-    """Frames before and after the partition; may follow from the params."""
+    halo: tuple[int, int] | Callable[[Any, Facts], tuple[int, int]] = (0, 0)
+    """Frames before and after the partition; may follow from the params and the facts."""
     when: Callable[[Any, Facts], bool] = always
     """Whether the input is read at all, given params and facts."""
     is_source: bool = False
@@ -101,14 +101,14 @@ class Read:
         kind: str,
         views: ViewSelection = "own",
         when: Callable[[Any, Facts], bool] = always,
-        halo: tuple[int, int] | Callable[[Any], tuple[int, int]] = (0, 0),
+        halo: tuple[int, int] | Callable[[Any, Facts], tuple[int, int]] = (0, 0),
     ) -> Read:
         """A source of the capture: pictures, masks, joints, joints3d, depth or depth_maps; or the pose estimator."""
         return cls(kind, views=views, halo=halo, when=when, is_source=True)
 
-    def halo_for(self, params: Any) -> tuple[int, int]:
+    def halo_for(self, params: Any, facts: Facts) -> tuple[int, int]:
         """(before, after) in frames."""
-        return self.halo(params) if callable(self.halo) else self.halo
+        return self.halo(params, facts) if callable(self.halo) else self.halo
 
 
 @dataclass(frozen=True)

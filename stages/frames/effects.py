@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
-from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS
+from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS, SEVERAL_FRAMES
 from posegaussian.stages.contract.judged import EXPOSURE, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.frames import facts
 from posegaussian.stages.imaging import exposure
 
-SURFACE, OUTLINES, LIGHT = "survey/surface", "survey/outlines", "survey/light"
+SURFACE, OUTLINES, LIGHT, UNREST = "survey/surface", "survey/outlines", "survey/light", "survey/unrest"
 """What the survey measures for them."""
 NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface points, dark and bright ones"
 """Why gains cannot be told."""
@@ -116,6 +116,33 @@ def white_point(light: np.ndarray) -> float:
     return max(1.0, float(light[:, 1].max()))
 
 
+def _nothing_to_average(evidence: Evidence) -> str | None:
+    """Why there is no noise to average away."""
+    if SEVERAL_FRAMES not in evidence.facts:
+        return "the capture has a single frame"
+    return "the pictures are linear light" if LINEAR_LIGHT in evidence.facts else None
+
+
+def _noise(evidence: Evidence, bound: float) -> Decision | None:
+    if UNREST not in evidence.noted:
+        return None
+    level = float(np.median(evidence.noted[UNREST]))
+    told = f"source pictures change by noise of {level:.2f}/255 from frame to frame where nothing moves"
+    return Decision(level > bound, level, bound, told)
+
+
+NOISE_AVERAGING = Effect(
+    facts.NOISE_AVERAGING,
+    "Average source pictures with the frames around them where these show the same.",
+    "noise of source pictures from frame to frame",
+    # Depth and colour pass noise on, up to half as much again: pictures of a person who stands still would change by a
+    # step of 255 on the mean.
+    0.6,
+    "of 255",
+    _noise,
+    asks=(UNREST,),
+    lacks=_nothing_to_average,
+)
 EXPOSURE_MATCHING = Effect(
     facts.EXPOSURE_MATCHING,
     "Multiply each source view's light by one gain a channel, so that cameras agree on the surfaces they share.",

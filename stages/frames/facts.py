@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.facts import fact
 
+AVERAGED_WITH = 3
+"""Frames before and after that a picture is averaged with: noise falls by up to the root of 7."""
 EXPOSURE_MATCHING = fact("exposure_matching")
+NOISE_AVERAGING = fact("noise_averaging")
 OUTLINE_CORRECTION = fact("outline_correction")
 TONE_MAPPING = fact("tone_mapping")

@@ -10,11 +10,18 @@ import numpy as np
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEVERAL_FRAMES, TRUTH_DEPTH
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.frames.effects import NO_LINK, proven_offsets, white_point
-from posegaussian.stages.frames.facts import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.facts import (
+    AVERAGED_WITH,
+    EXPOSURE_MATCHING,
+    NOISE_AVERAGING,
+    OUTLINE_CORRECTION,
+    TONE_MAPPING,
+)
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import plate_matte
 from posegaussian.stages.frames.segmentation_prior import Hints
+from posegaussian.stages.imaging.averaging import averaged
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.imaging.color import gain_table, to_display, tone_mapped
 from posegaussian.stages.imaging.exposure import match
@@ -35,7 +42,8 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and
     depth 0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped
     at 1 while `tone_mapping` is off. While `outline_correction` is on, the outlines of a source view's given masks are
-    moved to the pictures' edges. While `exposure_matching` is on, a source view's light is multiplied by its gain,
+    moved to the pictures' edges. While `noise_averaging` is on, a source view's pictures are averaged with those around
+    them where these show the same. While `exposure_matching` is on, a source view's light is multiplied by its gain,
     after the mask was found. Raises SourceError for pictures or masks whose size contradicts the calibration or each
     other.
     """
@@ -53,8 +61,11 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         "plate",
         "person",
     ):
-        for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
-            _place(color[frame], warp(to_display(picture)))
+        if NOISE_AVERAGING in inputs.facts and view in inputs.views.sources:
+            _fill_averaged(inputs, warp, color)
+        else:
+            for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
+                _place(color[frame], warp(to_display(picture)))
     mask = _empty(inputs, (), np.uint8)
     notes = _fill_mask(inputs, params, warp, present, numbers, color, mask)
     matched = EXPOSURE_MATCHING in inputs.facts and view in inputs.views.sources
@@ -81,6 +92,21 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         yield Block("truth/depth", depth, view)
     if GIVEN_DEPTH in inputs.facts:
         yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
+
+
+def _fill_averaged(inputs: Inputs, warp: Warp, color: np.ndarray) -> None:
+    """Fill color [F, h, w, 3] of a source view with averages over the frames around."""
+    view, noise = warp.view, float(inputs.read("survey/unrest", warp.view)[0])
+    numbers, valid = inputs.footage("pictures")
+    first = inputs.partition.start - inputs.span("pictures").start
+    there = np.flatnonzero(valid[:, view])
+    read = inputs.source("pictures").read(view, [int(n) for n in numbers[there]])
+    shown = {int(i): warp(to_display(picture)) for i, picture in zip(there, read, strict=True)}
+    for frame in range(len(color)):
+        at = first + frame
+        around = [shown[i] for i in range(at - AVERAGED_WITH, at + AVERAGED_WITH + 1) if i != at and i in shown]
+        if at in shown:
+            _place(color[frame], averaged(shown[at], around, noise))
 
 
 def _fill_mask(

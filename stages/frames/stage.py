@@ -20,7 +20,8 @@ from posegaussian.stages.contract.facts import (
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.judged import GIVEN_MATTE
 from posegaussian.stages.detection.params import ADDED
-from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, NOISE_AVERAGING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.frames.params import (
     FramesParams,
     better_matte,
@@ -36,9 +37,10 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
     """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of
-    these while it is warped; for a person, the colours of one picture and all views' segmentations."""
+    these while it is warped, pictures around it while it is averaged; for a person, the colours of one picture and all
+    views' segmentations."""
     pictures, captured = (
-        shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * 20,
+        shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * (20 + 6 * AVERAGED_WITH + 60),
         shape["source_y"] * shape["source_x"] * 60,
     )
     person = (
@@ -76,6 +78,15 @@ def _corrected(params: FramesParams, facts: Facts) -> bool:
 
 def _tone_mapped(params: FramesParams, facts: Facts) -> bool:
     return TONE_MAPPING.name in facts
+
+
+def _averaged(params: FramesParams, facts: Facts) -> bool:
+    return NOISE_AVERAGING.name in facts
+
+
+def halo(params: FramesParams, facts: Facts) -> tuple[int, int]:
+    """Frames around the partition whose pictures are averaged with its own."""
+    return (AVERAGED_WITH, AVERAGED_WITH) if _averaged(params, facts) else (0, 0)
 
 
 def _truth(params: FramesParams, facts: Facts) -> bool:
@@ -135,7 +146,8 @@ STAGE = Stage(
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(
-        Read.source("pictures"),
+        Read.source("pictures", halo=halo),
+        Read("survey/unrest", views="own", when=_averaged),
         Read.source("masks", when=_given),
         Read.source("depth", when=_truth),
         Read.source("depth_maps", when=lambda p, f: GIVEN_DEPTH in f),
@@ -188,7 +200,7 @@ STAGE = Stage(
     params=FramesParams,
     needs=needs,
     refusal=refusal,
-    effects=(UNDISTORTION, CROP_SCALE, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING),
+    effects=(UNDISTORTION, CROP_SCALE, NOISE_AVERAGING, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING),
     choices=(Choice("matte", matte_choice),),
     cameras=lambda rig, params: frames_rig(rig, params.size),
     facts=told_facts,

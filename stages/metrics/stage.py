@@ -17,7 +17,7 @@ def needs(shape: Shape, params: MetricsParams) -> Resources:
     return Resources(cpu=1, ram=shape["frame"] * pixels * 8 + pixels * working + kept)
 
 
-def halo(params: MetricsParams) -> tuple[int, int]:
+def halo(params: MetricsParams, facts: Facts) -> tuple[int, int]:
     """The previous frame, where a measure compares with it."""
     return (1, 0) if params.of_neighbours else (0, 0)
 

@@ -10,7 +10,7 @@ from posegaussian.stages.contract.facts import Facts, fact
 
 NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
-Halo = tuple[int, int] | Callable[[Any], tuple[int, int]]
+Halo = tuple[int, int] | Callable[[Any, Facts], tuple[int, int]]
 
 
 class NetworkParams(Params):

@@ -55,7 +55,7 @@ def swap_reach(params: PoseParams) -> int:
     return (params.bridge + 1) // 2
 
 
-def halo(params: PoseParams) -> tuple[int, int]:
+def halo(params: PoseParams, facts: Facts) -> tuple[int, int]:
     """Frames around the partition whose joints are read: those that bridge it, and those that vote on their sides."""
     reach = params.bridge + swap_reach(params)
     return reach, reach

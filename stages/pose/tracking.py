@@ -66,7 +66,7 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
     jumped = []
     if TRACKED in inputs.facts:
         numbers, _ = inputs.footage("people/number")
-        jumped = jumps(seen, seconds_of(inputs, numbers), set_id, own, halo(params)[0])
+        jumped = jumps(seen, seconds_of(inputs, numbers), set_id, own, halo(params, inputs.facts)[0])
     return Followed(
         joints,
         out,

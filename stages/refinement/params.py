@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import Facts
 
 
 class RefinementParams(Params):
@@ -26,6 +27,6 @@ class RefinementParams(Params):
     )
 
 
-def halo(params: RefinementParams) -> tuple[int, int]:
+def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:
     """Frames before the partition that a frame's group may reach back to."""
     return (params.group - 1, 0)

@@ -18,7 +18,7 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     square, the best value, the lifted copy, and its slots in a picture's gradients; what was learnt, by pixel; the
     judge's picture of two views.
     """
-    before, _ = halo(params)
+    before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 24 * (2 * shape["frame"] + before)
     return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 340 + 760))

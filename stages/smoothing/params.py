@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from posegaussian.stages.contract.declaration import Params, setting
+from posegaussian.stages.contract.facts import Facts
 
 
 class SmoothingParams(Params):
@@ -34,6 +35,6 @@ class SmoothingParams(Params):
     )
 
 
-def halo(params: SmoothingParams) -> tuple[int, int]:
+def halo(params: SmoothingParams, facts: Facts) -> tuple[int, int]:
     """Frames before the partition that a filter looks at."""
     return (params.truncation if params.method == "recurrent" else 1, 0)

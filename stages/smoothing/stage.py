@@ -12,7 +12,7 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 def needs(shape: Shape, params: SmoothingParams) -> Resources:
     """One view's heatmaps in and out, in float32 while they are blended."""
-    before, after = halo(params)
+    before, after = halo(params, Facts())
     return Resources(cpu=1, ram=(2 * shape["frame"] + before + after) * 17 * shape["y"] * shape["x"] // 16 * 8)
 
 

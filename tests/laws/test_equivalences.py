@@ -40,6 +40,7 @@ def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pi
         "frames.matte=plate",
         "frames.matte=person",
         "frames.matte=none",
+        "effects.noise_averaging=on",
         "rendering.precision=float64",
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from posegaussian.stages.contract.declaration import Params, Read, Resources, Stage, extra, resolve, setting
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 
@@ -25,7 +26,7 @@ STAGE = Stage(
     run="math:sqrt",
     reads=(
         Read("a/x", when=lambda p, f: p.length > 1),
-        Read("a/y", halo=lambda p: (p.length, 0)),
+        Read("a/y", halo=lambda p, f: (p.length, 0)),
         Read.source("masks", when=lambda p, f: "masks" in f),
     ),
     writes=(ArraySpec("b/x", ("frame",), "uint8", "1", "X."), TableSpec("b/t", (("a", "int64"),), "T.", when="masks")),
@@ -89,9 +90,9 @@ def test_reads_and_writes_follow_params_and_facts() -> None:
 
 def test_a_halo_is_fixed_or_follows_from_the_params() -> None:
     x, y, _ = STAGE.reads
-    assert x.halo_for(Example()) == (0, 0)
-    assert y.halo_for(Example(length=7)) == (7, 0)
-    assert replace(x, halo=(2, 1)).halo_for(Example()) == (2, 1)
+    assert x.halo_for(Example(), Facts()) == (0, 0)
+    assert y.halo_for(Example(length=7), Facts()) == (7, 0)
+    assert replace(x, halo=(2, 1)).halo_for(Example(), Facts()) == (2, 1)
 
 
 def test_by_default_a_stage_is_needed_served_exact_and_of_one_partition() -> None:

@@ -25,12 +25,14 @@ TIME_INVARIANT = frozenset(
         "survey/motion",
         "survey/outlines",
         "survey/noise",
+        "survey/unrest",
         "survey/light",
         "tracks/people",
         "tracks/choice",
     }
 )
 NEEDING_THE_SURVEY = {
+    "noise_averaging",
     "exposure_matching",
     "outline_correction",
     "limb_bounds",
@@ -93,7 +95,8 @@ class MemoryInputs(TimedInputs):
         return other
 
     def span(self, array: str) -> range:
-        before, after = next((r.halo_for(self.params) for r in self.stage.reads if r.array == array), (0, 0))
+        own = (r for r in self.stage.reads if r.array == array)
+        before, after = next((r.halo_for(self.params, self.facts) for r in own), (0, 0))
         return range(max(0, self.partition.start - before), min(self.frames, self.partition.stop + after))
 
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:

@@ -34,6 +34,7 @@ from posegaussian.storage.exporters.images_layout import write_capture
 NAME = "person"
 FORCED = {
     "temporal_smoothing": "on",
+    "noise_averaging": "off",
     "exposure_matching": "off",
     "outline_correction": "off",
     "limb_bounds": "off",

@@ -12,6 +12,7 @@ from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
 from posegaussian.stages.survey.measures.outlines import MEASURE as OUTLINES
 from posegaussian.stages.survey.measures.plate import MEASURE as PLATE
 from posegaussian.stages.survey.measures.surface import MEASURE as SURFACE
+from posegaussian.stages.survey.measures.unrest import MEASURE as UNREST
 
 MEASURES: tuple[Measure, ...] = (
     AGREEMENT,
@@ -21,6 +22,7 @@ MEASURES: tuple[Measure, ...] = (
     OUTLINES,
     LIGHT,
     NOISE,
+    UNREST,
     MOTION,
     JOINT_FIT,
 )

@@ -75,6 +75,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     (told,) = [e for e in events if isinstance(e, EffectsDecided)]
     assert told.sequence == NAME
     assert [s.split(" (auto): ")[0] for s in told.sentences] == [
+        "noise_averaging off",
         "exposure_matching off",
         "outline_correction off",
         "temporal_smoothing off",
@@ -191,6 +192,7 @@ def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(
 def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
     forced = fresh.with_settings(
         "effects.temporal_smoothing=on",
+        "effects.noise_averaging=off",
         "effects.exposure_matching=off",
         "effects.outline_correction=off",
         "effects.limb_bounds=on",
@@ -200,6 +202,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
     )
     assert "survey" in forced.plan().unneeded
     half = fresh.with_settings(
+        "effects.noise_averaging=off",
         "effects.exposure_matching=off",
         "effects.outline_correction=off",
         "effects.limb_bounds=on",

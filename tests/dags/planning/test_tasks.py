@@ -115,7 +115,8 @@ def test_an_input_covers_the_partition_and_its_halo(context: Context) -> None:
             if not i.spec.per_frame or task.partition is None:
                 assert len(i.span) == 0
                 continue
-            assert i.span == context.grid.span(task.partition, i.read.halo_for(context.params(stage_named(task.stage))))
+            halo = i.read.halo_for(context.params(stage_named(task.stage)), context.facts)
+            assert i.span == context.grid.span(task.partition, halo)
             touched = {p.partition for p in i.products}
             assert {f // context.grid.length for f in i.span} == touched
 
@@ -158,6 +159,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     assert stages("d", held_out=()) == everything - {"metrics"}
     unasked = dict.fromkeys(
         (
+            "noise_averaging",
             "exposure_matching",
             "outline_correction",
             "limb_bounds",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.metrics.measures import flip
 from posegaussian.stages.metrics.measures.declaration import Unavailable
@@ -65,8 +66,8 @@ def test_nothing_is_computed_that_was_not_asked_for(monkeypatch: pytest.MonkeyPa
 
 def test_the_frame_before_is_read_for_its_ssim_alone() -> None:
     for read in METRICS.reads:
-        assert read.halo_for(MetricsParams()) == (1, 0)
-        assert read.halo_for(MetricsParams(measures=["psnr", "ssim"])) == (0, 0)
+        assert read.halo_for(MetricsParams(), Facts()) == (1, 0)
+        assert read.halo_for(MetricsParams(measures=["psnr", "ssim"]), Facts()) == (0, 0)
 
 
 def test_ms_ssim_of_the_box_is_that_of_the_cut_out() -> None:
