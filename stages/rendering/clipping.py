@@ -1,5 +1,5 @@
 """What the source masks say about a rendered picture:
-its soft silhouette, nothing beyond it, and no small holes within it."""
+its soft silhouette, nothing beyond it, no small holes within it, and an outline like theirs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.rendering.evening import REACH, Outlines
 from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import (
     MOST_POINTS,
@@ -148,18 +149,28 @@ def filled(color: np.ndarray, alpha: np.ndarray, covered: np.ndarray) -> tuple[n
 
 
 def retouched(
-    color: np.ndarray, alpha: np.ndarray, silhouettes: Silhouettes, camera: Camera, fill: bool, clip: bool
+    color: np.ndarray,
+    alpha: np.ndarray,
+    silhouettes: Silhouettes,
+    camera: Camera,
+    fill: bool,
+    outlines: Outlines | None,
+    clip: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then clipped, as told;
-    float32.
+    """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then its outline evened
+    like the `outlines` given, then clipped, as told; float32.
 
-    The cover is asked for where there is some alpha, and as far around it as holes reach.
+    The cover is asked for where there is some alpha, and as far around it as holes and evening reach.
     """
-    radius = max(1, round(HOLE * max(alpha.shape)))
-    wanted = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)) > 0
-    covered = cover(silhouettes, camera, wanted)
+    covered = np.ones(alpha.shape, np.float32)
+    if fill or clip:
+        radius = max(REACH, round(HOLE * max(alpha.shape)))
+        wanted = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)) > 0
+        covered = cover(silhouettes, camera, wanted)
     if fill:
         color, alpha = filled(color, alpha, covered)
+    if outlines is not None:
+        color, alpha = outlines.evened(color, alpha)
     return clipped(color, alpha, covered) if clip else (color.astype(np.float32), alpha.astype(np.float32))
 
 
