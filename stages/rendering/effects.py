@@ -1,5 +1,5 @@
-"""What rendering does only where it is called for: clipping by the silhouettes, filling of holes, anti-aliasing,
-colour by the angle of view."""
+"""What rendering does only where it is called for: clipping by the silhouettes, filling of holes, evening of
+outlines, anti-aliasing, colour by the angle of view."""
 
 from __future__ import annotations
 
@@ -55,6 +55,14 @@ def _filling(evidence: Evidence, bound: float) -> Decision | None:
             None,
             bound,
             "the person is segmented in the source views: a small hole within all outlines is the person's",
+        )
+    return _trusted(evidence, bound)
+
+
+def _evening(evidence: Evidence, bound: float) -> Decision | None:
+    if MASKS not in evidence.facts:
+        return Decision(
+            False, None, bound, "the masks are estimated: how smooth and soft an outline is they do not show"
         )
     return _trusted(evidence, bound)
 
@@ -188,6 +196,16 @@ HOLE_FILLING = Effect(
     TRUSTED,
     "1",
     _filling,
+    asks=(AGREEMENT,),
+    lacks=_no_masks,
+)
+OUTLINE_EVENING = Effect(
+    facts.OUTLINE_EVENING,
+    "Make the outlines of rendered pictures as smooth and as soft as those of the source masks.",
+    "share of the pairs of cameras whose outlines agree",
+    TRUSTED,
+    "1",
+    _evening,
     asks=(AGREEMENT,),
     lacks=_no_masks,
 )

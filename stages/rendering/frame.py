@@ -12,9 +12,11 @@ from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.clipping import cover, retouched, silhouettes_of
 from posegaussian.stages.rendering.closing import Body, closed
+from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.facts import (
     ANTI_ALIASING,
     HOLE_FILLING,
+    OUTLINE_EVENING,
     SILHOUETTE_CLIPPING,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
@@ -80,7 +82,7 @@ class FrameRenderer:
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
         self.refined = bool(reader.refined[i])
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
-        self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING})
+        self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self._lifted: dict[int, Lifted] = {}
@@ -110,7 +112,8 @@ class FrameRenderer:
         return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
 
     def _retouched(self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
-        """Colour and alpha of a picture with gaps closed, holes filled and the rest clipped, as far as these are on."""
+        """Colour and alpha of a picture with gaps closed, holes filled, the outline evened and the rest clipped, as far
+        as these are on."""
         if self.silhouettes is None:
             return color, alpha
         touched = color.cpu().numpy(), alpha.cpu().numpy()
@@ -118,8 +121,13 @@ class FrameRenderer:
             covered = cover(self.silhouettes, camera, touched[1] < 1)
             touched = closed(*touched, self.body, camera, covered)
         filling, clipping = HOLE_FILLING in self.facts, SILHOUETTE_CLIPPING in self.facts
-        if filling or clipping:
-            touched = retouched(*touched, self.silhouettes, camera, filling, clipping)
+        outlines = (
+            outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))
+            if OUTLINE_EVENING in self.facts
+            else None
+        )
+        if filling or clipping or outlines:
+            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, clipping)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
 
     def _body(self, silhouettes: Silhouettes | None) -> Body | None:

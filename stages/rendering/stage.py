@@ -8,6 +8,7 @@ from posegaussian.stages.network.params import depth_reads
 from posegaussian.stages.rendering.effects import (
     ANTI_ALIASING,
     HOLE_FILLING,
+    OUTLINE_EVENING,
     SILHOUETTE_CLIPPING,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
@@ -16,6 +17,9 @@ from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT
 from posegaussian.storage.model.spec import ArraySpec, Shape
+
+OF_MASKS = (SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
+"""Effects that look at the source masks."""
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
@@ -52,7 +56,7 @@ STAGE = Stage(
         *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
         Read(
             "frames/mask",
-            when=lambda p, f: bool(f & {SILHOUETTE_CLIPPING.name, HOLE_FILLING.name, SURFACE_CLOSING.name}),
+            when=lambda p, f: bool(f & {e.name for e in OF_MASKS}),
         ),
         Read("pose/joints3d", when=lambda p, f: SURFACE_CLOSING.name in f and bool({JOINTS2D, JOINTS3D} & f)),
     ),
@@ -69,6 +73,6 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
-    effects=(VIEW_DEPENDENT_COLOR, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, ANTI_ALIASING),
+    effects=(VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
     paths=PATHS,
 )

@@ -19,7 +19,7 @@ from tests.support.pipeline import Pipeline, assert_same_content, content, film
 
 AUTO = [
     "depth.method=auto",
-    *(f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling")),
+    *(f"effects.{e}=off" for e in ("temporal_smoothing", "silhouette_clipping", "hole_filling", "outline_evening")),
 ]
 
 

@@ -343,6 +343,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("limb_bounds", "posegaussian.stages.survey.algorithms.joints.fit_of_view"),
         ("view_dependent_color", "posegaussian.stages.rendering.frame.color_towards"),
         ("view_dependent_color", "posegaussian.stages.survey.algorithms.noise.noise_level"),
+        ("outline_evening", "posegaussian.stages.rendering.frame.outlines_for"),
         ("anti_aliasing", "posegaussian.stages.rendering.frame.mip_filter"),
     ],
 )
@@ -358,7 +359,13 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         "frames.range=0:2",
         *(
             f"effects.{e}=off"
-            for e in ("exposure_matching", "view_dependent_color", "silhouette_clipping", "hole_filling")
+            for e in (
+                "exposure_matching",
+                "view_dependent_color",
+                "silhouette_clipping",
+                "hole_filling",
+                "outline_evening",
+            )
             if e != effect
         ),
     )

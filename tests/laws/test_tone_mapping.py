@@ -23,6 +23,7 @@ SETTINGS = [
     "effects.view_dependent_color=off",
     "effects.silhouette_clipping=on",
     "effects.hole_filling=on",
+    "effects.outline_evening=on",
 ]
 
 

@@ -41,6 +41,7 @@ FORCED = {
     "view_dependent_color": "off",
     "silhouette_clipping": "on",
     "hole_filling": "on",
+    "outline_evening": "on",
 }
 """Effects that are decided by the survey, and what they are in most tests."""
 

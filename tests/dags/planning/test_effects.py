@@ -83,6 +83,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
         "view_dependent_color off",
         "silhouette_clipping on",
         "hole_filling on",
+        "outline_evening on",
     ]
     order = [(e.task.stage, e.task.view) for e in events if isinstance(e, TaskDone)]
     stages = [s for s, _ in order]
@@ -199,6 +200,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.view_dependent_color=off",
         "effects.silhouette_clipping=off",
         "effects.hole_filling=on",
+        "effects.outline_evening=on",
     )
     assert "survey" in forced.plan().unneeded
     half = fresh.with_settings(
@@ -209,6 +211,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.view_dependent_color=off",
         "effects.silhouette_clipping=off",
         "effects.hole_filling=off",
+        "effects.outline_evening=off",
     )
     assert {w for w in half.plan().context.facts if w.startswith("survey/")} == {"survey/motion"}
 

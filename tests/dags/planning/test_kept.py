@@ -37,7 +37,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     p = Pipeline(
         folder / "archive",
         folder / "person",
-        ["depth.method=hull", "effects.silhouette_clipping=off", "effects.hole_filling=off"],
+        [
+            "depth.method=hull",
+            *(f"effects.{e}=off" for e in ("silhouette_clipping", "hole_filling", "outline_evening")),
+        ],
     )
     p.register()
     p.run()

@@ -165,6 +165,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
             "limb_bounds",
             "silhouette_clipping",
             "hole_filling",
+            "outline_evening",
             "view_dependent_color",
         ),
         "off",

@@ -32,7 +32,10 @@ from posegaussian.storage.archive.store import Archive, SequenceGroup
 from tests.support.nested_archive import nest, shards
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
-SETTINGS = ["depth.method=hull", "effects.silhouette_clipping=off", "effects.hole_filling=off"]
+SETTINGS = [
+    "depth.method=hull",
+    *(f"effects.{e}=off" for e in ("silhouette_clipping", "hole_filling", "outline_evening")),
+]
 
 
 @pytest.fixture(scope="module")

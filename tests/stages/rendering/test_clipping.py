@@ -75,3 +75,15 @@ def test_small_holes_take_the_colour_around_and_large_ones_stay(hole: tuple[int,
     np.testing.assert_allclose(shown, more[..., None] * np.float32([0.9, 0.4, 0.1]), atol=1e-3)
     bounded = filled(color, alpha, np.zeros_like(alpha))
     np.testing.assert_array_equal(bounded[1], alpha)
+
+
+@pytest.mark.parametrize(("width", "closed"), [(3, True), (8, False)])
+def test_a_thin_crack_is_closed_however_long_unless_it_opens_to_the_background(width: int, closed: bool) -> None:
+    alpha = np.zeros((512, 512), np.float32)
+    alpha[50:450, 50:450] = 1
+    within, open_to_one_side = (slice(100, 400), slice(200, 200 + width)), (slice(50, 300), slice(300, 300 + width))
+    alpha[within] = alpha[open_to_one_side] = 0
+    more = filled(alpha[..., None] * np.float32([0.9, 0.4, 0.1]), alpha, np.ones_like(alpha))[1]
+    assert (more[within] > 0.99).all() == closed
+    assert not more[within].any() or closed
+    assert not more[open_to_one_side].any()

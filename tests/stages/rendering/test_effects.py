@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.camera_paths.paths import make_path
-from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, SILHOUETTE_CLIPPING
+from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, OUTLINE_EVENING, SILHOUETTE_CLIPPING
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import CameraPath
 
@@ -36,7 +36,7 @@ def test_masks_are_trusted_where_most_outlines_agree(person: PersonCapture) -> N
     exact = np.zeros((8, 8))
     one_wrong = exact.copy()
     one_wrong[3], one_wrong[:, 3] = 0.02, 0.02
-    for effect in (SILHOUETTE_CLIPPING, HOLE_FILLING):
+    for effect in (SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING):
         assert effect.decide(evidence(person), effect.threshold) is None  # type: ignore[arg-type]
         for apart, on, share in ((exact, True, 1.0), (one_wrong, True, 0.75), (exact + 0.02, False, 0.0)):
             found = effect.decide(evidence(person, survey__agreement=outlines(apart)), effect.threshold)  # type: ignore[arg-type]

@@ -1,0 +1,144 @@
+"""Outlines without saw-teeth: as smooth, and as soft, as those of the source masks.
+
+Depth is a pixel off here and there, and coverage adds up where a surface turns away: the outline of a drawn picture is
+frayed and hard. How smooth and how soft it is in truth the source masks show. Evening is one step of threshold dynamics
+(Merriman, Bence, Osher, "Diffusion generated motion by mean curvature", 1992): the share around a pixel, then the alpha
+that the masks have where their share around is the same. What the step changes of the masks themselves is shape: hair,
+fingers, creases, or a soft matte. What it changes of the picture is shape and noise, so that the step goes as far as
+noise has a part in it (Wiener's filter). Loose hair leaves it at nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.storage.model.cameras import Rig
+
+WIDTH = 1.2
+"""Px: standard deviation of what is around a pixel. A strip of 1.6 px is as wide as it must be to stay."""
+BINS = 32
+"""Steps of the share around in which the masks' alpha is averaged."""
+RIM = 0.02
+"""Share around, above none and below all of it, from which on a pixel is at an outline."""
+REACH = math.ceil(2.5 * WIDTH)
+"""Px beyond what is drawn that may get some alpha."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """What one frame's masks say about outlines."""
+
+    transfer: np.ndarray
+    """[BINS + 1] alpha by the share around, from none to all; rising from 0 to 1."""
+    shape: float
+    """Mean square by which evening to a hard outline would change the masks along theirs."""
+
+    @classmethod
+    def of(cls, masks: Iterable[np.ndarray]) -> Outlines | None:
+        """Of masks [h, w] uint8 of any sizes; None without any outline."""
+        sums, counts, changed = np.zeros(BINS + 1), np.zeros(BINS + 1), 0.0
+        for mask in masks:
+            alpha = mask.astype(np.float32) / np.float32(255)
+            around = _around(alpha)
+            rim = _rim(around)
+            bins = np.rint(around[rim] * BINS).astype(np.int64)
+            sums += np.bincount(bins, alpha[rim], BINS + 1)
+            counts += np.bincount(bins, minlength=BINS + 1)
+            changed += float(((_hard(around[rim]) - alpha[rim]).astype(np.float64) ** 2).sum())
+        known = np.flatnonzero(counts)
+        if not len(known):
+            return None
+        steps = np.arange(1, BINS)
+        transfer = np.interp(steps, known, sums[known] / counts[known])
+        return cls(np.concatenate([[0.0], np.maximum.accumulate(transfer), [1.0]]), changed / float(counts.sum()))
+
+    def evened(self, color: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Color [h, w, 3], premultiplied, and alpha [h, w] of a picture with its outline evened; float32.
+
+        What gains alpha takes the mean colour around it, weighted by alpha; what loses some keeps its own.
+        """
+        whole = color.astype(np.float32), alpha.astype(np.float32)
+        drawn = _part(alpha > 0)
+        for out, part in zip(whole, self._evened(color[drawn], alpha[drawn]), strict=True):
+            out[drawn] = part
+        return whole
+
+    def _evened(self, color: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the part of a picture that holds something."""
+        around = _around(alpha)
+        share = self._noise(alpha, around)
+        if share <= 0:
+            return color, alpha
+        towards = np.interp(around, np.linspace(0, 1, BINS + 1), self.transfer)
+        wanted = np.clip(alpha + share * (towards - alpha), 0, 1)
+        less, more = np.minimum(wanted, alpha), np.maximum(wanted - alpha, 0)
+        kept = color * (less / np.where(alpha > 0, alpha, 1))[..., None]
+        beside = _around(color) / np.maximum(around, 1e-3)[..., None]
+        return kept + more[..., None] * beside, wanted
+
+    def _noise(self, alpha: np.ndarray, around: np.ndarray) -> float:
+        """Part 0..1 of what evening to a hard outline changes of a picture's alpha [h, w] that the masks have not."""
+        rim = _rim(around)
+        if not rim.any():
+            return 0.0
+        changed = float(((_hard(around[rim]) - alpha[rim]).astype(np.float64) ** 2).mean())
+        return max(0.0, 1 - self.shape / changed) if changed > 0 else 0.0
+
+
+def outlines_for(camera: Camera, rig: Rig, silhouettes: Silhouettes, masks: dict[int, np.ndarray]) -> Outlines | None:
+    """What the masks [h, w] uint8 by view would say at the size at which a camera sees the subject; of the views that
+    the silhouettes are made of. None where no mask has an outline."""
+    pixel = float(np.linalg.norm(camera.centre - silhouettes.centre)) / float(
+        np.asarray(camera.intrinsics)[[0, 1], [0, 1]].mean()
+    )
+    return Outlines.of(
+        _resized(masks[v][: rig.size[v, 1], : rig.size[v, 0]], own / pixel)
+        for v, own in zip(silhouettes.views, silhouettes.pixels.tolist(), strict=True)
+    )
+
+
+def _resized(mask: np.ndarray, factor: float) -> np.ndarray:
+    """The part of a mask [h, w] uint8 that has an outline, `factor` times as large; at most twice, as nothing finer is
+    known."""
+    part = mask[_part(mask > 0)]
+    if not part.size:
+        return part
+    size = tuple(max(1, round(n * min(factor, 2.0))) for n in part.shape[::-1])
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR))
+
+
+def _part(there: np.ndarray) -> tuple[slice, slice]:
+    """The part of a picture [h, w] bool that holds something, and as far around it as evening looks."""
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+    if not len(rows):
+        return slice(0), slice(0)
+    return (
+        slice(max(rows[0] - 2 * REACH, 0), rows[-1] + 2 * REACH + 1),
+        slice(max(columns[0] - 2 * REACH, 0), columns[-1] + 2 * REACH + 1),
+    )
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    """[h, w, ...] float32 mean around each pixel; beyond the picture it goes on as at its edge."""
+    if not values.size:
+        return values.astype(np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(values.astype(np.float32), (0, 0), WIDTH, borderType=cv2.BORDER_REPLICATE), np.float32
+    )
+
+
+def _rim(around: np.ndarray) -> np.ndarray:
+    """[h, w] bool: at an outline."""
+    return (around > RIM) & (around < 1 - RIM)
+
+
+def _hard(around: np.ndarray) -> np.ndarray:
+    """Coverage of a pixel by a straight hard edge, from the share around; float32."""
+    return np.clip((around - 0.5) * np.float32(WIDTH * math.sqrt(2 * math.pi)) + np.float32(0.5), 0, 1)
