@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Choice, Evidence, Picked
 from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.contract.judged import DEPTH, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import DEPTH, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO, PICKED, DepthParams, method_choice
 
@@ -23,7 +23,7 @@ def pick(evidence: Evidence) -> Picked | None:
     6.8.
     """
     usual, why = method_choice(evidence.params, evidence.facts)
-    blind = cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts)
+    blind = cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values())))
     if blind is None and DEPTH not in evidence.noted:
         return None
     means = None if blind is not None else mean_scores(evidence.noted[DEPTH])

@@ -7,7 +7,7 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import JOINTS3D, MASKS, SEGMENTED
-from posegaussian.stages.contract.judged import COLOR, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import COLOR, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
@@ -119,7 +119,7 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
         f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
         f" {noise:.1f}/255"
     )
-    if left <= bound or cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts) is not None:
+    if left <= bound or cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values()))) is not None:
         return Decision(bool(left > bound), left, bound, told)
     if COLOR not in evidence.noted:
         return None
