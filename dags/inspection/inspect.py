@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.inspection.judged import left_out_views
 from posegaussian.dags.inspection.portraits import portraits
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
@@ -152,7 +153,12 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
     page = write_page(name, footage, report, pictures, folder / "index.html", seen)
     console.print(table(name, report))
-    for line in (*report.outlook, *(p.sentence for p in people if len(people) > 1), *spoken(report)):
+    for line in (
+        *report.outlook,
+        left_out_views(context),
+        *(p.sentence for p in people if len(people) > 1),
+        *spoken(report),
+    ):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)

@@ -55,6 +55,10 @@ def _joints(params: JudgeParams, facts: Facts) -> bool:
     return {PERSON_MATTE, JOINTS2D} <= facts and ESTIMATED not in facts
 
 
+def _fit(params: JudgeParams, facts: Facts) -> bool:
+    return {PERSON_MATTE, JOINTS2D} <= facts
+
+
 def _joints3d(params: JudgeParams, facts: Facts) -> bool:
     return {PERSON_MATTE, JOINTS3D} <= facts
 
@@ -70,6 +74,7 @@ STAGE = Stage(
         Read.source("estimator", when=_estimator),
         Read.source("joints", views="sources", when=_joints),
         Read.source("joints3d", when=_joints3d),
+        Read("survey/joint_fit", views="sources", when=_fit),
         Read("survey/plate", views="sources", when=_plate),
         Read("survey/spread", views="sources", when=_plate),
         Read("survey/surface", views="sources", when=_exposure),

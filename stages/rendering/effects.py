@@ -15,6 +15,7 @@ from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 from posegaussian.stages.survey.trust import outlines_agree
+from posegaussian.storage.model.cameras import Rig
 
 COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
 """What the survey measures for `view_dependent_color`."""
@@ -142,9 +143,8 @@ def _no_limbs(evidence: Evidence) -> str | None:
     return _no_masks(evidence)
 
 
-def widest_gap(evidence: Evidence) -> float:
-    """Degrees at the subject from the loneliest source view to the one next to it."""
-    rig = evidence.rig.subset(list(evidence.sources))
+def widest_gap(rig: Rig) -> float:
+    """Degrees at the subject from the loneliest of the source cameras to the one next to it."""
     towards = rig.centres - look_at_point(rig)
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     cosines = towards @ towards.T - 3 * np.eye(len(towards))
@@ -152,7 +152,7 @@ def widest_gap(evidence: Evidence) -> float:
 
 
 def _stand_apart(evidence: Evidence, bound: float) -> Decision:
-    gap = widest_gap(evidence)
+    gap = widest_gap(evidence.rig.subset(list(evidence.sources)))
     return Decision(
         bool(gap > bound),
         gap,

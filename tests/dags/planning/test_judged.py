@@ -65,9 +65,7 @@ def test_a_method_that_is_set_asks_nobody(judged: tuple[Pipeline, list]) -> None
 
 
 @pytest.mark.parametrize(("views", "matte"), [(2, "auto"), (4, "none")])
-def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(
-    tmp_path: Path, views: int, matte: str
-) -> None:
+def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(tmp_path: Path, views: int, matte: str) -> None:
     film(tmp_path / "capture", views=views, frames=2, held_out=0, depth=False)
     p = Pipeline(tmp_path / "archive", tmp_path / "capture", [*AUTO, f"frames.matte={matte}"], held_out="[]")
     p.register()
