@@ -135,7 +135,9 @@ def planned_of(context: Context) -> Planned:
     depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts).name})
     matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
     sources, trust = context.asked_views.sources, settings.views.trust
-    return Planned(context.rig, context.active_views, sources, depth, matte, estimator, facts, trust)
+    return Planned(
+        context.rig, context.active_views, sources, depth, matte, estimator, facts, trust, left_out_views(context)
+    )
 
 
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:
@@ -153,12 +155,7 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
     page = write_page(name, footage, report, pictures, folder / "index.html", seen)
     console.print(table(name, report))
-    for line in (
-        *report.outlook,
-        left_out_views(context),
-        *(p.sentence for p in people if len(people) > 1),
-        *spoken(report),
-    ):
+    for line in (*report.outlook, *(p.sentence for p in people if len(people) > 1), *spoken(report)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)
