@@ -15,7 +15,6 @@ from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
 def left_out_views(context: Context) -> str:
     """One sentence: PSNR, SSIM and coverage of left-out source views by the settings that were chosen, of what is in
     the archive; else what would measure it, or why nothing can."""
-    sequence = context.sequence.name
     cut_out = bool(context.capture_facts & set(MATTES.values()))
     why = cannot_judge(len(context.asked_views.sources), cut_out)
     if why is not None:
@@ -36,6 +35,6 @@ def left_out_views(context: Context) -> str:
                 f" {drawn_at(means, candidate)} and cover {means[candidate, 2]:.0%} of the subject"
             )
     return (
-        "what left-out views look like was not measured; where a choice hangs on it, `posegaussian run"
-        f" {sequence} --only survey judge` measures it"
+        "what left-out views look like was not measured; where a choice hangs on it, `posegaussian run --only survey"
+        " --only judge` measures it"
     )
