@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.inspection.judged import left_out_views
 from posegaussian.dags.inspection.portraits import portraits
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
@@ -134,7 +135,9 @@ def planned_of(context: Context) -> Planned:
     depth = settings.depth.model_copy(update={"method": resolve_method(settings.depth, facts).name})
     matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
     sources, trust = context.asked_views.sources, settings.views.trust
-    return Planned(context.rig, context.active_views, sources, depth, matte, estimator, facts, trust)
+    return Planned(
+        context.rig, context.active_views, sources, depth, matte, estimator, facts, trust, left_out_views(context)
+    )
 
 
 def run_inspection(context: Context, console: Console, output: Path | None = None, joints: Any = None) -> int:

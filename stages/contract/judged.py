@@ -15,9 +15,10 @@ MEASURES = ("psnr", "ssim", "coverage")
 covered."""
 NONE = -1.0
 """Score of what was not drawn."""
-GIVEN_MATTE = fact("given_matte")
-"""Masks that came with the capture say where the subject is before any stage has run."""
-NO_MASKS = "no masks came with the capture: who is the subject is not known when this is decided"
+GIVEN_MATTE, PERSON_MATTE, PLATE_MATTE = fact("given_matte"), fact("person_matte"), fact("plate_matte")
+MATTES = {"given": GIVEN_MATTE, "person": PERSON_MATTE, "plate": PLATE_MATTE}
+"""{what `frames.matte` comes to: the fact that tells it}: each says where the subject is in a few frames alone."""
+NO_MATTE = "everything is foreground (frames.matte comes to none): nothing says who the subject is"
 """Why no picture of a left-out view is compared."""
 FEWEST = 3
 """Source views of which one can be left out: two draw it."""
@@ -29,12 +30,14 @@ def mean_scores(scores: np.ndarray) -> np.ndarray | None:
     return drawn.mean(axis=0) if len(drawn) else None
 
 
-def cannot_judge(sources: int, given_matte: bool) -> str | None:
-    """Why no picture of a left-out view can be judged, or None."""
+def cannot_judge(sources: int, cut_out: bool) -> str | None:
+    """Why no picture of a left-out view can be judged, or None.
+
+    cut_out: whether one of the `MATTES` is among the facts."""
     if sources < FEWEST:
         return f"with {sources} source view{'s' if sources > 1 else ''} none can be left out and drawn from two others"
-    if not given_matte:
-        return NO_MASKS
+    if not cut_out:
+        return NO_MATTE
     return None
 
 

@@ -87,22 +87,19 @@ def _trusted_joints(evidence: Evidence, bound: float) -> Decision | None:
         return Decision(False, None, bound, "joints came in 3D alone: nothing tells how well they fit the pictures")
     if "survey/joint_fit" not in evidence.noted:
         return None
-    distances, shares, compared = evidence.noted["survey/joint_fit"].T
-    if compared.mean() < FEWEST:
+    distance, share, compared = joints_that_fit(evidence.noted["survey/joint_fit"])
+    if share is None:
         return Decision(
             False,
             None,
             bound,
-            f"{compared.mean():.1f} joints a view and frame are triangulated, too few for limbs ({FEWEST} needed)",
+            f"{compared:.1f} joints a view and frame are triangulated, too few for limbs ({FEWEST} needed)",
         )
-    weights = compared / compared.sum()
-    share = float(shares @ weights)
     return Decision(
         bool(share > bound),
         share,
         bound,
-        f"joints lie {float(distances @ weights):.2%} of the longer side from the triangulated ones, {share:.0%} of"
-        " them within 1.5 %",
+        f"joints lie {distance:.2%} of the longer side from the triangulated ones, {share:.0%} of them within 1.5 %",
     )
 
 
@@ -113,6 +110,15 @@ def _no_limbs(evidence: Evidence) -> str | None:
     if not method.several:
         return f"depth.method is {method.name}: nothing is searched"
     return None if {JOINTS2D, JOINTS3D} & evidence.facts else "the capture has no joints"
+
+
+def joints_that_fit(fit: np.ndarray) -> tuple[float, float | None, float]:
+    """From `survey/joint_fit` [S, 3]: the joints' distance from the triangulated ones, as a share of the longer side,
+    the share of them that is close, None where too few were triangulated, and how many a view and frame were."""
+    distances, shares, compared = fit.T
+    weights = compared / max(compared.sum(), 1e-9)
+    share = float(shares @ weights) if compared.mean() >= FEWEST else None
+    return float(distances @ weights), share, float(compared.mean())
 
 
 LIMB_BOUNDS = Effect(

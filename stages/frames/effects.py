@@ -6,7 +6,7 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS, SEVERAL_FRAMES
-from posegaussian.stages.contract.judged import EXPOSURE, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import EXPOSURE, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.frames import facts
 from posegaussian.stages.imaging import exposure
 
@@ -46,7 +46,7 @@ def _exposure(evidence: Evidence, bound: float) -> Decision | None:
     )
     if proven <= bound:
         return Decision(False, proven, bound, told)
-    if cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts) is not None:
+    if cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values()))) is not None:
         return Decision(True, proven, bound, told)
     if EXPOSURE not in evidence.noted:
         return None

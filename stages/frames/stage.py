@@ -18,7 +18,7 @@ from posegaussian.stages.contract.facts import (
     Facts,
 )
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.contract.judged import GIVEN_MATTE
+from posegaussian.stages.contract.judged import MATTES
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, NOISE_AVERAGING, OUTLINE_CORRECTION, TONE_MAPPING
 from posegaussian.stages.frames.facts import AVERAGED_WITH
@@ -126,9 +126,10 @@ def told_facts(capture: Capture, views: Views, params: FramesParams, known: Fact
         LINEAR_LIGHT: exr,
     }
     found = {name for name, held in holds.items() if held}
-    if MASKS in found and params.matte in ("auto", "given"):
-        found.add(GIVEN_MATTE)
     yield from found
+    matte = resolve_matte(params, known | found)
+    if matte in MATTES and refusal(params, known | found) is None:
+        yield MATTES[matte]
     if BLAZEPOSE in known and wants_segmentation(params, known | found):
         yield SEGMENTED
 

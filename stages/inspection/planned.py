@@ -37,6 +37,8 @@ class Planned:
     """What the capture has."""
     trust: TrustSetting = "auto"
     """Which cameras are believed whatever they show."""
+    left_out: str = ""
+    """One sentence on pictures of left-out source views, where anything is known of them."""
 
     @property
     def method(self) -> DepthMethod:

@@ -113,6 +113,7 @@ class Report:
             f"mattes: {spoken['matte'].sentence}",
             f"people: {spoken['people'].sentence}",
             expected(self.planned, self.findings),
+            *([self.planned.left_out] if self.planned.left_out else []),
         ]
 
 

@@ -3,7 +3,9 @@
 All views' depth is made with all views, as a run makes it; then a view's own Gaussians are left out, and its picture
 is drawn from the others'. To leave it out of the matching, too, would judge depth at twice the gap between cameras:
 pairs that a run matches would be missing, and what it can see from one side alone. Gaussians and rendering have their
-default settings: their own settings are not chosen here, and to change one should leave the depth as it is.
+default settings: their own settings are not chosen here, and to change one should leave the depth as it is. What limbs
+do for depth and for gaps is as in a run (`posegaussian.stages.judge.body`): without it cameras that stand far apart
+leave next to nothing to compare.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.masks import foreground
 
 PLAIN = MetricsParams(measures=["psnr", "ssim"])
+NO_BODY = Facts()
 
 
-def with_gaussians(frames: Frames, depth: DepthParams, method: str) -> Frames:
-    """The frames with depth of a method, otherwise by the settings given, and the Gaussians that follow."""
-    made = frames.with_facts(frames.facts)
+def with_gaussians(frames: Frames, depth: DepthParams, method: str, body: Facts = NO_BODY) -> Frames:
+    """The frames with depth of a method, otherwise by the settings given, and the Gaussians that follow; `body`: the
+    effects that are on besides."""
+    made = frames.with_facts(frames.facts | body)
     made.put(depth_of(made, depth.model_copy(update={"method": method})))
     made.put(gaussians_of(made, GaussiansParams()))
     return made
@@ -42,7 +46,7 @@ def scores(made: Frames, filmed: np.ndarray, views: list[int], facts: Facts) -> 
 
     filmed: [F, V, h, w, 3] what they are compared with.
     """
-    found = [_scores(made.without(v).with_facts(facts), filmed[:, v], v) for v in views]
+    found = [_scores(made.without(v).with_facts(made.facts | facts), filmed[:, v], v) for v in views]
     return np.stack(found, axis=1).reshape(-1, len(MEASURES))
 
 

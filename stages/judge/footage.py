@@ -1,4 +1,4 @@
-"""A few frames of all source views, reduced and cut out by the masks that came with the capture."""
+"""A few frames of all source views, reduced and cut out as a run cuts them out."""
 
 from __future__ import annotations
 
@@ -6,42 +6,62 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.facts import (
+    ESTIMATED,
+    JOINTS2D,
+    JOINTS3D,
+    MASKS,
+    SEGMENTED,
+    SEVERAL_FRAMES,
+    SINGLE_SOURCE,
+    Facts,
+)
 from posegaussian.stages.contract.io import Inputs, TaskScope
+from posegaussian.stages.contract.judged import PERSON_MATTE
 from posegaussian.stages.depth.facts import LEFT_RIGHT_CHECK
-from posegaussian.stages.imaging.color import to_display
-from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.detection.run import run as detection_of
+from posegaussian.stages.frames.run import run as frames_in
+from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.judge.memory import Frames
+from posegaussian.stages.judge.sources import FromSources
+from posegaussian.stages.pose.run import run as pose_of
+
+CUTTING = frozenset({MASKS, JOINTS2D, JOINTS3D, ESTIMATED, SEGMENTED, SEVERAL_FRAMES, SINGLE_SOURCE})
+"""Facts by which the subject is found. Who is followed over time is none of them: of a few frames nobody can be, and
+the subject is the person on whom most views agree."""
 
 
 def frames_of(inputs: Inputs, most: int) -> Frames:
-    """`frames/color` and `frames/mask` of at most `most` worked frames, evenly spread, of those that most source views
-    have a picture of; in pixels of the rig, padded to the largest."""
+    """`frames/color`, `frames/mask` and, of a person who is cut out, `pose/joints3d` of at most `most` worked frames,
+    evenly spread, of those that most source views have a picture of; in pixels of the rig, padded to the largest.
+
+    Masks are those that the frames stage makes of the same frames, after detection and pose where a person is cut out;
+    a mask is empty where nobody was found.
+    """
+    scope = _scope(inputs, most)
+    few, settings = FromSources(replace(scope, facts=_cutting(inputs.facts)), inputs), inputs.settings
+    if PERSON_MATTE in inputs.facts:
+        if inputs.facts & {ESTIMATED, SEGMENTED}:
+            few.put(detection_of(few, settings["detection"]))
+        few.put(pose_of(few, settings["pose"]))
+    for v in inputs.views.sources:
+        few.put(frames_in(few.of_view(v), settings["frames"]))
+    names = ["frames/color", "frames/mask", *(["pose/joints3d"] if PERSON_MATTE in inputs.facts else [])]
+    return Frames(replace(scope, facts=Facts(frozenset({LEFT_RIGHT_CHECK}))), {name: few.read(name) for name in names})
+
+
+def _scope(inputs: Inputs, most: int) -> TaskScope:
+    """That of the chosen frames."""
     numbers, valid = inputs.footage("pictures")
-    sources = list(inputs.views.sources)
-    seen = valid[:, sources].sum(axis=1)
+    seen = valid[:, list(inputs.views.sources)].sum(axis=1)
     whole = np.flatnonzero(seen == seen.max())
     at = whole[np.rint(np.linspace(0, len(whole) - 1, min(most, len(whole)) + 2)[1:-1]).astype(int)]
-    width, height = (int(n) for n in inputs.rig.size.max(axis=0))
-    shape = (len(at), len(inputs.rig), height, width)
-    color, mask = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
-    pictures, masks = inputs.source("pictures"), inputs.source("masks")
-    for v in sources:
-        warp = Warp(v, pictures.size(v), inputs.source_rig, inputs.rig, inputs.captured_to_calibrated[v])
-        w, h = warp.size
-        wanted = [i for i in range(len(at)) if valid[at[i], v]]
-        there = [int(numbers[at[i]]) for i in wanted]
-        for i, picture, given in zip(wanted, pictures.read(v, there), masks.read(v, there), strict=True):
-            color[i, v, :h, :w], mask[i, v, :h, :w] = warp(to_display(picture)), warp(given)
     scope = TaskScope(**{f.name: getattr(inputs, f.name) for f in fields(TaskScope)})
-    scope = replace(
-        scope,
-        partition=range(len(at)),
-        source_frames=numbers[at],
-        time=np.zeros(len(at)),
-        valid=valid[at],
-        view=None,
-        facts=Facts(frozenset({LEFT_RIGHT_CHECK})),
-        joint_set=None,
+    return replace(
+        scope, partition=range(len(at)), source_frames=numbers[at], time=np.zeros(len(at)), valid=valid[at], view=None
     )
-    return Frames(scope, {"frames/color": color, "frames/mask": mask})
+
+
+def _cutting(facts: Facts) -> Facts:
+    """Of the facts those by which the subject is found; cameras are corrected however little is off."""
+    return (facts & CUTTING) | {UNDISTORTION.name, CROP_SCALE.name}

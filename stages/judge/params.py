@@ -18,4 +18,4 @@ class JudgeParams(Params):
     views: int = setting(
         8, "Source views left out, one at a time, spread evenly; all where there are no more.", ge=1, le=64
     )
-    size: int = setting(224, "Longest side of the pictures that are drawn; never enlarges.", unit="px", ge=32, le=4096)
+    size: int = setting(384, "Longest side of the pictures that are drawn; never enlarges.", unit="px", ge=32, le=4096)

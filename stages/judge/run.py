@@ -14,6 +14,7 @@ from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
 from posegaussian.stages.imaging.color import gain_table
 from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
 from posegaussian.stages.judge.params import JudgeParams
@@ -46,7 +47,7 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
     methods = BY_PICTURES if DEPTH in asked else BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)
     if any(METHODS[m].of_frame is None for m in methods):
         return  # depth that came with the capture lies in files that no frame here holds
-    made = {m: with_gaussians(frames, depth, m) for m in methods}
+    made = {m: with_gaussians(frames, depth, m, body_facts(inputs, m)) for m in methods}
     drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
     if DEPTH in asked:
         yield DEPTH, np.stack(list(drawn.values()), axis=1)

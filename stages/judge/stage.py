@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, GIVEN_MATTE, NO_MASKS
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, SEVERAL_FRAMES, Facts
+from posegaussian.stages.contract.judged import (
+    COLOR,
+    DEPTH,
+    EXPOSURE,
+    GIVEN_MATTE,
+    MATTES,
+    NO_MATTE,
+    PERSON_MATTE,
+    PLATE_MATTE,
+)
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
@@ -13,11 +22,11 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 def needs(shape: Shape, params: JudgeParams) -> Resources:
     """Pictures, masks, depth and Gaussians of all views of a few reduced frames, by every candidate (48 bytes a pixel
-    each), what matching one frame works in, and one captured picture while it is reduced."""
+    each), what matching one frame works in, one captured picture while it is reduced, and who finds people in it."""
     pixels = params.size**2
     each = params.frames * shape["view"] * 48 * (len(BY_PICTURES) + 2)
     return Resources(
-        cpu=1, ram=pixels * (each + shape["view"] * 88 + 2000) + shape["source_y"] * shape["source_x"] * 24
+        cpu=1, ram=pixels * (each + shape["view"] * 88 + 2000) + shape["source_y"] * shape["source_x"] * 60 + 2**28
     )
 
 
@@ -27,7 +36,31 @@ def _exposure(params: JudgeParams, facts: Facts) -> bool:
 
 def unneeded(params: JudgeParams, facts: Facts) -> str | None:
     """Why no picture of a left-out view can be compared, or None."""
-    return None if GIVEN_MATTE in facts else NO_MASKS
+    return None if facts & set(MATTES.values()) else NO_MATTE
+
+
+def _given(params: JudgeParams, facts: Facts) -> bool:
+    return GIVEN_MATTE in facts
+
+
+def _plate(params: JudgeParams, facts: Facts) -> bool:
+    return PLATE_MATTE in facts or {PERSON_MATTE, SEVERAL_FRAMES} <= facts
+
+
+def _estimator(params: JudgeParams, facts: Facts) -> bool:
+    return PERSON_MATTE in facts and bool(facts & {ESTIMATED, SEGMENTED})
+
+
+def _joints(params: JudgeParams, facts: Facts) -> bool:
+    return {PERSON_MATTE, JOINTS2D} <= facts and ESTIMATED not in facts
+
+
+def _fit(params: JudgeParams, facts: Facts) -> bool:
+    return {PERSON_MATTE, JOINTS2D} <= facts
+
+
+def _joints3d(params: JudgeParams, facts: Facts) -> bool:
+    return {PERSON_MATTE, JOINTS3D} <= facts
 
 
 STAGE = Stage(
@@ -37,7 +70,13 @@ STAGE = Stage(
     run="posegaussian.stages.judge.run:run",
     reads=(
         Read.source("pictures", views="sources"),
-        Read.source("masks", views="sources"),
+        Read.source("masks", views="sources", when=_given),
+        Read.source("estimator", when=_estimator),
+        Read.source("joints", views="sources", when=_joints),
+        Read.source("joints3d", when=_joints3d),
+        Read("survey/joint_fit", views="sources", when=_fit),
+        Read("survey/plate", views="sources", when=_plate),
+        Read("survey/spread", views="sources", when=_plate),
         Read("survey/surface", views="sources", when=_exposure),
     ),
     writes=(
@@ -80,5 +119,5 @@ STAGE = Stage(
         "judged": params.frames * params.views,
         "depth_method": len(BY_PICTURES),
     },
-    sees=("depth",),
+    sees=("detection", "pose", "frames", "depth"),
 )

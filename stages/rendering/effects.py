@@ -7,7 +7,7 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import JOINTS3D, MASKS, SEGMENTED
-from posegaussian.stages.contract.judged import COLOR, GIVEN_MATTE, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import COLOR, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
@@ -15,6 +15,7 @@ from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 from posegaussian.stages.survey.trust import outlines_agree
+from posegaussian.storage.model.cameras import Rig
 
 COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
 """What the survey measures for `view_dependent_color`."""
@@ -127,7 +128,7 @@ def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
         f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
         f" {noise:.1f}/255"
     )
-    if left <= bound or cannot_judge(len(evidence.sources), GIVEN_MATTE in evidence.facts) is not None:
+    if left <= bound or cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values()))) is not None:
         return Decision(bool(left > bound), left, bound, told)
     if COLOR not in evidence.noted:
         return None
@@ -150,9 +151,8 @@ def _no_limbs(evidence: Evidence) -> str | None:
     return _no_masks(evidence)
 
 
-def widest_gap(evidence: Evidence) -> float:
-    """Degrees at the subject from the loneliest source view to the one next to it."""
-    rig = evidence.rig.subset(list(evidence.sources))
+def widest_gap(rig: Rig) -> float:
+    """Degrees at the subject from the loneliest of the source cameras to the one next to it."""
     towards = rig.centres - look_at_point(rig)
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     cosines = towards @ towards.T - 3 * np.eye(len(towards))
@@ -160,7 +160,7 @@ def widest_gap(evidence: Evidence) -> float:
 
 
 def _stand_apart(evidence: Evidence, bound: float) -> Decision:
-    gap = widest_gap(evidence)
+    gap = widest_gap(evidence.rig.subset(list(evidence.sources)))
     return Decision(
         bool(gap > bound),
         gap,

@@ -64,17 +64,15 @@ def test_a_method_that_is_set_asks_nobody(judged: tuple[Pipeline, list]) -> None
     assert not plan.context.choices
 
 
-@pytest.mark.parametrize(("views", "masks"), [(2, True), (4, False)])
-def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(
-    tmp_path: Path, views: int, masks: bool
-) -> None:
-    film(tmp_path / "capture", views=views, frames=2, held_out=0, masks=masks, depth=False)
-    p = Pipeline(tmp_path / "archive", tmp_path / "capture", AUTO, held_out="[]")
+@pytest.mark.parametrize(("views", "matte"), [(2, "auto"), (4, "none")])
+def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(tmp_path: Path, views: int, matte: str) -> None:
+    film(tmp_path / "capture", views=views, frames=2, held_out=0, depth=False)
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", [*AUTO, f"frames.matte={matte}"], held_out="[]")
     p.register()
     plan = p.plan()
     verdict = plan.context.choices["depth.method"]
     assert verdict.state == "sweep_depth"
-    assert ("2 source views" if views == 2 else "no masks") in verdict.sentence
+    assert ("2 source views" if views == 2 else "everything is foreground") in verdict.sentence
     assert "judge" in plan.unneeded
 
 
