@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Verdicts, judged, refusals
+from posegaussian.dags.planning.demand import Demand
+from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Idle, Verdicts, judged, refusals
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
@@ -43,6 +44,8 @@ class Context:
     """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
+    named: frozenset[str] = frozenset()
+    """Stages that a command names: they are made though nobody reads what they make."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
     """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages,
     evidence."""
@@ -201,7 +204,7 @@ class Context:
     def asset_settings(self, name: str) -> Any:
         """The settings that say which models or weights an asset is, `auto` resolved."""
         stage, asset = ASSETS[name]
-        return asset.settled(self.params(stage), self.capture_facts)
+        return asset.settled(self.params(stage), self.facts)
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -242,8 +245,43 @@ class Context:
 
     @cached_property
     def verdicts(self) -> Verdicts:
-        """What is known of every effect, and of the choices that measures have a say in."""
-        return judged(self.evidence, self.settings.effects)
+        """What is known of every effect, and of the choices that measures have a say in. An effect that nobody has a
+        use for is off; one whose use follows from an open choice waits for it."""
+        idle: dict[str, Idle] = {}
+        while True:
+            found = judged(self.evidence, self.settings.effects, idle)
+            more = {n: i for n, i in self._idle(found).items() if n not in idle}
+            if not more:
+                return found
+            idle |= more
+
+    def _idle(self, found: Verdicts) -> dict[str, Idle]:
+        """Effects that are not off and that nobody has a use for, whatever open choices come to, or may come to."""
+        known, asked = self._decided_facts(found), self._named
+        open_choices = [v for v in found.choices.values() if v.picked is None]
+        answers = [(known | {fact}, v.asks) for v in open_choices for fact in v.choice.facts] or [(known, ())]
+        under = [(Demand.of(self.params, self._with_optional(facts), asked), asks) for facts, asks in answers]
+        idle: dict[str, Idle] = {}
+        for name in (n for n, v in found.effects.items() if v.state != "off"):
+            told = [(why, asks) for demand, asks in under if (why := demand.idle(name)) is not None]
+            if told:
+                waits = dict.fromkeys(a for _, asks in told for a in asks) if len(told) < len(under) else {}
+                idle[name] = Idle(told[0][0], tuple(waits))
+        return idle
+
+    @property
+    def _named(self) -> frozenset[str]:
+        """Stages and outputs that are asked for by name."""
+        return self.named | self.exported | {a for a, keep in self.settings.keep.items() if keep == "always"}
+
+    def _decided_facts(self, found: Verdicts) -> Facts:
+        """Facts of the capture, the effects that are not off, and what choices came to."""
+        on = {name for name, v in found.effects.items() if v.state != "off"}
+        return self.capture_facts | on | {v.picked.fact for v in found.choices.values() if v.picked}
+
+    def _with_optional(self, known: Facts) -> Facts:
+        """With the optional stages that are needed."""
+        return known | {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
 
     @property
     def effects(self) -> dict[str, EffectVerdict]:
@@ -260,15 +298,14 @@ class Context:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided
         ones count as on), what choices came to, the optional stages that are needed, and those outputs of
         sequence-wide stages that are asked for."""
-        known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
-        known |= {v.picked.fact for v in self.choices.values() if v.picked}
-        known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
+        known = self._with_optional(self._decided_facts(self.verdicts))
+        gone = Demand.of(self.params, known, self._named).gone
         constants = {w.name for s in STAGES if s.sequence_wide for w in s.writes}
         trusting = set(TRUST.asks) if asks(TRUST, tuple(self.cameras), self.settings.views.trust) else set()
         known |= constants & (self.exported | self.verdicts.asked | trusting)
         for s in reversed(STAGES):  # a sequence-wide stage that is asked asks those before it
             asked = not s.sequence_wide or bool(known & {w.name for w in s.writes})
-            if asked and s.unneeded(self.params(s), known) is None:
+            if asked and s.name not in gone:
                 known |= constants & {r.array for r in s.reads_for(self.params(s), known)}
         return known
 
@@ -363,7 +400,7 @@ class Context:
         return self.memo["unneeded"]
 
     def _unneeded(self) -> dict[str, str]:
-        reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
+        reasons = Demand.of(self.params, self.facts, self._named).gone
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {
             s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread

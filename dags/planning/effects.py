@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -77,6 +78,15 @@ class ChoiceVerdict:
         return f"{self.name}: {self.picked.reason}"
 
 
+class Idle(NamedTuple):
+    """An effect that nobody has a use for, or perhaps nobody."""
+
+    reason: str
+    """Why."""
+    asks: tuple[str, ...]
+    """Outputs of sequence-wide stages that tell whether it has one; empty where it has none."""
+
+
 class Verdicts(NamedTuple):
     """What is known of all effects and of the choices that measures have a say in."""
 
@@ -101,13 +111,16 @@ class Verdicts(NamedTuple):
         return {a for v in self.every for a in v.asks}
 
 
-def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:
+def judged(
+    evidence_of: Callable[[str], Evidence], settings: Any, idle: Mapping[str, Idle] = MappingProxyType({})
+) -> Verdicts:
     """Every effect and choice of the registry, in the order of flow; an effect that is on, and what a choice came to,
     is a fact for those behind it.
 
     Args:
         evidence_of: the evidence for a stage's decisions.
         settings: `EffectSettings`.
+        idle: effects that nobody has a use for, by name.
     """
     found, every = Verdicts({}, {}), declared()
     for stage in STAGES:
@@ -121,7 +134,9 @@ def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:
             if effect.name not in found.effects:
                 stages = every[effect.name][1]
                 evidence = _behind(found, evidence_of(stages[0]))
-                found.effects[effect.name] = _judged(effect, stages, getattr(settings, effect.name), evidence)
+                found.effects[effect.name] = _judged(
+                    effect, stages, getattr(settings, effect.name), evidence, idle.get(effect.name)
+                )
     return found
 
 
@@ -150,8 +165,15 @@ def _measured(
     return asks, None
 
 
-def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> EffectVerdict:
+def _judged(
+    effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence, idle: Idle | None
+) -> EffectVerdict:
     missing = effect.lacks(evidence)
+    if missing is None and idle is not None:
+        if idle.asks:
+            found = _judged(effect, stages, setting, evidence, None)
+            return found if found.state == "off" else replace(found, decision=None, asks=(*found.asks, *idle.asks))
+        missing = idle.reason
     if missing is not None:
         return EffectVerdict(
             effect,

@@ -42,7 +42,7 @@ def scores(made: Frames, filmed: np.ndarray, views: list[int], facts: Facts) -> 
 
     filmed: [F, V, h, w, 3] what they are compared with.
     """
-    found = [_scores(made.without(v).with_facts(facts), filmed[:, v], v) for v in views]
+    found = [_scores(made.without(v).with_facts(made.facts | facts), filmed[:, v], v) for v in views]
     return np.stack(found, axis=1).reshape(-1, len(MEASURES))
 
 

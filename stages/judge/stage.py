@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, GIVEN_MATTE, NO_MASKS
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, Facts
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, GIVEN_MATTE, LEARNED, NO_MASKS
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS
+from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -25,6 +27,10 @@ def _exposure(params: JudgeParams, facts: Facts) -> bool:
     return EXPOSURE in facts
 
 
+def _given(kind: str, told: str) -> Read:
+    return Read.source(kind, views="sources", when=lambda p, f: LEARNED in f and told in f and ESTIMATED not in f)
+
+
 def unneeded(params: JudgeParams, facts: Facts) -> str | None:
     """Why no picture of a left-out view can be compared, or None."""
     return None if GIVEN_MATTE in facts else NO_MASKS
@@ -39,6 +45,9 @@ STAGE = Stage(
         Read.source("pictures", views="sources"),
         Read.source("masks", views="sources"),
         Read("survey/surface", views="sources", when=_exposure),
+        _given("joints", JOINTS2D),
+        _given("joints3d", JOINTS3D),
+        Read.source(SHIPPED_NETWORKS.name, when=lambda p, f: LEARNED in f),
     ),
     writes=(
         ArraySpec(
@@ -69,6 +78,15 @@ STAGE = Stage(
             when=COLOR,
             noted=True,
         ),
+        ArraySpec(
+            LEARNED,
+            ("judged", "weights", "score"),
+            "float64",
+            "1",
+            "The same without a network and with the weights that ship, by name.",
+            when=LEARNED,
+            noted=True,
+        ),
     ),
     over=("sequence",),
     params=JudgeParams,
@@ -79,6 +97,7 @@ STAGE = Stage(
     dimensions=lambda params, facts: {
         "judged": params.frames * params.views,
         "depth_method": len(BY_PICTURES),
+        "weights": len(CANDIDATES),
     },
-    sees=("depth",),
+    sees=("depth", "pose"),
 )
