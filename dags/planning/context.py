@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.demand import Demand
-from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Idle, Verdicts, judged, refusals
+from posegaussian.dags.planning.effects import (
+    ChoiceVerdict,
+    Demand,
+    EffectVerdict,
+    Verdicts,
+    decided_facts,
+    refusals,
+    useful,
+    with_optional,
+)
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
@@ -245,43 +253,13 @@ class Context:
 
     @cached_property
     def verdicts(self) -> Verdicts:
-        """What is known of every effect, and of the choices that measures have a say in. An effect that nobody has a
-        use for is off; one whose use follows from an open choice waits for it."""
-        idle: dict[str, Idle] = {}
-        while True:
-            found = judged(self.evidence, self.settings.effects, idle)
-            more = {n: i for n, i in self._idle(found).items() if n not in idle}
-            if not more:
-                return found
-            idle |= more
-
-    def _idle(self, found: Verdicts) -> dict[str, Idle]:
-        """Effects that are not off and that nobody has a use for, whatever open choices come to, or may come to."""
-        known, asked = self._decided_facts(found), self._named
-        open_choices = [v for v in found.choices.values() if v.picked is None]
-        answers = [(known | {fact}, v.asks) for v in open_choices for fact in v.choice.facts] or [(known, ())]
-        under = [(Demand.of(self.params, self._with_optional(facts), asked), asks) for facts, asks in answers]
-        idle: dict[str, Idle] = {}
-        for name in (n for n, v in found.effects.items() if v.state != "off"):
-            told = [(why, asks) for demand, asks in under if (why := demand.idle(name)) is not None]
-            if told:
-                waits = dict.fromkeys(a for _, asks in told for a in asks) if len(told) < len(under) else {}
-                idle[name] = Idle(told[0][0], tuple(waits))
-        return idle
+        """What is known of every effect, and of the choices that measures have a say in."""
+        return useful(self.evidence, self.settings.effects, self.params, self.capture_facts, self._named)
 
     @property
     def _named(self) -> frozenset[str]:
         """Stages and outputs that are asked for by name."""
         return self.named | self.exported | {a for a, keep in self.settings.keep.items() if keep == "always"}
-
-    def _decided_facts(self, found: Verdicts) -> Facts:
-        """Facts of the capture, the effects that are not off, and what choices came to."""
-        on = {name for name, v in found.effects.items() if v.state != "off"}
-        return self.capture_facts | on | {v.picked.fact for v in found.choices.values() if v.picked}
-
-    def _with_optional(self, known: Facts) -> Facts:
-        """With the optional stages that are needed."""
-        return known | {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
 
     @property
     def effects(self) -> dict[str, EffectVerdict]:
@@ -298,7 +276,7 @@ class Context:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided
         ones count as on), what choices came to, the optional stages that are needed, and those outputs of
         sequence-wide stages that are asked for."""
-        known = self._with_optional(self._decided_facts(self.verdicts))
+        known = with_optional(self.params, decided_facts(self.capture_facts, self.verdicts))
         gone = Demand.of(self.params, known, self._named).gone
         constants = {w.name for s in STAGES if s.sequence_wide for w in s.writes}
         trusting = set(TRUST.asks) if asks(TRUST, tuple(self.cameras), self.settings.views.trust) else set()

@@ -19,8 +19,12 @@ CANDIDATES = (NONE, *shipped())
 """What `auto` chooses from; along `judge/network`."""
 PICKED = {name: fact("no_weights" if name == NONE else f"{name}_weights") for name in CANDIDATES}
 """{candidate: the fact that `auto` comes to it}."""
-GAIN = 0.1
-"""dB by which left-out views must be drawn better with a network than without."""
+WORST = 0.75
+"""dB by which left-out views may be drawn worse with weights than without. They are drawn small and across a gap twice
+as wide as a run's, and that measures what weights gain too low: simulated people, plain and like captures, eight
+cameras at 384 px (benchmarks.quality.choices network --seeds 1-3 --size 384 --set depth.method=sweep, with and without
+--scenes capture_like): measured -0.01, -0.71, -0.36 and 0.09, -0.04, -0.84 dB, gained 1.51, 1.78, 0.96 and 0.34, 0.74,
+-0.38."""
 
 
 def weights_choice(params: NetworkParams, facts: Facts) -> tuple[str, str]:
@@ -44,8 +48,8 @@ def by_pictures(params: NetworkParams, facts: Facts) -> bool:
 
 
 def pick(evidence: Evidence) -> Picked | None:
-    """The weights with which left-out views are drawn with the highest mean PSNR, where that is at least `GAIN` above
-    none and SSIM does not fall; where none can be judged, those whose trained angles some pair of views keeps to."""
+    """Of the weights whose trained angles some pair of views keeps to those with which left-out views are drawn with
+    the highest mean PSNR, unless that is by more than `WORST` below none's."""
     fitting, angle = _fitting(evidence)
     if not fitting:
         return Picked(PICKED[NONE], angle)
@@ -61,18 +65,14 @@ def pick(evidence: Evidence) -> Picked | None:
     return Picked(
         PICKED[CANDIDATES[best]],
         f"left-out source views, drawn from the others: {told}"
-        + ("" if best else f"; {GAIN:g} dB more are asked for, and no less SSIM"),
+        f" ({WORST:g} dB worse rules weights out: they are drawn smaller and across wider gaps than a run's)",
     )
 
 
 def best_of(means: np.ndarray, fitting: Sequence[str] = CANDIDATES[1:]) -> int:
     """Index of the candidate that counts, from `mean_scores` [candidate, measure]: the weights with the highest PSNR,
-    where that is at least `GAIN` above none's and SSIM is no lower; else none, 0."""
-    good = [
-        i
-        for i, name in enumerate(CANDIDATES)
-        if name in fitting and means[i, 0] >= means[0, 0] + GAIN and means[i, 1] >= means[0, 1]
-    ]
+    where that is not more than `WORST` below none's; else none, 0."""
+    good = [i for i, name in enumerate(CANDIDATES) if name in fitting and means[i, 0] >= means[0, 0] - WORST]
     return max(good, key=lambda i: means[i, 0], default=0)
 
 

@@ -21,8 +21,8 @@ class NetworkParams(Params):
     weights: str = setting(
         AUTO,
         "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`);"
-        " a .safetensors file that `posegaussian train` wrote; or auto: the weights that ship and draw left-out source"
-        " views better than none does, where none can be left out those whose trained angles the cameras keep to.",
+        " a .safetensors file that `posegaussian train` wrote; or auto: the weights that ship and whose trained"
+        " angles the cameras keep to, unless left-out source views are drawn clearly worse with them.",
         quality_levels=["none", "fast"],
     )
     iterations: int = setting(
