@@ -51,7 +51,9 @@ def rows_of(seed: int) -> list[dict[str, Any]]:
                 spoil(folder / "capture")
                 shutil.rmtree(folder / "archive")  # the survey keeps what it saw of a sequence
             for state in ("auto",) if cameras == "alike" else ("off", "auto"):
-                results, _ = run_capture(folder, (held_out, f"effects.exposure_matching={state}"))
+                results, _ = run_capture(
+                    folder, (held_out, "network.weights=none", f"effects.exposure_matching={state}")
+                )
                 found = results.context.effects["exposure_matching"].decision
                 on = "on" if found is not None and found.on else "off"
                 print(f"seed {seed}, {cameras}, {state}: {found.reason if found is not None else ''}", flush=True)

@@ -35,7 +35,8 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.simulation.simulated_run import depths, run_capture
-from posegaussian.stages.network.asset import card_of, shipped, weights_digest
+from posegaussian.stages.network.asset import card_of, weights_digest
+from posegaussian.stages.network.card import shipped
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
 
@@ -86,7 +87,10 @@ def measured(
 ) -> tuple[list[dict[str, Any]], dict[int, float]]:
     """Rows of floor, network and truth, and EPE by number of iterations: the stage's own setting and `others`."""
     motion, held_out = film_cell(cell, folder)
-    base, learned = (held_out, *settings), (f"depth.method={floor}", f"network.weights={weights}")
+    base, learned = (
+        (held_out, "network.weights=none", *settings),
+        (f"depth.method={floor}", f"network.weights={weights}"),
+    )
     epe: dict[int, float] = {}
     for n in others:
         # Gaussians and pictures of other numbers of iterations are not looked at.

@@ -41,7 +41,8 @@ from posegaussian.dags.session.session import Session
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.pairs import pair_report
-from posegaussian.stages.network.asset import card_of, shipped
+from posegaussian.stages.network.asset import card_of
+from posegaussian.stages.network.card import shipped
 from posegaussian.stages.network.params import NetworkParams, depth_array
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS
 from posegaussian.storage.archive.store import Archive
@@ -193,7 +194,7 @@ def main() -> None:
         archive = (a.archive or Path(scratch) / "archive").resolve()
         archive.parent.mkdir(parents=True, exist_ok=True)
         views, settings = archive.parent / "arc.json", [f"frames.range={a.frame}:{a.frame + 1}", *a.set]
-        before = run(balance, archive, settings, views)
+        before = run(balance, archive, [*settings, "network.weights=none"], views)
         floor, analytic = rendered(before), maps(before)
         if a.floor_only:
             return

@@ -30,8 +30,7 @@ from benchmarks.report import publish
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.network.asset import SHIPPED
-from posegaussian.stages.network.card import read_card
+from posegaussian.stages.network.card import SHIPPED, read_card
 from posegaussian.stages.network.inference import learned_of, predict
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
 from posegaussian.stages.network.model.pairs import PairViews, SourceView, rectified_pair, start_on

@@ -94,7 +94,12 @@ class Capture:
 
     def run(self, name: str, *settings: str) -> tuple[Results, Counter[str]]:
         """Joints of the capture as it is, through the pipeline into an archive of that name; CPU seconds by stage."""
-        on = ("effects.temporal_smoothing=on", "effects.pose_heatmaps=on", "effects.crop_scale=off")
+        on = (
+            "network.weights=none",
+            "effects.temporal_smoothing=on",
+            "effects.pose_heatmaps=on",
+            "effects.crop_scale=off",
+        )
         return run_capture(
             self._root, (*on, *settings), Selection(only=frozenset({"detection", "pose", "smoothing"})), name
         )

@@ -61,7 +61,7 @@ def measure_cell(
     motion, held_out = film_cell(cell, folder)
     rows = []
     for method in methods:
-        results, seconds = run_capture(folder, (held_out, f"depth.method={method}", *settings))
+        results, seconds = run_capture(folder, (held_out, "network.weights=none", f"depth.method={method}", *settings))
         per_frame = {f"{s} s": seconds[s] / cell.scene.frames for s in TIMED}
         rows.append(
             {

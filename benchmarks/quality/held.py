@@ -83,7 +83,9 @@ def measured(seed: int, kind: str, held: str, size: int, settings: tuple[str, ..
         staged, _ = film_capture(scene(seed, kind, RIGS[kind][held], size), Path(folder))
         cell = Cell(seed, staged.sources, size=size, frames=1)
         for method in METHODS:
-            results, _ = run_capture(Path(folder), (held_out_setting(staged), f"depth.method={method}", *settings))
+            results, _ = run_capture(
+                Path(folder), (held_out_setting(staged), "network.weights=none", f"depth.method={method}", *settings)
+            )
             yield {
                 "seed": seed, "rig": kind, "held": held, "depth": method, **pictures(results, cell), **depths(results)
             }  # fmt: skip

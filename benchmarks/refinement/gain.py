@@ -49,7 +49,7 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
     rows: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
     for steps in levels:
-        results, now = run_capture(folder, (*settings, f"refinement.steps={steps}"))
+        results, now = run_capture(folder, ("network.weights=none", *settings, f"refinement.steps={steps}"))
         seconds |= now
         spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or steps}
         rows.append(
@@ -66,7 +66,7 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
 
 def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
     """One row a time, of the first frame."""
-    results, _ = run_capture(folder, (*settings, "depth.method=hull"))
+    results, _ = run_capture(folder, ("network.weights=none", *settings, "depth.method=hull"))
     scene = Scene.of(results)
     rows: list[dict[str, Any]] = []
 

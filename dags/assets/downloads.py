@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
 from posegaussian.stages.estimators.description import read_description
-from posegaussian.stages.network.asset import shipped
+from posegaussian.stages.network.card import shipped
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.documents import MEGABYTE, read_bytes, reader_of
 from posegaussian.storage.model.errors import NotWritten, SourceError

@@ -8,6 +8,7 @@ import numpy as np
 
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
+from posegaussian.stages.network.choice import settled
 from posegaussian.stages.network.params import NETWORK
 from posegaussian.storage.model.errors import ShardMissing
 
@@ -29,9 +30,10 @@ def sentences(plans: Iterable[Plan]) -> list[str]:
             continue
         means = {name: float(np.mean(share[share > 0])) if (share > 0).any() else 0.0 for name, share in shares.items()}
         least = min(means, key=lambda name: means[name])
+        weights = settled(context.settings.network, context.facts).weights
         said.append(
             f"{context.sequence.name}: {np.mean(list(means.values())):.0%} of depth and Gaussians are the network's"
-            f" ({context.settings.network.weights}), the rest the analytic floor's; least in {least},"
+            f" ({weights}), the rest the analytic floor's; least in {least},"
             f" {means[least]:.0%}"
         )
     return said

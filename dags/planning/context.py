@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, Verdicts, judged, refusals
+from posegaussian.dags.planning.effects import (
+    ChoiceVerdict,
+    Demand,
+    EffectVerdict,
+    Verdicts,
+    decided_facts,
+    refusals,
+    useful,
+    with_optional,
+)
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
@@ -43,6 +52,8 @@ class Context:
     """Whether the paths were asked for by a command, instead of the settings' ones."""
     exported: frozenset[str] = frozenset()
     """Outputs of sequence-wide stages that an export reads."""
+    named: frozenset[str] = frozenset()
+    """Stages that a command names: they are made though nobody reads what they make."""
     memo: dict[Any, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
     """What follows from the context and is asked for again and again: parts of fingerprints, reads of stages,
     evidence."""
@@ -201,7 +212,7 @@ class Context:
     def asset_settings(self, name: str) -> Any:
         """The settings that say which models or weights an asset is, `auto` resolved."""
         stage, asset = ASSETS[name]
-        return asset.settled(self.params(stage), self.capture_facts)
+        return asset.settled(self.params(stage), self.facts)
 
     def evidence(self, stage: str) -> Evidence:
         """What the effects of a stage are decided by."""
@@ -243,7 +254,12 @@ class Context:
     @cached_property
     def verdicts(self) -> Verdicts:
         """What is known of every effect, and of the choices that measures have a say in."""
-        return judged(self.evidence, self.settings.effects)
+        return useful(self.evidence, self.settings.effects, self.params, self.capture_facts, self._named)
+
+    @property
+    def _named(self) -> frozenset[str]:
+        """Stages and outputs that are asked for by name."""
+        return self.named | self.exported | {a for a, keep in self.settings.keep.items() if keep == "always"}
 
     @property
     def effects(self) -> dict[str, EffectVerdict]:
@@ -260,15 +276,14 @@ class Context:
         """What decides which stages, inputs and outputs count: of the capture, the effects that are on (undecided
         ones count as on), what choices came to, the optional stages that are needed, and those outputs of
         sequence-wide stages that are asked for."""
-        known = self.capture_facts | {name for name, v in self.effects.items() if v.state != "off"}
-        known |= {v.picked.fact for v in self.choices.values() if v.picked}
-        known |= {s.name for s in STAGES if s.optional and s.unneeded(self.params(s), known) is None}
+        known = with_optional(self.params, decided_facts(self.capture_facts, self.verdicts))
+        gone = Demand.of(self.params, known, self._named).gone
         constants = {w.name for s in STAGES if s.sequence_wide for w in s.writes}
         trusting = set(TRUST.asks) if asks(TRUST, tuple(self.cameras), self.settings.views.trust) else set()
         known |= constants & (self.exported | self.verdicts.asked | trusting)
         for s in reversed(STAGES):  # a sequence-wide stage that is asked asks those before it
             asked = not s.sequence_wide or bool(known & {w.name for w in s.writes})
-            if asked and s.unneeded(self.params(s), known) is None:
+            if asked and s.name not in gone:
                 known |= constants & {r.array for r in s.reads_for(self.params(s), known)}
         return known
 
@@ -363,7 +378,7 @@ class Context:
         return self.memo["unneeded"]
 
     def _unneeded(self) -> dict[str, str]:
-        reasons = {s.name: why for s in STAGES if (why := s.unneeded(self.params(s), self.facts)) is not None}
+        reasons = Demand.of(self.params, self.facts, self._named).gone
         unread = [s for s in STAGES if s.sequence_wide and not self.facts & {w.name for w in s.writes}]
         return reasons | {
             s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread

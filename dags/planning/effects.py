@@ -3,19 +3,27 @@ stages become decisions, with reasons.
 
 What needs a measure of the frames stays undecided until the stages that take it ran; work behind it waits for them.
 Only the decision enters fingerprints, so neither ten more frames nor a slightly different measure make anything stale.
+
+No stage runs without a reader. An output that is kept `until_done` serves its readers; every other one is a result. A
+stage that makes no result and whose outputs no stage reads is not needed, and an effect that only such a stage has, or
+that only draws such an output, is off. Whoever names the stage (`--only`, `--force`) or the array
+(`keep: {ARRAY: always}`, an export) still gets it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from posegaussian.dags.config.effect_settings import Setting, declared
-from posegaussian.stages.contract.declaration import Choice, Decision, Effect, Evidence, Picked
+from posegaussian.stages.contract.declaration import Choice, Decision, Effect, Evidence, Picked, Stage
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.registry import STAGES
+from posegaussian.storage.model.spec import TableSpec
 
 Answer = TypeVar("Answer")
 MEASURED = tuple(frozenset(w.name for w in s.writes) for s in STAGES if s.sequence_wide)
@@ -77,6 +85,15 @@ class ChoiceVerdict:
         return f"{self.name}: {self.picked.reason}"
 
 
+class Idle(NamedTuple):
+    """An effect that nobody has a use for, or perhaps nobody."""
+
+    reason: str
+    """Why."""
+    asks: tuple[str, ...]
+    """Outputs of sequence-wide stages that tell whether it has one; empty where it has none."""
+
+
 class Verdicts(NamedTuple):
     """What is known of all effects and of the choices that measures have a say in."""
 
@@ -101,13 +118,16 @@ class Verdicts(NamedTuple):
         return {a for v in self.every for a in v.asks}
 
 
-def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:
+def judged(
+    evidence_of: Callable[[str], Evidence], settings: Any, idle: Mapping[str, Idle] = MappingProxyType({})
+) -> Verdicts:
     """Every effect and choice of the registry, in the order of flow; an effect that is on, and what a choice came to,
     is a fact for those behind it.
 
     Args:
         evidence_of: the evidence for a stage's decisions.
         settings: `EffectSettings`.
+        idle: effects that nobody has a use for, by name.
     """
     found, every = Verdicts({}, {}), declared()
     for stage in STAGES:
@@ -121,7 +141,9 @@ def judged(evidence_of: Callable[[str], Evidence], settings: Any) -> Verdicts:
             if effect.name not in found.effects:
                 stages = every[effect.name][1]
                 evidence = _behind(found, evidence_of(stages[0]))
-                found.effects[effect.name] = _judged(effect, stages, getattr(settings, effect.name), evidence)
+                found.effects[effect.name] = _judged(
+                    effect, stages, getattr(settings, effect.name), evidence, idle.get(effect.name)
+                )
     return found
 
 
@@ -150,8 +172,15 @@ def _measured(
     return asks, None
 
 
-def _judged(effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence) -> EffectVerdict:
+def _judged(
+    effect: Effect, stages: tuple[str, ...], setting: Setting, evidence: Evidence, idle: Idle | None
+) -> EffectVerdict:
     missing = effect.lacks(evidence)
+    if missing is None and idle is not None:
+        if idle.asks:
+            found = _judged(effect, stages, setting, evidence, None)
+            return found if found.state == "off" else replace(found, decision=None, asks=(*found.asks, *idle.asks))
+        missing = idle.reason
     if missing is not None:
         return EffectVerdict(
             effect,
@@ -193,3 +222,87 @@ def noted(receipts: Iterable[Any], arrays: tuple[str, ...], per_view: bool) -> d
             return None
         found[array] = np.array(values if per_view else values[0])
     return found
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Who is needed for what, under some facts."""
+
+    gone: dict[str, str]
+    """{stage: why it is not needed}; sequence-wide stages only by their own word."""
+    read: frozenset[str]
+    """Outputs, as declared, that are asked for by name or that a needed stage reads."""
+
+    @classmethod
+    def of(cls, params: Callable[[Stage], Any], facts: Facts, asked: frozenset[str]) -> Demand:
+        """From the last stage to the first. `asked`: stages and outputs that are named."""
+        gone: dict[str, str] = {}
+        read = set(asked)
+        for stage in reversed(STAGES):
+            why = stage.unneeded(params(stage), facts)
+            if why is None and not stage.sequence_wide and stage.name not in asked:
+                made = stage.writes_for(facts)
+                if not any(w.name in read or isinstance(w, TableSpec) or w.keep != "until_done" for w in made):
+                    why = f"no stage reads what it makes ({', '.join(w.name for w in made)}) under these settings"
+            if why is not None:
+                gone[stage.name] = why
+            else:
+                read |= {r.array for r in stage.reads_for(params(stage), facts) if not r.is_source}
+        return cls(gone, frozenset(read))
+
+    def idle(self, effect: str) -> str | None:
+        """Why an effect that could be on would change nothing, or None."""
+        stages = [s for s in STAGES if any(e.name == effect for e in s.effects)]
+        needed = [s for s in stages if s.name not in self.gone]
+        drawn = [w.name for s in needed for w in s.writes if w.when == effect]
+        if not needed:
+            return f"{' and '.join(s.name for s in stages)} {'is' if len(stages) == 1 else 'are'} not needed"
+        used = any(w in self.read for w in drawn) or any(all(w.when != effect for w in s.writes) for s in needed)
+        return None if used else f"no stage reads {' and '.join(drawn)} under these settings"
+
+
+def decided_facts(capture: Facts, found: Verdicts) -> Facts:
+    """Facts of the capture, the effects that are not off, and what choices came to."""
+    on = {name for name, v in found.effects.items() if v.state != "off"}
+    return capture | on | {v.picked.fact for v in found.choices.values() if v.picked}
+
+
+def with_optional(params: Callable[[Stage], Any], known: Facts) -> Facts:
+    """With the optional stages that are needed."""
+    return known | {s.name for s in STAGES if s.optional and s.unneeded(params(s), known) is None}
+
+
+def useful(
+    evidence_of: Callable[[str], Evidence],
+    settings: Any,
+    params: Callable[[Stage], Any],
+    capture: Facts,
+    asked: frozenset[str],
+) -> Verdicts:
+    """`judged`, where an effect that nobody has a use for is off, and one whose use follows from an open choice waits
+    for it. `capture`: the facts of the capture; `asked` as in `Demand.of`."""
+    idle: dict[str, Idle] = {}
+    while True:
+        found = judged(evidence_of, settings, idle)
+        more = {n: i for n, i in idle_effects(params, capture, found, asked).items() if n not in idle}
+        if not more:
+            return found
+        idle |= more
+
+
+def idle_effects(
+    params: Callable[[Stage], Any], capture: Facts, found: Verdicts, asked: frozenset[str]
+) -> dict[str, Idle]:
+    """Effects that are not off and that nobody has a use for, whatever open choices come to; and those that nobody
+    may have a use for, with what tells. `asked` as in `Demand.of`."""
+    known = decided_facts(capture, found)
+    waiting = [v for v in found.choices.values() if v.picked is None]
+    answers = [(known | {fact}, v.asks) for v in waiting for fact in v.choice.facts] or [(known, ())]
+    under = [(Demand.of(params, with_optional(params, facts), asked), asks) for facts, asks in answers]
+    idle: dict[str, Idle] = {}
+    for name in (n for n, v in found.effects.items() if v.state != "off"):
+        told = [(why, asks) for demand, asks in under if (why := demand.idle(name)) is not None]
+        if told:
+            waits = dict.fromkeys(a for _, asks in told for a in asks) if len(told) < len(under) else {}
+            idle[name] = Idle(told[0][0], tuple(waits))
+    return idle

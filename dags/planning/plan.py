@@ -144,7 +144,8 @@ def make_plan(
     """
     held = wanted(context) if wanted else frozenset()
     constants = frozenset(p.array for p in held if p.array in PRODUCERS and PRODUCERS[p.array][0].sequence_wide)
-    context = replace(context, exported=constants) if constants else context
+    named = selection.only | selection.force
+    context = replace(context, exported=constants, named=named) if constants or named else context
     book = Book.open(context, held)
     context = decided(book, selection)
     if wanted and wanted(context) != held:

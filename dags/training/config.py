@@ -8,7 +8,7 @@ from typing import Any
 
 from posegaussian.dags.config.settings import from_assignments, validated
 from posegaussian.dags.config.yaml_source import load
-from posegaussian.stages.network.asset import shipped
+from posegaussian.stages.network.card import shipped
 from posegaussian.stages.training.config import HARMLESS, TrainingConfig
 from posegaussian.storage.model.errors import ConfigError
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import fact
 
-DEPTH, EXPOSURE, COLOR = "judge/depth", "judge/exposure", "judge/color"
+DEPTH, EXPOSURE, COLOR, LEARNED = "judge/depth", "judge/exposure", "judge/color", "judge/network"
 """[picture, candidate, measure] of the depth methods, the worst quality level first; without and with exposure gains;
-without and with colours blended by angle."""
+without and with colours blended by angle; without the network and with the weights that ship, by name."""
 MEASURES = ("psnr", "ssim", "coverage")
 """PSNR in dB and SSIM in the person's box, each channel's light fitted to the photograph's; share of the person that is
 covered."""

@@ -20,6 +20,11 @@ class Frames(Inputs):
         super().__init__(scope)
         self._scope, self._arrays = scope, arrays
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What there is, by name."""
+        return self._arrays
+
     def span(self, array: str) -> range:
         """All frames there are."""
         return self.partition
@@ -39,13 +44,16 @@ class Frames(Inputs):
         raise KeyError(f"there are arrays alone here, and no {kind}")
 
     def put(self, blocks: Iterable[Block]) -> None:
-        """Keep what a kernel yields, view by view."""
+        """Keep what a kernel yields, view by view, in the place of what had its name."""
+        made: dict[str, np.ndarray] = {}
         for block in blocks:
             data = np.asarray(block.data)
-            whole = self._arrays.setdefault(
-                block.array, np.zeros((len(data), len(self.rig), *data.shape[1:]), data.dtype)
-            )
+            if block.view is None:
+                made[block.array] = data
+                continue
+            whole = made.setdefault(block.array, np.zeros((len(data), len(self.rig), *data.shape[1:]), data.dtype))
             whole[:, block.view] = data
+        self._arrays.update(made)
 
     def with_facts(self, facts: Facts) -> Frames:
         """The same arrays under other facts; what is put from then on is not shared."""

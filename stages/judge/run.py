@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, FEWEST, MEASURES, NONE, mean_scores
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, FEWEST, LEARNED, MEASURES, NONE, mean_scores
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
 from posegaussian.stages.imaging.color import gain_table
@@ -17,9 +17,13 @@ from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
+from posegaussian.stages.judge.learned import learned
 from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.stages.network.choice import CANDIDATES, best_of
 from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
 
+COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2}
+"""Candidates of each choice."""
 PLAIN, BLENDED = Facts(), Facts(frozenset({VIEW_DEPENDENT_COLOR}))
 
 
@@ -29,10 +33,10 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
     Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
     Gains are compared by the method that drew best, or that is set, and colours by angle with the gains that drew best.
     """
-    asked = [name for name in (DEPTH, EXPOSURE, COLOR) if name in inputs.facts]
+    asked = [name for name in (DEPTH, EXPOSURE, LEARNED, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
     for name in asked:
-        out = np.full((params.frames * params.views, len(BY_PICTURES) if name == DEPTH else 2, len(MEASURES)), NONE)
+        out = np.full((params.frames * params.views, COUNT[name], len(MEASURES)), NONE)
         drawn = found.get(name, out[:0])
         out[: len(drawn)] = drawn
         yield Block(name, out)
@@ -52,12 +56,18 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
     if DEPTH in asked:
         yield DEPTH, np.stack(list(drawn.values()), axis=1)
     best = max(methods, key=lambda m: _psnr(drawn[m]))
-    chosen = made[best]
+    chosen, reached = made[best], drawn[best]
     if EXPOSURE in asked:
         matched = chosen.with_array("frames/color", _matched(inputs, filmed))
         after = scores(matched, filmed, views, PLAIN)
-        yield EXPOSURE, np.stack([drawn[best], after], axis=1)
-        chosen = matched if _psnr(after) >= _psnr(drawn[best]) else chosen
+        yield EXPOSURE, np.stack([reached, after], axis=1)
+        chosen, reached = (matched, after) if _psnr(after) >= _psnr(reached) else (chosen, reached)
+    if LEARNED in asked:
+        tried = [chosen, *learned(inputs, chosen)]
+        with_each = np.stack([reached, *(scores(t, filmed, views, PLAIN) for t in tried[1:])], axis=1)
+        yield LEARNED, with_each
+        means = mean_scores(with_each)
+        chosen = chosen if means is None else tried[best_of(means)]
     if COLOR in asked:
         yield COLOR, np.stack([scores(chosen, filmed, views, f) for f in (PLAIN, BLENDED)], axis=1)
 

@@ -31,12 +31,14 @@ class FromSources(Frames):
         return self._task.read(array, view, frames)
 
     def put(self, blocks: Iterable[Block]) -> None:
-        """Keep what a kernel yields, view by view, and what belongs to no view as it is."""
+        """Keep what tasks of one view each yield, beside what was kept of other views, and what belongs to no view."""
         for block in blocks:
+            data = np.asarray(block.data)
             if block.view is None:
-                self._arrays[block.array] = np.asarray(block.data)
-            else:
-                super().put([block])
+                self._arrays[block.array] = data
+                continue
+            empty = np.zeros((len(data), len(self.rig), *data.shape[1:]), data.dtype)
+            self._arrays.setdefault(block.array, empty)[:, block.view] = data
 
     def of_view(self, view: int) -> FromSources:
         """The same as a task of one view sees it."""

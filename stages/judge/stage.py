@@ -9,6 +9,7 @@ from posegaussian.stages.contract.judged import (
     DEPTH,
     EXPOSURE,
     GIVEN_MATTE,
+    LEARNED,
     MATTES,
     NO_MATTE,
     PERSON_MATTE,
@@ -17,6 +18,8 @@ from posegaussian.stages.contract.judged import (
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS
+from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -52,7 +55,7 @@ def _estimator(params: JudgeParams, facts: Facts) -> bool:
 
 
 def _joints(params: JudgeParams, facts: Facts) -> bool:
-    return {PERSON_MATTE, JOINTS2D} <= facts and ESTIMATED not in facts
+    return JOINTS2D in facts and bool(facts & {PERSON_MATTE, LEARNED}) and ESTIMATED not in facts
 
 
 def _fit(params: JudgeParams, facts: Facts) -> bool:
@@ -60,7 +63,7 @@ def _fit(params: JudgeParams, facts: Facts) -> bool:
 
 
 def _joints3d(params: JudgeParams, facts: Facts) -> bool:
-    return {PERSON_MATTE, JOINTS3D} <= facts
+    return JOINTS3D in facts and (PERSON_MATTE in facts or (LEARNED in facts and ESTIMATED not in facts))
 
 
 STAGE = Stage(
@@ -78,6 +81,7 @@ STAGE = Stage(
         Read("survey/plate", views="sources", when=_plate),
         Read("survey/spread", views="sources", when=_plate),
         Read("survey/surface", views="sources", when=_exposure),
+        Read.source(SHIPPED_NETWORKS.name, when=lambda p, f: LEARNED in f),
     ),
     writes=(
         ArraySpec(
@@ -108,6 +112,15 @@ STAGE = Stage(
             when=COLOR,
             noted=True,
         ),
+        ArraySpec(
+            LEARNED,
+            ("judged", "weights", "score"),
+            "float64",
+            "1",
+            "The same without a network and with the weights that ship, by name.",
+            when=LEARNED,
+            noted=True,
+        ),
     ),
     over=("sequence",),
     params=JudgeParams,
@@ -118,6 +131,7 @@ STAGE = Stage(
     dimensions=lambda params, facts: {
         "judged": params.frames * params.views,
         "depth_method": len(BY_PICTURES),
+        "weights": len(CANDIDATES),
     },
     sees=("detection", "pose", "frames", "depth"),
 )

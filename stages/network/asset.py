@@ -10,25 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from posegaussian.stages.contract.declaration import Asset
-from posegaussian.stages.network.card import Card, WeightsError, read_card
-from posegaussian.stages.network.params import NETWORK, NetworkParams
+from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped
+from posegaussian.stages.network.choice import settled
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, NetworkParams
 from posegaussian.storage.model.capture import SourceFile
 from posegaussian.storage.model.errors import ConfigError
-
-SHIPPED = Path(__file__).resolve().parent / "shipped"
-"""Folder of the weights that come with the project, NAME.safetensors each."""
-
-
-def shipped() -> dict[str, Path]:
-    """Weights that come with the project, by name."""
-    return {f.stem: f for f in sorted(SHIPPED.glob("*.safetensors"))}
 
 
 def weights_file(params: NetworkParams) -> Path:
     """The file that the setting means. Raises ConfigError where there is none."""
     found = shipped().get(params.weights) or Path(params.weights)
     if not found.is_file():
-        names = ", ".join(["none", *shipped()])
+        names = ", ".join([AUTO, NONE, *shipped()])
         raise ConfigError(
             f"network.weights is {params.weights}: neither weights that ship ({names}) nor a file; train some with"
             " `posegaussian train`, or use none"
@@ -96,5 +89,19 @@ def _made(file: Path, stamp: int) -> Any:
     return network
 
 
-TRAINED = Asset(NETWORK, weights_digest, network_of)
-"""The network with the weights that the settings name."""
+def _named(params: NetworkParams, name: str) -> NetworkParams:
+    return params.model_copy(update={"weights": name})
+
+
+def _shipped_digest(params: NetworkParams) -> str:
+    return " ".join(f"{name} {weights_digest(_named(params, name))}" for name in shipped())
+
+
+def _shipped_networks(params: NetworkParams) -> dict[str, Any]:
+    return {name: network_of(_named(params, name)) for name in shipped()}
+
+
+TRAINED = Asset(NETWORK, weights_digest, network_of, settled)
+"""The network with the weights that the settings name, or that `auto` comes to."""
+SHIPPED_NETWORKS = Asset("shipped_networks", _shipped_digest, _shipped_networks)
+"""{name: network} with every set of weights that ships."""

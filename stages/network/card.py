@@ -10,6 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 from posegaussian.storage.model.documents import parse_json, regular, shortened
 from posegaussian.storage.model.errors import UserError
 
+SHIPPED = Path(__file__).resolve().parent / "shipped"
+"""Folder of the weights that come with the project, NAME.safetensors each."""
+
 
 class WeightsError(UserError):
     """A file of weights that cannot be written or does not fit the network."""
@@ -77,3 +80,8 @@ def must_exist(path: Path) -> None:
     if not path.exists():
         raise WeightsError(f"{path}: no such file of weights")
     regular(path, "weights")
+
+
+def shipped() -> dict[str, Path]:
+    """Weights that come with the project, by name."""
+    return {f.stem: f for f in sorted(SHIPPED.glob("*.safetensors"))}

@@ -10,6 +10,8 @@ from posegaussian.stages.contract.facts import Facts, fact
 
 NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
+AUTO, NONE = "auto", "none"
+"""In place of the name of weights: those that suit the capture, and no network."""
 Halo = tuple[int, int] | Callable[[Any, Facts], tuple[int, int]]
 
 
@@ -17,9 +19,10 @@ class NetworkParams(Params):
     """Which weights, and how much is computed with them."""
 
     weights: str = setting(
-        "none",
+        AUTO,
         "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`);"
-        " or a .safetensors file that `posegaussian train` wrote.",
+        " a .safetensors file that `posegaussian train` wrote; or auto: the weights that ship and whose trained"
+        " angles the cameras keep to, unless left-out source views are drawn clearly worse with them.",
         quality_levels=["none", "fast"],
     )
     iterations: int = setting(
@@ -32,9 +35,10 @@ class NetworkParams(Params):
         ge=1,
         le=4,
     )
-    precision: Literal["bf16", "float32"] = setting(
-        "bf16",
-        "Of the layers; correlation, coordinates and what the heads say are float32 in both.",
+    precision: Literal["auto", "bf16", "float32"] = setting(
+        AUTO,
+        "Of the layers; correlation, coordinates and what the heads say are float32 in both. auto: bf16 where the"
+        " processor that plans the run computes it natively, else float32, which is several times faster there.",
         quality_levels=["bf16", "float32"],
     )
 

@@ -13,6 +13,7 @@ from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, look,
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.precision import precision_of
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
 from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
@@ -64,7 +65,7 @@ def _learned(
     shown: Mapping[int, SourceView],
 ) -> dict[int, Learned]:
     """What is learnt about the views of one frame, held within each other's silhouettes."""
-    rig, precision = inputs.rig, params.precision
+    rig, (precision, _) = inputs.rig, precision_of(params, inputs.facts)
     if len(inputs.views.sources) == 1:
         if not network.preset.alone:
             return {}

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import GIVEN_DEPTH, SINGLE_SOURCE, Facts
-from posegaussian.stages.network.asset import TRAINED, card_of
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, JOINTS3D, SINGLE_SOURCE, Facts
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of
 from posegaussian.stages.network.asset import notes as weights_notes
+from posegaussian.stages.network.choice import WEIGHTS, settled
 from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import NETWORK, NetworkParams
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, NetworkParams
+from posegaussian.stages.network.precision import PRECISION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
 from posegaussian.storage.model.spec import ArraySpec, Shape
@@ -23,15 +25,22 @@ def needs(shape: Shape, params: NetworkParams) -> Resources:
 def unneeded(params: NetworkParams, facts: Facts) -> str | None:
     """Without weights depth and Gaussians stay the analytic ones; a single view has no pair, and most weights nothing
     to say about it."""
-    if params.weights == "none":
+    answer = settled(params, facts)
+    if answer.weights == NONE and params.weights == AUTO:
+        return "network.weights auto came to none: depth and Gaussians are the analytic ones"
+    if answer.weights == NONE:
         return "network.weights is none: depth and Gaussians are the analytic ones"
     if SINGLE_SOURCE not in facts:
         return None
     if GIVEN_DEPTH in facts:
         return "there is a single source view, with depth maps of its own, which no weights were trained to refine"
-    if not Preset.from_json(card_of(params).network).alone:
-        return f"there is a single source view: {params.weights} was trained to compare pairs"
+    if not Preset.from_json(card_of(answer).network).alone:
+        return f"there is a single source view: {answer.weights} was trained to compare pairs"
     return None
+
+
+def _heatmaps(params: NetworkParams, facts: Facts) -> bool:
+    return POSE_HEATMAPS.name in facts and bool({JOINTS2D, JOINTS3D} & facts)
 
 
 STAGE = Stage(
@@ -45,8 +54,8 @@ STAGE = Stage(
         Read("frames/mask"),
         Read("depth/depth"),
         Read("depth/confidence"),
-        Read("smoothing/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name in f and POSE_HEATMAPS.name in f),
-        Read("pose/heatmaps", when=lambda p, f: POSE_HEATMAPS.name in f),
+        Read("smoothing/heatmaps", when=lambda p, f: TEMPORAL_SMOOTHING.name in f and _heatmaps(p, f)),
+        Read("pose/heatmaps", when=_heatmaps),
         Read.source("network"),
     ),
     writes=(
@@ -88,6 +97,7 @@ STAGE = Stage(
     unneeded=unneeded,
     effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
     optional=True,
-    notes=lambda evidence: weights_notes(evidence.params),
-    assets=(TRAINED,),
+    notes=lambda evidence: weights_notes(settled(evidence.params, evidence.facts)),
+    assets=(TRAINED, SHIPPED_NETWORKS),
+    choices=(WEIGHTS, PRECISION),
 )

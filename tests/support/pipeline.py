@@ -44,6 +44,8 @@ FORCED = {
     "outline_evening": "on",
 }
 """Effects that are decided by the survey, and what they are in most tests."""
+HEATMAPS = ("keep={pose/heatmaps: always, smoothing/heatmaps: always}",)
+"""Heatmaps are made."""
 
 
 def film(
@@ -81,11 +83,11 @@ class Pipeline:
 
     @property
     def assignments(self) -> list[str]:
-        # Every stage has something to do, and none waits for the survey or the judge; tests of what these decide set
-        # it back to auto.
+        # Every quick stage has something to do, and none waits for the survey or the judge; tests of what these decide
+        # set it back to auto. Heatmaps are asked for by name: without the network nobody reads them.
         forced = [f"effects.{e}={state}" for e, state in FORCED.items()]
         matched = [] if any(s.startswith("views.sources") for s in self.settings) else ["depth.method=sgbm"]
-        fixed = ["run.scheduler=serial", "views.trust=all", *matched, *forced]
+        fixed = ["run.scheduler=serial", "views.trust=all", "network.weights=none", *HEATMAPS, *matched, *forced]
         return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
 
     @property

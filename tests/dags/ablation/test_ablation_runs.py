@@ -20,7 +20,7 @@ from posegaussian.dags.ablation.groups import FOOTAGE, SimulatedFootage, groups
 from posegaussian.dags.ablation.measures import _pictures
 from posegaussian.dags.ablation.pipeline_runs import RunCell, Weights, run, runs_in_order, weights_of
 from posegaussian.dags.ablation.tables import page, report
-from posegaussian.stages.network.asset import SHIPPED
+from posegaussian.stages.network.card import SHIPPED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import ConfigError, UserError
 

@@ -27,14 +27,8 @@ from posegaussian.storage.model.errors import ConfigError, ShardMissing
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 DROP = "run.keep=as_declared"
-UNTIL_DONE = ("frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity", "pose/heatmaps")
-"""What the declarations call until_done and another stage reads;
-gaussians/confidence and smoothing/heatmaps nobody reads yet."""
-
-
-def expected(plan: Plan) -> set[str]:
-    """UNTIL_DONE as far as the plan has readers: where smoothing is off nobody reads the heatmaps."""
-    return set(UNTIL_DONE) - ({"pose/heatmaps"} if "smoothing" in plan.unneeded else set())
+UNTIL_DONE = {"frames/color", "gaussians/scale", "gaussians/rotation", "gaussians/opacity"}
+"""What the declarations call until_done and another stage reads; nobody reads heatmaps, which are asked for by name."""
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +69,9 @@ def test_results_are_equal_whichever_policy(dropping: tuple[Pipeline, int], fini
     assert_same_content(content(pipeline, but=UNTIL_DONE), content(finished, but=UNTIL_DONE))
     # Pictures are read by rendering and, of held-out views, by metrics; maps that nobody reads are results and stay.
     plan = pipeline.plan()
-    assert dropped_arrays(plan) == expected(plan)
+    assert dropped_arrays(plan) == UNTIL_DONE
     assert shards(pipeline, "gaussians/confidence"), "nobody reads it: it is a result"
-    assert not [p for a in expected(plan) for p in shards(pipeline, a)]
+    assert not [p for a in UNTIL_DONE for p in shards(pipeline, a)]
 
 
 def test_the_most_bytes_on_disk_are_fewer(dropping: tuple[Pipeline, int], finished: Pipeline) -> None:
@@ -122,9 +116,7 @@ def test_another_path_makes_again_just_what_it_reads(dropped: Pipeline) -> None:
     # Six source views of three partitions; of the held-out view nothing is rendered from.
     assert dropped.ran("orbit") == {"frames": 18, "gaussians": 3, "rendering": 3}
     assert dropped.plan("orbit").all_fresh
-    assert dropped_arrays(dropped.plan("orbit")) == expected(dropped.plan("orbit")), (
-        "and it is dropped again afterwards"
-    )
+    assert dropped_arrays(dropped.plan("orbit")) == UNTIL_DONE, "and it is dropped again afterwards"
 
 
 def test_a_stale_stage_calls_back_and_equal_content_stops_there(dropped: Pipeline) -> None:
@@ -215,7 +207,7 @@ def test_a_keep_of_its_own_wins_over_the_run_s(finished: Pipeline, tmp_path: Pat
     assert keeper.bytes > 0
     kept = finished.copy(tmp_path / "two").with_settings(DROP, "keep.frames/color=always")
     Keeper([kept.plan()]).sweep()
-    assert dropped_arrays(kept.plan()) == expected(kept.plan()) - {"frames/color"}
+    assert dropped_arrays(kept.plan()) == UNTIL_DONE - {"frames/color"}
 
 
 def test_nothing_is_dropped_before_its_readers_are_done(
@@ -232,9 +224,7 @@ def test_nothing_is_dropped_before_its_readers_are_done(
     monkeypatch.setattr(rendering, "run", failing)
     pipeline.run(expect_failure=True)
     plan = pipeline.plan()
-    assert dropped_arrays(plan) - {"pose/heatmaps"} == {"pose/joints3d"}, (
-        "rendering failed, so what it reads stays; never waits for nobody"
-    )
+    assert dropped_arrays(plan) == {"pose/joints3d"}, "rendering failed, so what it reads stays; never waits for nobody"
 
 
 def test_nothing_is_dropped_whose_sources_are_gone(finished: Pipeline, tmp_path: Path, person_folder: Path) -> None:

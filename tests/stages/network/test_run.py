@@ -8,7 +8,9 @@ import pytest
 import torch
 
 from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.network.choice import PICKED
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.run import check
@@ -174,7 +176,9 @@ def test_a_network_that_says_nothing_is_reported(
 
 
 def test_it_is_left_out_without_weights_and_for_a_single_view() -> None:
-    assert "network.weights is none" in (unneeded(NetworkParams(), frozenset()) or "")
+    assert "network.weights is none" in (unneeded(NetworkParams(weights="none"), Facts()) or "")
+    left_out = unneeded(NetworkParams(), Facts(frozenset({PICKED["none"]})))
+    assert "auto came to none" in (left_out or "")
     assert "single source view" in (unneeded(NetworkParams(weights="fast"), frozenset({"single_source"})) or "")
     assert unneeded(NetworkParams(weights="fast"), frozenset()) is None
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from posegaussian.stages.network.asset import card_of, network_of, notes, shipped
+from posegaussian.stages.network.asset import card_of, network_of, notes
+from posegaussian.stages.network.card import shipped
 from posegaussian.stages.network.model.presets import PRESETS, Preset
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.network.weights import sha256

@@ -1,0 +1,69 @@
+"""What the network makes of reduced frames, in memory: by the pipeline's own kernels, with heatmaps of given joints."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
+from typing import Any
+
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D
+from posegaussian.stages.contract.io import Inputs, TaskScope
+from posegaussian.stages.contract.timing import TimedInputs
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.gaussians.run import run as gaussians_of
+from posegaussian.stages.judge.memory import Frames
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS
+from posegaussian.stages.network.params import NETWORK, NONE, NetworkParams
+from posegaussian.stages.network.run import run as network_of
+from posegaussian.stages.pose.facts import POSE_HEATMAPS
+from posegaussian.stages.pose.run import run as pose_of
+
+PLAIN = NetworkParams(weights=NONE, precision="float32")
+"""Default settings but for the precision, which must not follow from the machine that judges; the network is opened
+beside them."""
+
+
+class Opened(Frames, TimedInputs):
+    """Frames in memory beside what was opened of files, by source."""
+
+    def __init__(self, frames: Frames, opened: dict[str, Any]) -> None:
+        super().__init__(TaskScope(**{f.name: getattr(frames, f.name) for f in fields(TaskScope)}), frames.arrays)
+        self._opened = opened
+
+    def source(self, kind: str) -> Any:
+        """What was opened. Raises KeyError for anything else."""
+        return self._opened[kind]
+
+    def timed(self, module: str) -> AbstractContextManager[None]:
+        """Nobody takes times here."""
+        return nullcontext()
+
+
+def learned(inputs: Inputs, made: Frames) -> list[Frames]:
+    """Frames with depth and Gaussians (`with_gaussians`) with those that every set of weights that ships makes of
+    them, by name."""
+    networks, found = inputs.source(SHIPPED_NETWORKS.name), with_heatmaps(made, inputs)
+    return [_refined(found, networks[name]) for name in sorted(networks)]
+
+
+def with_heatmaps(frames: Frames, inputs: Inputs) -> Frames:
+    """The frames with heatmaps of the joints that came with the capture; as they are where there are none, or where
+    joints are estimated, which has not happened yet."""
+    known = inputs.facts & {JOINTS2D, JOINTS3D}
+    if not known or ESTIMATED in inputs.facts:
+        return frames
+    opened = {
+        kind: inputs.source(kind) for kind, told in (("joints", JOINTS2D), ("joints3d", JOINTS3D)) if told in known
+    }
+    posed = Opened(frames.with_facts(frames.facts | known | {POSE_HEATMAPS}), opened)
+    # A few frames far apart: nothing bridges them.
+    posed.put(pose_of(posed, inputs.settings["pose"].model_copy(update={"bridge": 0})))
+    found = frames.with_facts(frames.facts | {POSE_HEATMAPS})
+    return found.with_array("pose/heatmaps", posed.arrays["pose/heatmaps"])
+
+
+def _refined(frames: Frames, network: Any) -> Frames:
+    out = frames.with_facts(frames.facts | {NETWORK})
+    out.put(network_of(Opened(out, {NETWORK: network}), PLAIN))
+    out.put(gaussians_of(out, GaussiansParams()))
+    return out
