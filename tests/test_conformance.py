@@ -46,13 +46,16 @@ EFFECT_STATES = sorted(
     key=sorted,
 )
 """None, all, every one alone and all but every one: all combinations of a dozen would be too many."""
+EXTREMES = (frozenset(), frozenset(EFFECTS))
 EVERY_FACTS = [
     Facts(frozenset(c) | on)
     for n in range(len(CAPTURE_FACTS) + 1)
     for c in combinations(CAPTURE_FACTS, n)
     if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c)
-    for on in EFFECT_STATES
+    for on in (EFFECT_STATES if n in (0, 1, 2, len(CAPTURE_FACTS)) else EXTREMES)
 ]
+"""Every capture with no effect and with all; captures with two facts at most, and with all, in every state of the
+effects."""
 SHAPE = {
     "frame": 16,
     "moment": 96,
@@ -273,9 +276,9 @@ def test_a_task_needs_at_least_the_memory_of_its_largest_block(s: Stage) -> None
 
 @every_stage
 def test_halos_are_not_negative(s: Stage) -> None:
-    for facts in EVERY_FACTS:
-        for r in s.reads_for(s.params(), facts):
-            assert min(r.halo_for(s.params(), facts)) >= 0
+    for on in EFFECT_STATES:
+        for r in s.reads:
+            assert min(r.halo_for(s.params(), Facts(on))) >= 0
 
 
 @every_stage

@@ -138,7 +138,8 @@ class Clock:
         when a task fails."""
         from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
 
-        selection = Selection(frozenset(s.name for s in STAGES if s.name != MEASURES), None, force)
+        idle = level.context.unneeded()
+        selection = Selection(frozenset(s.name for s in STAGES if s.name not in (MEASURES, *idle)), None, force)
         seconds: dict[str, dict[Task, float]] = defaultdict(dict)
         plan = make_plan(level.context, selection)
         try:
@@ -148,7 +149,8 @@ class Clock:
             raise UserError(f"tradeoff: {level.label()}: {e}") from e
         level.identities = identities(level.context)
         for stage, of_tasks in seconds.items():
-            if all(t in of_tasks for t in plan.verdicts if t.stage == stage):
+            # a stage that a choice left without a reader is no part of the level
+            if stage in level.identities and all(t in of_tasks for t in plan.verdicts if t.stage == stage):
                 self.times[stage, level.identities[stage]].append(sum(of_tasks.values()))
 
     def measure(self, levels: Sequence[Level], repeats: int) -> None:

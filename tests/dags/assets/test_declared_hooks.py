@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from posegaussian.dags.assets.digest import asset_digest
-from posegaussian.dags.planning import context, plan
+from posegaussian.dags.planning import context, effects, plan
 from posegaussian.dags.planning.fingerprint import PlannedAsset, assets
 from posegaussian.stages.contract.declaration import Asset, Read, Stage
 from posegaussian.stages.contract.facts import HELD_OUT, MASKS, fact
@@ -32,7 +32,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
 def with_last(monkeypatch: pytest.MonkeyPatch, **hooks: Any) -> Stage:
     """The registry with a last stage that declares more."""
     last = replace(STAGES[-1], **hooks)
-    for module in (context, plan):
+    for module in (context, effects, plan):
         monkeypatch.setattr(module, "STAGES", (*STAGES[:-1], last))
     return last
 
@@ -62,11 +62,9 @@ def test_a_dimension_follows_from_the_settings_of_its_stage(archive: Pipeline, m
 def test_a_note_is_shown_while_its_stage_is_needed(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
     last = with_last(monkeypatch, notes=lambda evidence: [f"{len(evidence.sources)} views get wet"])
     assert "3 views get wet" in archive.plan().notes
-    monkeypatch.setattr(
-        context,
-        "STAGES",
-        (*STAGES[:-1], replace(last, unneeded=lambda params, facts: "it is dry, so no stage is needed")),
-    )
+    dry = replace(last, unneeded=lambda params, facts: "it is dry, so no stage is needed")
+    for module in (context, effects):
+        monkeypatch.setattr(module, "STAGES", (*STAGES[:-1], dry))
     assert "3 views get wet" not in archive.plan().notes
 
 

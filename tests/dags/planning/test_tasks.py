@@ -154,7 +154,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
         "people",
     }  # joints came with it, or nobody estimates them
     assert stages("a") == everything
-    assert stages("b", masks=False) == everything - {"judge"}, "nobody is cut out when it would judge"
+    assert stages("b", masks=False) == everything, "joints and the background say who is judged"
     assert stages("c", joints=False) == everything - {"pose", "smoothing"}, "masks are surveyed"
     assert stages("d", held_out=()) == everything - {"metrics"}
     unasked = dict.fromkeys(

@@ -27,7 +27,7 @@ SPECS = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec)]
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 
 
-MEASURED = {"judged": 16, "depth_method": 3, "moment": 6, "found_joint": 33}
+MEASURED = {"judged": 16, "depth_method": 3, "weights": 2, "moment": 6, "found_joint": 33}
 
 
 def shape_of(height: int, width: int, frames: int = 10) -> dict[str, int]:

@@ -37,6 +37,7 @@ EVERY = {
     "judged": 16,
     "moment": 6,
     "depth_method": 3,
+    "weights": 2,
 }
 
 
