@@ -31,6 +31,7 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.pose.real import without_keypoints
+from benchmarks.quality.light import fitted
 from benchmarks.quality.picture import tile
 from benchmarks.report import publish
 from posegaussian.dags.config.settings import load_configuration
@@ -113,19 +114,15 @@ def scored(case: Case, results: Results) -> list[dict[str, Any]]:
 def score(rendered: np.ndarray, filmed: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
     """Box PSNR in dB and SSIM of a picture [h, w, 3] uint8 on black, the gains that were fitted, and both pictures."""
     truth, inside = filmed * (mask[..., None] / 255.0), foreground(mask)
-    picture = rendered.astype(np.float64)
-    gains = [
-        float((truth[inside, i] * picture[inside, i]).sum() / max((picture[inside, i] ** 2).sum(), 1)) for i in range(3)
-    ]
-    fitted = np.clip(picture * gains, 0, 255)
+    picture, gains = fitted(rendered, filmed, mask)
     rows, columns = np.nonzero(inside)
     box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
-    error = float(np.mean((truth[box] - fitted[box]) ** 2))
+    error = float(np.mean((truth[box] - picture[box]) ** 2))
     return {
         "psnr": 10 * np.log10(255**2 / error),
-        "ssim": float(ssim_map(fitted[box], truth[box], 255.0).mean()),
+        "ssim": float(ssim_map(picture[box], truth[box], 255.0).mean()),
         "gains": " ".join(f"{g:.2f}" for g in gains),
-        "shown": np.hstack([truth[box], fitted[box]]).astype(np.uint8),
+        "shown": np.hstack([truth[box], picture[box]]).astype(np.uint8),
     }
 
 
