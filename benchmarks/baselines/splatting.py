@@ -17,7 +17,8 @@ import numpy as np
 import torch
 
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.refinement.optimise import STRUCTURE, Filmed
+from posegaussian.stages.refinement.judging import Filmed
+from posegaussian.stages.refinement.optimise import STRUCTURE
 from posegaussian.stages.refinement.structure import dissimilarity
 from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
 from posegaussian.stages.rendering.evening import outlines_for
@@ -203,7 +204,7 @@ class Scene:
         return out
 
     def pictures(self, gaussians: FreeGaussians) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """(held-out view, its picture filled, evened and clipped as rendering does, the picture as it is), sRGB 0..1."""
+        """(held-out view, its picture filled, evened, clipped as rendering does, the picture as it is), sRGB 0..1."""
         rig, masks = self.results.context.rig, {v: self.masks[v] for v in self.maps}
         for v in self.results.context.views.held_out:
             with torch.no_grad():
