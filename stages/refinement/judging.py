@@ -20,6 +20,12 @@ from posegaussian.stages.rendering.lift import Lifted
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
 from posegaussian.stages.splatting.rasterizer import rasterize
 
+USUAL = 2 / 3
+"""Share that fits pictures midway between cameras: the mean was 0.63 over `bust`, 0.69 over five simulated scenes, in
+which the judge found 0.36 to 0.94."""
+AT_MOST = 1.5
+"""Times the judge's best share; the error grows with the square of the distance from it."""
+
 
 class Filmed(NamedTuple):
     """One source picture, as a rendering should look."""
@@ -60,13 +66,15 @@ class Judge:
     @property
     def before(self) -> float:
         """Mean squared error without refinement."""
-        return mixed(self.unrefined, self.unrefined, self.filmed.color.numpy()).error
+        return error_of(0.0, self.unrefined, self.unrefined, self.filmed.color.numpy())
 
     def judgement(self, gaussians: Mapping[int, ViewGaussians]) -> Judgement:
         """Of these views' Gaussians together."""
         with torch.no_grad():
             refined = draw([g.gaussians() for g in gaussians.values()], self.filmed.camera).color[0].numpy()
-        return mixed(refined, self.unrefined, self.filmed.color.numpy())
+        truth = self.filmed.color.numpy()
+        share = settled(best_share(refined, self.unrefined, truth))
+        return Judgement(error_of(share, refined, self.unrefined, truth), share)
 
 
 def draw(parts: Sequence[Gaussians], camera: Camera) -> Rendering:
@@ -74,7 +82,7 @@ def draw(parts: Sequence[Gaussians], camera: Camera) -> Rendering:
     return rasterize(Gaussians.concatenate(list(parts)), [camera])
 
 
-def mixed(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> Judgement:
+def best_share(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> float:
     """The share s in 0..1 for which s refined + (1 - s) unrefined is nearest to the truth, [h, w, 3] each.
 
     Least squares: s = <refined - unrefined, truth - unrefined> / |refined - unrefined|^2, clipped; 0 where the pictures
@@ -82,5 +90,16 @@ def mixed(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> Judg
     """
     step, missing = (a.astype(np.float64) - unrefined for a in (refined, truth))
     length = float((step * step).sum())
-    share = min(max(float((step * missing).sum()) / length, 0.0), 1.0) if length > 0 else 0.0
-    return Judgement(float(np.mean(np.square(share * step - missing))), share)
+    return min(max(float((step * missing).sum()) / length, 0.0), 1.0) if length > 0 else 0.0
+
+
+def error_of(share: float, refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> float:
+    """Mean squared error of the mixture."""
+    step, missing = (a.astype(np.float64) - unrefined for a in (refined, truth))
+    return float(np.mean(np.square(share * step - missing)))
+
+
+def settled(best: float) -> float:
+    """The share that is taken where `best` fits the judge's picture: half way to the usual one, for one view tells
+    little of the others; never where the judge would gain less than three quarters of what it could."""
+    return min((best + USUAL) / 2, AT_MOST * best)
