@@ -51,4 +51,4 @@ def test_it_grows_with_the_judges_share_and_is_none_without_it() -> None:
     found = [settled(s) for s in np.linspace(0, 1, 21)]
     assert found[0] == 0
     assert (np.diff(found) > 0).all()
-    assert settled(2 / 3) == pytest.approx(2 / 3)
+    assert settled(0.5) == pytest.approx(0.5)
