@@ -17,9 +17,11 @@ import numpy as np
 import torch
 
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.refinement.optimise import STRUCTURE, Filmed
+from posegaussian.stages.refinement.judging import Filmed
+from posegaussian.stages.refinement.optimise import STRUCTURE
 from posegaussian.stages.refinement.structure import dissimilarity
 from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import unrefined_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
@@ -202,13 +204,14 @@ class Scene:
         return out
 
     def pictures(self, gaussians: FreeGaussians) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """(held-out view, its picture clipped to the masks and filled as rendering does, the picture as it is), sRGB
-        0..1."""
+        """(held-out view, its picture filled, evened, clipped as rendering does, the picture as it is), sRGB 0..1."""
+        rig, masks = self.results.context.rig, {v: self.masks[v] for v in self.maps}
         for v in self.results.context.views.held_out:
             with torch.no_grad():
                 drawn = gaussians.draw(self.cameras[v])
             color, alpha = drawn.color[0].numpy(), drawn.alpha[0].numpy()
-            yield v, retouched(color, alpha, self.silhouettes, self.cameras[v], True, True)[0], color
+            outlines = outlines_for(self.cameras[v], rig, self.silhouettes, masks)
+            yield v, retouched(color, alpha, self.silhouettes, self.cameras[v], True, outlines, True)[0], color
 
 
 def optimised(

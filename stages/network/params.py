@@ -43,15 +43,11 @@ class NetworkParams(Params):
     )
 
 
-def depth_reads(halo: Halo = (0, 0), unless: str | None = None) -> tuple[Read, Read]:
-    """Reads of the depth that `depth_array` names, not while the fact `unless` holds."""
-
-    def counts(facts: Facts) -> bool:
-        return unless is None or unless not in facts
-
+def depth_reads(halo: Halo = (0, 0)) -> tuple[Read, Read]:
+    """Reads of the depth that `depth_array` names."""
     return (
-        Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f and counts(f)),
-        Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f and counts(f)),
+        Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f),
+        Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f),
     )
 
 

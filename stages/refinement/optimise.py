@@ -5,17 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from posegaussian.stages.refinement.attributes import Learnt, Offsets, ViewGaussians
+from posegaussian.stages.refinement.judging import Filmed, Judge, Judgement, draw
 from posegaussian.stages.refinement.schedule import Schedule
 from posegaussian.stages.refinement.structure import dissimilarity
-from posegaussian.stages.rendering.lift import Lifted
-from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
-from posegaussian.stages.splatting.rasterizer import rasterize
+from posegaussian.stages.splatting.definition.scene import Rendering
 
 RATES = {"color": 0.0025, "scale": 0.02, "rotation": 0.01, "opacity": 0.1, "depth": 0.4}
 """Of Adam, in the units of the offsets. About half of them gained a fifth less in 50 steps (seeds 2 and 3); twice
@@ -40,16 +38,6 @@ PATIENCE = 5
 """Judgements without a better one after which a frame is done."""
 
 
-class Filmed(NamedTuple):
-    """One source picture, as a rendering should look."""
-
-    camera: Camera
-    color: torch.Tensor  # [h, w, 3]
-    """sRGB 0..1, premultiplied by the mask."""
-    cover: torch.Tensor  # [h, w]
-    """The mask, 0..1."""
-
-
 @dataclass(frozen=True)
 class OptimisedFrame:
     """How the optimisation of one frame went."""
@@ -61,13 +49,15 @@ class OptimisedFrame:
     before: float = 0.0
     """Mean squared error of the judge's picture without refinement, sRGB 0..1."""
     after: float = 0.0
-    """The same in the rehearsal, drawn from the other views; less than `before` where the frame was refined."""
+    """The same in the rehearsal, of the mixture; less than `before` where the frame was refined."""
     step: int = 0
     """The best step of the rehearsal, and as many as were then made on all views; 0 is the start."""
     warm: bool = False
     """Whether it started from what the frame before learnt."""
     masked: int = 0
     """Gradients that were not finite and were set to 0."""
+    share: float = 0.0
+    """Of the refined Gaussians' picture in the mixture that the judge found best, 0..1."""
 
     @property
     def refined(self) -> bool:
@@ -76,7 +66,7 @@ class OptimisedFrame:
 
     def row(self) -> list[float]:
         """As `refinement/outcome` holds it."""
-        return [self.usable, self.judge, self.before, self.after, self.step, self.warm, self.masked]
+        return [self.usable, self.judge, self.before, self.after, self.step, self.warm, self.masked, self.share]
 
 
 class _Adam:
@@ -114,11 +104,6 @@ class _Adam:
         gaussians.confine()
 
 
-def draw(parts: Sequence[Gaussians], camera: Camera) -> Rendering:
-    """The picture of some views' Gaussians together."""
-    return rasterize(Gaussians.concatenate(list(parts)), [camera])
-
-
 def loss(rendered: Rendering, filmed: Filmed) -> torch.Tensor:
     """Sum of w ((1 - STRUCTURE) mean_rgb |color - picture| + STRUCTURE D-SSIM + COVERAGE |alpha - mask|) over the
     pixels, all premultiplied.
@@ -132,26 +117,6 @@ def loss(rendered: Rendering, filmed: Filmed) -> torch.Tensor:
     absolute = (difference[..., 0] + difference[..., 1] + difference[..., 2]) / 3
     error = (1 - STRUCTURE) * absolute + COVERAGE * (alpha - filmed.cover).abs()
     return (error * weight).sum() + STRUCTURE * dissimilarity(rendered.color[0], filmed.color, weight)
-
-
-def distance(rendered: Rendering, filmed: Filmed) -> float:
-    """Mean squared error of a picture; summed by numpy, whose order does not depend on threads."""
-    return float(np.mean(np.square(rendered.color[0].numpy() - filmed.color.numpy(), dtype=np.float64)))
-
-
-def unrefined(lifted: Mapping[int, Lifted], plan: Schedule, filmed: Filmed) -> float:
-    """Error of the judge's picture as rendering draws it without refinement: from its neighbours, weighted."""
-    parts = []
-    for view, weight in plan.neighbours:
-        seen = lifted[view].seen_from(filmed.camera)
-        parts.append(replace(seen, opacity=seen.opacity * weight))
-    return distance(draw(parts, filmed.camera), filmed)
-
-
-def judged(gaussians: Mapping[int, ViewGaussians], judge: Filmed) -> float:
-    """Error of the judge's picture, drawn from these views' Gaussians."""
-    with torch.no_grad():
-        return distance(draw([g.gaussians() for g in gaussians.values()], judge.camera), judge)
 
 
 @dataclass(frozen=True)
@@ -171,18 +136,19 @@ def optimise(
     plan: Schedule,
     steps: int,
     before: Memory,
-    error: float,
+    judge: Judge,
 ) -> tuple[OptimisedFrame, Memory]:
     """Change the offsets of a frame's Gaussians, by view, where the judge finds that a gain; how it went, and what was
     learnt.
 
     In the rehearsal the judge's view takes no part: the others' Gaussians are trained on the others' pictures, and the
-    judge's picture of them is measured. If a step of at most `steps` has less than `error`, all start anew and make as
-    many steps on all pictures. Both start from what the frame `before` learnt where the judge finds that better.
+    judge's picture of them is mixed with the one without refinement. If at a step of at most `steps` a mixture is
+    better than the latter, all start anew and make as many steps on all pictures. Both start from what the frame
+    `before` learnt where the judge finds that better.
     Deterministic: equal arguments give equal bits on any number of threads.
     """
     others = {v: g for v, g in gaussians.items() if v != plan.judge}
-    rehearsal = _rehearse(others, filmed, plan, steps, before.rehearsal, error)
+    rehearsal = _rehearse(others, filmed, plan, steps, before.rehearsal, judge)
     learnt = {v: g.learnt() for v, g in others.items()}
     for g in gaussians.values():
         g.reset()
@@ -205,26 +171,26 @@ def _rehearse(
     plan: Schedule,
     steps: int,
     before: Mapping[int, Learnt],
-    error: float,
+    judge: Judge,
 ) -> OptimisedFrame:
     """Optimise the pupils' Gaussians to the best judged step, and say which that is."""
-    judge = filmed[plan.judge]
     warm = _warm(gaussians, judge, before)
-    best, at, kept = error, 0, None
-    if warm and (found := judged(gaussians, judge)) < best:
+    error, at, kept = judge.before, 0, None
+    best = Judgement(error, 0.0)
+    if warm and (found := judge.judgement(gaussians)).error < best.error:
         best, kept = found, {v: g.keep() for v, g in gaussians.items()}
     walk = Walk(gaussians, filmed, plan.pupils)
     for step in range(1, steps + 1):
         walk.step()
         if step % JUDGED_EVERY == 0 or step == steps:
-            found = judged(gaussians, judge)
-            if found < best:
+            found = judge.judgement(gaussians)
+            if found.error < best.error:
                 best, at, kept = found, step, {v: g.keep() for v, g in gaussians.items()}
             elif step - at >= PATIENCE * JUDGED_EVERY:
                 break
     for view, offsets in (kept or {}).items():
         gaussians[view].put(offsets)
-    return OptimisedFrame(len(gaussians) + 1, plan.judge, error, best, at, warm, walk.masked)
+    return OptimisedFrame(len(gaussians) + 1, plan.judge, error, best.error, at, warm, walk.masked, best.share)
 
 
 class Walk:
@@ -260,13 +226,13 @@ def _start(gaussians: Mapping[int, ViewGaussians], before: Mapping[int, Learnt])
             gaussians[view].start_from(learnt)
 
 
-def _warm(gaussians: Mapping[int, ViewGaussians], judge: Filmed, before: Mapping[int, Learnt]) -> bool:
+def _warm(gaussians: Mapping[int, ViewGaussians], judge: Judge, before: Mapping[int, Learnt]) -> bool:
     """Start from what another frame learnt; back again where the judge finds that no better."""
     if not before:
         return False
-    cold = judged(gaussians, judge)
+    cold = judge.judgement(gaussians)
     _start(gaussians, before)
-    if judged(gaussians, judge) < cold:
+    if judge.judgement(gaussians).error < cold.error:
         return True
     for g in gaussians.values():
         g.reset()

@@ -10,7 +10,8 @@ import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.refinement.attributes import ViewGaussians
-from posegaussian.stages.refinement.optimise import Filmed, Memory, OptimisedFrame, optimise, unrefined
+from posegaussian.stages.refinement.judging import Filmed, Judge
+from posegaussian.stages.refinement.optimise import Memory, OptimisedFrame, optimise
 from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.schedule import FEWEST, schedule
 from posegaussian.stages.refinement.thinning import thinned
@@ -72,7 +73,7 @@ def _refined(
         v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
         for v, _ in plan.neighbours
     }
-    return optimise(gaussians, filmed, plan, params.steps, before, unrefined(lifted, plan, filmed[plan.judge]))
+    return optimise(gaussians, filmed, plan, params.steps, before, Judge.of(filmed[plan.judge], lifted, plan))
 
 
 class _Frames:

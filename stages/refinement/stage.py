@@ -34,7 +34,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=2,
+    version=3,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -91,8 +91,8 @@ STAGE = Stage(
             "float32",
             "1",
             "Usable source views, index of the judging one (-1: none), its mean squared error before and after the"
-            " rehearsal (sRGB 0..1), the steps that were made, whether it started from the frame before, and how many"
-            " gradients were not finite.",
+            " rehearsal (sRGB 0..1), the steps that were made, whether it started from the frame before, how many"
+            " gradients were not finite, and the refined picture's share 0..1 in what is rendered.",
         ),
     ),
     over=("sequence", "time"),

@@ -24,7 +24,14 @@ from posegaussian.stages.rendering.facts import (
 from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
-from posegaussian.stages.rendering.sources import angles_at, choose, left_out, map_arrays, refined_frames
+from posegaussian.stages.rendering.sources import (
+    REFINED,
+    angles_at,
+    choose,
+    left_out,
+    refined_shares,
+    unrefined_arrays,
+)
 from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
@@ -46,17 +53,19 @@ class MapReader:
         self.inputs = inputs
         self.subject = look_at_point(inputs.rig.subset(inputs.views.sources))
         """[3] world metres: where the source cameras look."""
-        self.refined = refined_frames(inputs)
-        """[F] whether a frame's Gaussians are those of its refinement: all views' together, the same from all sides."""
-        self._maps: dict[int, tuple[np.ndarray, ...]] = {}
+        self.shares = refined_shares(inputs)
+        """[F] share 0..1 of the refined Gaussians' picture in those of each frame."""
+        self._maps: dict[tuple[int, bool], tuple[np.ndarray, ...]] = {}
         self._masks: dict[int, np.ndarray] = {}
 
-    def maps(self, i: int, view: int) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
-        """Maps of the i-th frame of the partition, and the view's intrinsics [3, 3] and pose [4, 4]."""
-        if view not in self._maps:
-            self._maps[view] = tuple(self.inputs.read(name, view) for name in map_arrays(self.inputs.facts))
+    def maps(self, i: int, view: int, refined: bool = False) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
+        """Maps of the i-th frame of the partition, before or after refinement, and the view's intrinsics [3, 3] and
+        pose [4, 4]."""
+        if (view, refined) not in self._maps:
+            names = REFINED if refined else unrefined_arrays(self.inputs.facts)
+            self._maps[view, refined] = tuple(self.inputs.read(name, view) for name in names)
         return (
-            GaussianMaps(*(a[i] for a in self._maps[view])),
+            GaussianMaps(*(a[i] for a in self._maps[view, refined])),
             self.inputs.rig.intrinsics[view],
             self.inputs.rig.world_to_camera[view],
         )
@@ -80,36 +89,47 @@ class FrameRenderer:
     def __init__(self, reader: MapReader, i: int, params: RenderingParams) -> None:
         inputs = reader.inputs
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
-        self.refined = bool(reader.refined[i])
+        share = float(reader.shares[i])
+        self.shares = {refined: s for refined, s in ((True, share), (False, 1 - share)) if s > 0}
+        """Share of the picture of the refined Gaussians, and of the others; none that is 0."""
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
-        self._lifted: dict[int, Lifted] = {}
+        self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._photos: dict[int, Photo] = {}
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
         """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without
         any source view."""
+        if not self.usable.any():
+            return None
+        drawn = [(share, self._drawn(camera, refined)) for refined, share in self.shares.items()]
+        color = torch.stack([share * d[0] for share, d in drawn]).sum(dim=0)
+        alpha = torch.stack([share * d[1] for share, d in drawn]).sum(dim=0)
+        return *self._retouched(color, alpha, camera), sum(d[2] for _, d in drawn)
+
+    def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, int]:
+        """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
+        from all sides; as `picture` returns it, without retouches."""
         angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
         chosen = (
             [(int(v), 1.0) for v in np.flatnonzero(self.usable)]
-            if self.refined
+            if refined
             else choose(angles, self.usable, self.params.sources)
         )
-        if not chosen:
-            return None
         views = [v for v, _ in chosen]
         for view in views:
-            self._prepare(view)
-        parts = [
-            self._seen(camera, view, weight, views, left_out(angles, self.usable, self.params.sources))
-            for view, weight in chosen
-        ]
+            self._prepare(view, refined)
+        if refined:
+            parts = [self._lifted[v, True].from_all_sides() for v in views]
+        else:
+            limit = left_out(angles, self.usable, self.params.sources)
+            parts = [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
-        color, alpha = self._retouched(picture.color[0], picture.alpha[0], camera)
-        return color, alpha, picture.masked[0] + sum(self._lifted[v].masked for v in views)
+        masked = picture.masked[0] + sum(self._lifted[v, refined].masked for v in views)
+        return picture.color[0], picture.alpha[0], masked
 
     def _retouched(self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
         """Colour and alpha of a picture with gaps closed, holes filled, the outline evened and the rest clipped, as far
@@ -139,19 +159,17 @@ class FrameRenderer:
         depth, color = ({v: np.asarray(getattr(m, n)) for v, m in maps.items()} for n in ("depth", "color"))
         return Body.of(self.rig, silhouettes, self.reader.limbs(self.i), depth, color, masks)
 
-    def _prepare(self, view: int) -> None:
-        if view in self._lifted:
+    def _prepare(self, view: int, refined: bool) -> None:
+        if (view, refined) in self._lifted:
             return
-        posed = self.reader.maps(self.i, view)
-        self._lifted[view] = lift(*posed, DTYPES[self.params.precision], device())
-        if VIEW_DEPENDENT_COLOR in self.facts and not self.refined:
+        posed = self.reader.maps(self.i, view, refined)
+        self._lifted[view, refined] = lift(*posed, DTYPES[self.params.precision], device())
+        if VIEW_DEPENDENT_COLOR in self.facts and not refined:
             self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
     def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
         """One view's Gaussians as the camera sees them; `limit` rad is the angle of the nearest view left out."""
-        lifted = self._lifted[view]
-        if self.refined:
-            return lifted.from_all_sides()
+        lifted = self._lifted[view, False]
         seen = lifted.seen_from(camera)
         color = (
             color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit)

@@ -15,7 +15,7 @@ OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
 """What they are lifted from after refinement."""
 OUTCOME = "refinement/outcome"
-"""[F, 7] how each frame's refinement went; its third and fourth number are the judge's errors before and after."""
+"""[F, 8] how each frame's refinement went; the last number is the refined picture's share."""
 
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
@@ -29,12 +29,12 @@ def map_arrays(facts: Facts) -> tuple[str, ...]:
     return REFINED if REFINEMENT in facts else unrefined_arrays(facts)
 
 
-def refined_frames(inputs: Inputs) -> np.ndarray:
-    """[F] bool: frames of the partition whose refinement was kept; the others are drawn as without it."""
+def refined_shares(inputs: Inputs) -> np.ndarray:
+    """[F] share 0..1 of the refined Gaussians' picture in those of each frame of the partition; the rest is drawn as
+    without refinement."""
     if REFINEMENT not in inputs.facts:
-        return np.zeros(len(inputs.partition), bool)
-    outcome = np.asarray(inputs.read(OUTCOME))
-    return np.asarray(outcome[:, 3] < outcome[:, 2])
+        return np.zeros(len(inputs.partition))
+    return np.asarray(inputs.read(OUTCOME), np.float64)[:, -1]
 
 
 def angles_at(subject: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -23,18 +23,18 @@ OF_MASKS = (SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of a partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians,
-    their colours while they are blended; the pictures."""
+    """The maps of a partition and the lifted Gaussians of one frame, of all source views, each before and after
+    refinement; one picture's Gaussians, their colours while they are blended; the pictures."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
-    lifted = pixels * shape["view"] * 24 * wide
     # A refined frame draws every sixth pixel of all views.
+    lifted = pixels * shape["view"] * 28 * wide
     picture = (
         pixels * (max(params.sources, shape["view"] / 6) * 64 + 40) * wide
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
     maps_and_output = shape["frame"] * (
-        pixels * shape["view"] * 24 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
+        pixels * shape["view"] * 48 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )
     return Resources(
         cpu=1,
@@ -51,8 +51,8 @@ STAGE = Stage(
     run="posegaussian.stages.rendering.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(
-        *(Read(name, when=lambda p, f: REFINEMENT not in f) for name in ("frames/color", *OF_GAUSSIANS)),
-        *depth_reads(unless="refinement"),
+        *(Read(name) for name in ("frames/color", *OF_GAUSSIANS)),
+        *depth_reads(),
         *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
         Read(
             "frames/mask",

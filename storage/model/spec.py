@@ -33,7 +33,7 @@ FIXED_DIMS = {
     "told": 2,
     "patch": 192,
     "point": 64,
-    "outcome": 7,
+    "outcome": 8,
     "heads": 8,
     "region": 4,
     "map_y": 64,

@@ -1,0 +1,69 @@
+"""A refined frame's picture: as without refinement, of the refined Gaussians alone, or between the two."""
+
+import numpy as np
+import pytest
+
+from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.registry import stage
+from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.sources import OUTCOME, REFINED, REFINEMENT, unrefined_arrays
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from tests.support.memory_inputs import run_stage
+
+COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"
+SHARES = (0.0, 1.0, 0.25)
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=6, size=48, frames=len(SHARES), held_out=1)
+
+
+@pytest.fixture(scope="module")
+def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
+    """Every frame is the first; refined it is half as bright and half as opaque."""
+    given = {
+        name: np.repeat(a[:1], len(SHARES), axis=0)
+        for name, a in {
+            "depth/depth": person.depth,
+            "depth/confidence": (person.depth > 0).astype(np.float16),
+            "frames/color": person.color,
+            "frames/mask": person.mask,
+        }.items()
+    }
+    given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, len(SHARES))
+    for after, before in zip(REFINED, unrefined_arrays(Facts(frozenset())), strict=True):
+        given[after] = given[before].copy()
+    given["refinement/color"] //= 2
+    given["refinement/opacity"] /= 2
+    given[OUTCOME] = np.zeros((len(SHARES), 8), np.float32)
+    given[OUTCOME][:, -1] = SHARES
+    return given
+
+
+def render(person: PersonCapture, arrays: dict[str, np.ndarray], *facts: str) -> dict[str, np.ndarray]:
+    """Without retouches, which are not linear."""
+    path = make_path("held_out", person.rig, person.views, np.arange(len(SHARES)))
+    made = run_stage(
+        stage("rendering"),
+        RenderingParams(),
+        arrays,
+        person.rig,
+        person.views,
+        len(SHARES),
+        path=path,
+        facts=Facts(frozenset(facts)),
+        effects=frozenset(),
+    )
+    return {name: made[name].astype(float) for name in (COLOR, ALPHA)}
+
+
+def test_the_share_goes_from_one_picture_to_the_other(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
+    plain, out = render(person, arrays), render(person, arrays, REFINEMENT)
+    for name in (COLOR, ALPHA):
+        none, whole, part = out[name]
+        np.testing.assert_array_equal(none, plain[name][0])
+        assert np.abs(whole - none).max() > 20, "the two differ"
+        np.testing.assert_allclose(part, 0.25 * whole + 0.75 * none, atol=1)  # three roundings to whole numbers
