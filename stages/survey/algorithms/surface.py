@@ -1,5 +1,5 @@
 """How bright two cameras see the same surface points, of the subject or of what stands around: features that both show,
-along the calibration's lines.
+along the calibration's lines; where there are too few, points of the visual hull of given masks that both see.
 
 A matte surface sends the same light to every camera. Points that glint, are nearly black or touch what is clipped are
 left out; what is left of gloss, wrong matches and blur are errors, whose spread `exposure.match` counts.
@@ -14,13 +14,19 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.features import Features, features, matched
 from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.color import to_display, to_linear
-from posegaussian.stages.imaging.exposure import NONE
+from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE
+from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
+from posegaussian.stages.silhouettes.shared_points import shared_points
 from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES, Look
+from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import points_to_integer_centres
 
 FRAMES = 2
@@ -40,6 +46,12 @@ GLINT = 2.0
 camera."""
 NEAR = 2.0
 """Radius, over the blur's, within which a point's surroundings count."""
+ANGLE = 75.0
+"""Degrees between two cameras, seen from the subject, up to which they are compared by points of the hull."""
+BLUR = 0.008
+"""Blur, as a share of the longer side, under which points of the hull are compared: it lies outside the surface."""
+BRIGHT = 2.0
+"""Stops below the brightest of such points down to which they count: what is dark beside them is mostly gloss."""
 TONES = 0.7
 """Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single
 tone may be gloss or haze."""
@@ -124,18 +136,70 @@ def surface_stops(
             other = seen(inputs, v, int(number)) if own is not None else None
             if own is not None and other is not None:
                 found[v].append(_shared_light(inputs, (view, v), int(number), own, other))
-    for v, parts in found.items():
-        light = np.concatenate(parts) if parts else np.zeros((0, 2, 3))
-        tone = light.mean(axis=(1, 2))
-        order = np.argsort(tone, kind="stable")
-        if (
-            len(light)
-            and np.median(tone[order[-(len(light) + 2) // 3 :]]) - np.median(tone[order[: (len(light) + 2) // 3]])
-            >= TONES
-        ):
-            kept = order[np.unique(np.rint(np.linspace(0, len(light) - 1, POINTS)).astype(int))]
-            out[v, : len(kept)] = light[kept, 0] - light[kept, 1]
+    stops = {v: _even_in_tone(np.concatenate([np.zeros((0, 2, 3)), *parts])) for v, parts in found.items()}
+    without = [v for v in others if len(stops[v]) < FEWEST_POINTS]
+    if without and MASKS in inputs.facts:
+        stops |= {v: _even_in_tone(light) for v, light in _hull_light(inputs, view, without, chosen).items()}
+    for v, known_stops in stops.items():
+        out[v, : len(known_stops)] = known_stops
     return out
+
+
+def _even_in_tone(light: np.ndarray) -> np.ndarray:
+    """[n, 3] stops between two cameras at at most `POINTS` of some points [m, 2, 3] of which `light` is the logarithm
+    to base 2: the darkest first, evenly in tone, and none of points that hardly differ in it."""
+    tone = light.mean(axis=(1, 2))
+    order, third = np.argsort(tone, kind="stable"), (len(light) + 2) // 3
+    if not len(light) or np.median(tone[order[-third:]]) - np.median(tone[order[:third]]) < TONES:
+        return np.zeros((0, 3))
+    kept = order[np.unique(np.rint(np.linspace(0, len(light) - 1, POINTS)).astype(int))]
+    return np.asarray(light[kept, 0] - light[kept, 1])
+
+
+def _hull_light(inputs: Inputs, view: int, others: list[int], numbers: np.ndarray) -> dict[int, np.ndarray]:
+    """{other view: [n, 2, 3] logarithm to base 2 of the light of a view and of that one at points of the hull}, of some
+    source frames, by the masks that came with the capture."""
+    rig, warps = inputs.rig, dict[int, Warp]()
+    found: dict[int, list[np.ndarray]] = {v: [np.zeros((0, 2, 3))] for v in others}
+    for number in map(int, numbers):
+        masks = masks_of(inputs, number, warps)
+        views = sorted(masks)
+        centre = look_at_point(rig.subset(views)) if views else np.zeros(3)
+        near = [v for v in others if v in masks and _angle(rig.centres[[view, v]] - centre) <= ANGLE]
+        if view not in masks or not near:
+            continue
+        silhouettes = Silhouettes.of(rig, masks, centre, searched_radius(rig, views, centre))
+        blur = BLUR * float(rig.size[view].max())
+        inner = {v: _inner(masks[v], blur) for v in (view, *near)}
+        shown = {v: _warped(inputs, v, number, warps[v]) for v in inner}
+        for v in near:
+            points = shared_points(rig, (view, v), inner, silhouettes)
+            light = np.stack([colors_at(shown[w], p, blur) for w, p in zip((view, v), points, strict=True)], axis=1)
+            found[v].append(np.log2(light[(light > 0).all(axis=(1, 2))]))
+    return {v: _bright(np.concatenate(parts)) for v, parts in found.items()}
+
+
+def _angle(to: np.ndarray) -> float:
+    """Degrees between two directions [2, 3]."""
+    first, second = to / np.linalg.norm(to, axis=1, keepdims=True)
+    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
+
+
+def _inner(mask: np.ndarray, blur: float) -> np.ndarray:
+    """[h, w] bool: pixels whose blurred colour has nothing of what is beside a mask [h, w] uint8."""
+    return cv2.erode((mask == 255).astype(np.uint8), np.ones((2 * round(NEAR * blur) + 1,) * 2, np.uint8)) > 0
+
+
+def _warped(inputs: Inputs, view: int, number: int, warp: Warp) -> np.ndarray:
+    """[h, w, 3] uint8 a view's picture of a source frame in pixels of the rig."""
+    (picture,) = inputs.source("pictures").read(view, [number])
+    return warp(to_display(picture))
+
+
+def _bright(light: np.ndarray) -> np.ndarray:
+    """Those points [n, 2, 3] that are about as bright as the brightest."""
+    tone = light.mean(axis=(1, 2))
+    return light[tone >= np.percentile(tone, 95) - BRIGHT] if len(light) else light
 
 
 def seen(inputs: Inputs, view: int, number: int, shown: np.ndarray | None = None) -> Seen | None:

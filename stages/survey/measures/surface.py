@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.survey.algorithms.look import Look
-from posegaussian.stages.survey.measures.declaration import Measure, Sampled
+from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
 from posegaussian.storage.model.spec import ArraySpec
 
 
@@ -27,4 +27,5 @@ MEASURE = Measure(
         ),
     ),
     _look,
+    of("masks"),
 )

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
 from posegaussian.stages.frames.stage import STAGE
@@ -82,6 +83,7 @@ def surveyed(rig: Rig, light: list[np.ndarray], stops: np.ndarray) -> np.ndarray
         views=Views(rig.names, tuple(range(CAMERAS)), ()),
         captured_to_calibrated=np.tile([1.0, 0, 0], (CAMERAS, 1)),
         source=lambda kind: reader,
+        facts=Facts(),
     )
     return np.stack([surface_stops(inputs, v, np.arange(1)) for v in range(CAMERAS)])  # type: ignore[arg-type]
 
