@@ -3,10 +3,10 @@
     python -m benchmarks.frames.exposure_gains [--scenes capture_like] [--seeds 9100-9107] [--size 512]
 
 Simulated people of both sets (`benchmarks.quality.views`), one frame, with masks and without joints, which no gain is
-made of. Every scene is filmed by cameras that expose alike, then every second source camera is made half a stop darker,
-as a sensor would: on light, before it is rounded. Alike, `exposure_matching` must stay off. Half a stop apart it must
-be on, and what the gains leave between any two cameras is told, in stops, the worst channel; cameras that share too few
-surface points keep their light, and are counted.
+made of. Every scene is filmed by cameras that expose alike, then some of its cameras, drawn by the scene's seed, are
+made half a stop darker, as a sensor would: on light, before it is rounded. Alike, `exposure_matching` must stay off.
+Half a stop apart it must be on, and what the gains leave between any two cameras is told, in stops, the worst channel;
+cameras that share too few surface points keep their light, and are counted.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import SCENES, Cell, film_cell
+from benchmarks.quality.cells import SCENES, Cell
 from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.simulation.simulated_run import run_capture
+from posegaussian.dags.simulation.simulated_run import film_capture, held_out_setting, run_capture
 from posegaussian.stages.imaging import exposure
 from posegaussian.stages.imaging.color import to_linear, to_srgb
 from posegaussian.stages.simulator.scene import Scene
@@ -47,26 +47,32 @@ class AlikeCell(Cell):
         return scene.model_copy(update={"effects": scene.effects.model_copy(update={"camera_gain": None})})
 
 
-def darken(capture: Path) -> None:
-    """Every second source camera (cam01, cam03, ...) by `APART` stops."""
+def darker(seed: int, cameras: int) -> np.ndarray:
+    """[cameras] bool: which source cameras are darker, some and not all."""
+    drawn = np.random.default_rng(seed).random(cameras)
+    return np.asarray(drawn < np.median(drawn))
+
+
+def darken(capture: Path, chosen: np.ndarray) -> None:
+    """The chosen source cameras (cam00, cam01, ...) by `APART` stops."""
     for folder in sorted(p for p in (capture / "images").iterdir() if p.name.startswith("cam")):
-        if int(folder.name[3:]) % 2:
+        if chosen[int(folder.name[3:])]:
             for file in sorted(folder.iterdir()):
                 light = to_linear(images.read_picture(file).astype(np.float64)) * np.exp2(-APART)
                 images.write_png(file, np.rint(to_srgb(light)).astype(np.uint8))
 
 
-def apart(results: Results, stops: float, applied: bool) -> tuple[float, int]:
+def apart(results: Results, stops: np.ndarray, applied: bool) -> tuple[float, int]:
     """(Stops between two source cameras after matching, the worst channel of those cameras that are compared with
-    another; how many are compared with none), where every second one is darker by `stops`."""
+    another; how many are compared with none), where each is brighter by `stops` [S]."""
     sources = list(results.context.views.sources)
     surface = results.context.evidence("frames").noted["survey/surface"][:, sources]
     enough = (surface < exposure.NONE).all(axis=-1).sum(axis=-1) >= exposure.FEWEST_POINTS  # [S, S]
     compared = (enough | enough.T).any(axis=1)
     found = exposure.match(surface)
     gains = np.log2(found.gains) if applied and found is not None else np.zeros((len(sources), 3))
-    light = gains - stops * (np.arange(len(sources)) % 2)[:, None]
-    return float(np.ptp(light[compared], axis=0).max()) if compared.any() else stops, int((~compared).sum())
+    light = (gains + stops[:, None])[compared]
+    return float(np.ptp(light, axis=0).max()) if compared.any() else float(np.ptp(stops)), int((~compared).sum())
 
 
 def rows_of(cell: Cell) -> list[dict[str, Any]]:
@@ -74,17 +80,18 @@ def rows_of(cell: Cell) -> list[dict[str, Any]]:
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _, held_out = film_cell(cell, folder)
+        staged, _ = film_capture(cell.scene, folder)
         for joints in (folder / "capture").rglob("*joints*"):
             shutil.rmtree(joints) if joints.is_dir() else joints.unlink()
+        chosen = darker(cell.seed, staged.sources)
         for stops in (0.0, APART):
             if stops:
-                darken(folder / "capture")
+                darken(folder / "capture", chosen)
                 shutil.rmtree(folder / "archive")  # the survey keeps what it saw of a sequence
-            results, _ = run_capture(folder, (held_out,), DECIDING)
+            results, _ = run_capture(folder, (held_out_setting(staged),), DECIDING)
             decision = results.context.effects["exposure_matching"].decision
             on = decision is not None and decision.on
-            remains, alone = apart(results, stops, on)
+            remains, alone = apart(results, -stops * chosen, on)
             print(f"seed {cell.seed}, {stops} stops apart: {decision.reason if decision else ''}", flush=True)
             rows.append(
                 {

@@ -34,14 +34,15 @@ def _exposure(evidence: Evidence, bound: float) -> Decision | None:
     found = exposure.match(evidence.noted[SURFACE][:, list(evidence.sources)])
     if found is None:
         return Decision(False, None, bound, NO_LINK)
-    worst = int(found.proven.argmax())
-    proven, name = float(found.proven[worst]), evidence.source_rig.names[evidence.sources[worst]]
+    pair = np.unravel_index(int(found.certain.argmax()), found.certain.shape)
+    proven = float(found.certain[pair])
     if proven == 0:
         return Decision(
             False, 0.0, bound, "on surfaces that cameras share, no difference is beyond the error of the measure"
         )
+    first, second = (evidence.source_rig.names[evidence.sources[i]] for i in pair)
     told = (
-        f"on surfaces that cameras share, {name} is off its neighbours by {found.stops[worst]:.2f} stops, at least"
+        f"on surfaces that cameras share, {first} and {second} differ by {found.apart[pair]:.2f} stops, at least"
         f" {proven:.2f} of them for certain"
     )
     if proven <= bound:

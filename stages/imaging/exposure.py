@@ -32,7 +32,11 @@ class Matching(NamedTuple):
     stops: np.ndarray
     """[S] largest correction of a channel."""
     proven: np.ndarray
-    """[S] largest difference of a channel less two standard errors, at least 0, in stops."""
+    """[S] largest difference of a channel from the middle camera less two standard errors, at least 0, in stops."""
+    apart: np.ndarray
+    """[S, S] largest difference of a channel between two cameras of one group, in stops; 0 between groups."""
+    certain: np.ndarray
+    """[S, S] the same less two standard errors, at least 0."""
 
 
 def match(surface: np.ndarray) -> Matching | None:
@@ -62,17 +66,25 @@ def match(surface: np.ndarray) -> Matching | None:
     linked = np.linalg.matrix_power((sides.T @ sides != 0) | np.eye(count, dtype=bool), count)
     wanted = np.stack([_middle(off[group]) @ inverse[group] for group in linked]) - inverse[:, None]  # [S, 3, P]
     stops = np.einsum("scp,pc->sc", wanted, apart)
-    error = np.sqrt(
-        np.einsum(
-            "scp,pc->sc",
-            np.square(wanted),
-            _variance(list(pairs.values()), apart - sides @ off, np.linalg.matrix_rank(sides)),
-        )
-    )
+    variance = _variance(list(pairs.values()), apart - sides @ off, np.linalg.matrix_rank(sides))
+    error = np.sqrt(np.einsum("scp,pc->sc", np.square(wanted), variance))
     proven = np.maximum(np.abs(stops) - ERRORS * error, 0.0).max(axis=1)
     # It takes two errors to switch matching on; once it is on, whatever exceeds one is better corrected than left.
     stops = np.where((np.abs(stops) > error).any(axis=1, keepdims=True), stops, 0.0)
-    return Matching(np.exp2(stops), np.abs(stops).max(axis=1), proven)
+    between, certain = _between(inverse, apart, variance, linked)
+    return Matching(np.exp2(stops), np.abs(stops).max(axis=1), proven, between, certain)
+
+
+def _between(
+    inverse: np.ndarray, apart: np.ndarray, variance: np.ndarray, linked: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`Matching.apart` and `Matching.certain` from what the P pairs [P, 3] say, each with its variance [P, 3];
+    `inverse` [S, P] makes cameras' offsets of them, `linked` [S, S] says which cameras are of one group."""
+    sides = inverse[:, None] - inverse[None]
+    stops = np.abs(np.einsum("stp,pc->stc", sides, apart))
+    error = np.sqrt(np.einsum("stp,pc->stc", np.square(sides), variance))
+    known = linked.astype(bool)[..., None]
+    return tuple(np.where(known, a, 0.0).max(axis=-1) for a in (stops, np.maximum(stops - ERRORS * error, 0.0)))
 
 
 def _middle(off: np.ndarray) -> np.ndarray:

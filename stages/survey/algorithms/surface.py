@@ -139,7 +139,8 @@ def surface_stops(
     stops = {v: _even_in_tone(np.concatenate([np.zeros((0, 2, 3)), *parts])) for v, parts in found.items()}
     without = [v for v in others if len(stops[v]) < FEWEST_POINTS]
     if without and MASKS in inputs.facts:
-        stops |= {v: _even_in_tone(light) for v, light in _hull_light(inputs, view, without, chosen).items()}
+        of_hull = {v: _even_in_tone(light) for v, light in _hull_light(inputs, view, without, chosen).items()}
+        stops |= {v: told for v, told in of_hull.items() if len(told) > len(stops[v])}
     for v, known_stops in stops.items():
         out[v, : len(known_stops)] = known_stops
     return out

@@ -51,6 +51,29 @@ def test_many_points_that_agree_prove_no_more_than_a_pair_can() -> None:
     assert found is not None
     # Each of two cameras is half of the difference off the middle, and so is the error.
     np.testing.assert_allclose(found.proven, 0.5 - FLOOR, atol=1e-6)
+    np.testing.assert_allclose(found.apart, 1.0 - np.eye(2), atol=1e-6)
+    np.testing.assert_allclose(found.certain, (1.0 - 2 * FLOOR) * (1.0 - np.eye(2)), atol=1e-6)
+
+
+def test_cameras_are_as_far_apart_as_their_offsets_whichever_is_in_the_middle() -> None:
+    """Half of the cameras half a stop darker: each lies a quarter off the middle, and half a stop off every other."""
+    stops = np.zeros((6, 3))
+    stops[::2] = -0.5
+    found = match(ring_of(stops, 0.01))
+    assert found is not None
+    np.testing.assert_allclose(found.stops, 0.25, atol=0.03)
+    # Medians of 40 points that scatter by a hundredth of a stop.
+    np.testing.assert_allclose(found.apart, np.abs(stops[:, None, 0] - stops[None, :, 0]), atol=0.03)
+    np.testing.assert_array_equal(found.certain, found.certain.T)
+    assert (found.certain <= found.apart).all()
+    # The longer the chain of pairs from one to the other, the less is certain.
+    assert (found.certain[[0, 1, 2, 3, 4], [1, 2, 3, 4, 5]] > 0.25).all()
+
+
+def test_cameras_that_nothing_links_are_not_apart() -> None:
+    found = match(points({(0, 1): np.full((40, 3), -1.0), (2, 3): np.full((40, 3), 1.0)}, 5))
+    assert found is not None
+    assert found.apart[:2, 2:].max() == found.certain[:2, 2:].max() == found.apart[4].max() == 0
 
 
 def test_what_is_brighter_at_some_tones_only_is_no_exposure() -> None:
