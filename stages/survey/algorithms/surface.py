@@ -50,11 +50,13 @@ ANGLE = 75.0
 """Degrees between two cameras, seen from the subject, up to which they are compared by points of the hull."""
 BLUR = 0.008
 """Blur, as a share of the longer side, under which points of the hull are compared: it lies outside the surface."""
-BRIGHT = 2.0
+BRIGHT = 1.0
 """Stops below the brightest of such points down to which they count: what is dark beside them is mostly gloss."""
 TONES = 0.7
 """Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single
 tone may be gloss or haze."""
+TONES_OF_HULL = 0.25
+"""The same of points of the hull, of which there are only bright ones."""
 
 
 class Seen(NamedTuple):
@@ -139,19 +141,19 @@ def surface_stops(
     stops = {v: _even_in_tone(np.concatenate([np.zeros((0, 2, 3)), *parts])) for v, parts in found.items()}
     without = [v for v in others if len(stops[v]) < FEWEST_POINTS]
     if without and MASKS in inputs.facts:
-        of_hull = {v: _even_in_tone(light) for v, light in _hull_light(inputs, view, without, chosen).items()}
+        of_hull = {v: _even_in_tone(light, TONES_OF_HULL) for v, light in _hull_light(inputs, view, without, chosen).items()}
         stops |= {v: told for v, told in of_hull.items() if len(told) > len(stops[v])}
     for v, known_stops in stops.items():
         out[v, : len(known_stops)] = known_stops
     return out
 
 
-def _even_in_tone(light: np.ndarray) -> np.ndarray:
+def _even_in_tone(light: np.ndarray, tones: float = TONES) -> np.ndarray:
     """[n, 3] stops between two cameras at at most `POINTS` of some points [m, 2, 3] of which `light` is the logarithm
-    to base 2: the darkest first, evenly in tone, and none of points that hardly differ in it."""
+    to base 2: the darkest first, evenly in tone, and none of points whose thirds differ by less than `tones` in it."""
     tone = light.mean(axis=(1, 2))
     order, third = np.argsort(tone, kind="stable"), (len(light) + 2) // 3
-    if not len(light) or np.median(tone[order[-third:]]) - np.median(tone[order[:third]]) < TONES:
+    if not len(light) or np.median(tone[order[-third:]]) - np.median(tone[order[:third]]) < tones:
         return np.zeros((0, 3))
     kept = order[np.unique(np.rint(np.linspace(0, len(light) - 1, POINTS)).astype(int))]
     return np.asarray(light[kept, 0] - light[kept, 1])
