@@ -13,8 +13,9 @@ help: ## Print every target with what it does.
 demo: $(STAMP) ## Film a simulated person and reconstruct that person, into demo-output/.
 	$(BIN)/posegaussian demo --output demo-output
 
+# Hundreds of processes import the package: bytecode is kept even where the environment asks for none.
 test: $(STAMP) ## Run the tests, two processes at once.
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(STAMP) ## Check style and types.
 	$(BIN)/ruff check .

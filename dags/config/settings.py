@@ -10,6 +10,7 @@ import fnmatch
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -207,7 +208,7 @@ def load_configuration(
 
     Raises ConfigError listing every fault.
     """
-    layers = [load(PACKAGED)]
+    layers = [_packaged()]
     own = (folder or Path.cwd()) / "pipeline.yaml"
     if config is not None:
         layers.append(load(config))
@@ -216,6 +217,12 @@ def load_configuration(
     if assignments:
         layers.append(from_assignments(assignments))
     return validate(tuple(layers))
+
+
+@lru_cache(maxsize=1)
+def _packaged() -> Document:
+    """The packaged default, read once a process; nobody changes it."""
+    return load(PACKAGED)
 
 
 def validate(layers: tuple[Document, ...]) -> Configuration:

@@ -56,12 +56,24 @@ STARTED = own_files("dags") | own_files("stages") | own_files("storage")
 
 
 def module_file(module: str, root: Path = ROOT) -> Path | None:
-    """Source file of a module inside `root`, or None when there is none."""
+    """Source file of a module inside `root`, or None when there is none; of our own as of when this process began."""
+    if root == ROOT:
+        return _own_module(module)
+    return next((f for f in _candidates(module, root) if f.is_file()), None)
+
+
+@lru_cache(maxsize=4096)
+def _own_module(module: str) -> Path | None:
+    return next((f for f in _candidates(module, ROOT) if f in STARTED), None)
+
+
+def _candidates(module: str, root: Path) -> tuple[Path, ...]:
+    """Where the source of a module could be."""
     package, *parts = module.split(".")
     if package != PACKAGE or not parts:
-        return None
+        return ()
     base = root.joinpath(*parts)
-    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
+    return base.with_suffix(".py"), base / "__init__.py"
 
 
 def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:

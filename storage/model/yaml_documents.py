@@ -138,7 +138,7 @@ PlainResolver.versioned_resolver = {
 
 def loader(constructor: type[TextConstructor] = PlainConstructor, resolver: type[TextResolver] = PlainResolver) -> YAML:
     """A reader of YAML within bounds, for one document."""
-    made = YAML(typ="safe", pure=True)
+    made = YAML(typ="safe", pure=True, plug_ins=[])  # it would look for some on the disk every time
     made.Composer, made.Constructor, made.Resolver = _BoundedComposer, constructor, resolver
     return made
 

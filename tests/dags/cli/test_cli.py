@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -14,10 +16,11 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.dags.cli.app import main
 from tests.support.pipeline import NAME, Pipeline, film
 
 
-def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
+def process(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
     """The command as a process, in a folder of its own."""
     root = str(Path(__file__).resolve().parents[3])
     return subprocess.run(
@@ -32,6 +35,26 @@ def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
         check=False,
         cwd=cwd,
     )
+
+
+def posegaussian(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
+    """The command from its entry point on, in this process: sentences and exit status without seconds of imports.
+
+    An error that would end the process with a traceback is raised.
+    """
+    out, err, status = io.StringIO(), io.StringIO(), 0
+    with (
+        pytest.MonkeyPatch.context() as patched,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        patched.chdir(cwd)
+        patched.setattr(sys, "argv", ["posegaussian", *arguments])
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+    return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
 
 
 def assert_says(done: subprocess.CompletedProcess, *parts: str) -> None:
@@ -50,7 +73,8 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
-    assert_says(posegaussian("import", "images", "nowhere", cwd=tmp_path), "no such folder", "nowhere")
+    for started in (posegaussian, process):
+        assert_says(started("import", "images", "nowhere", cwd=tmp_path), "no such folder", "nowhere")
 
 
 def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
@@ -159,7 +183,7 @@ def test_a_source_that_changed_after_import_fails_in_a_sentence(tmp_path: Path) 
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", held_out="[]")
     pipeline.register()
     next((tmp_path / "capture/images/cam01").iterdir()).write_bytes(b"gone")
-    done = posegaussian("run", "--archive", str(pipeline.root), "--scheduler", "serial", cwd=tmp_path)
+    done = process("run", "--archive", str(pipeline.root), "--scheduler", "serial", cwd=tmp_path)
     assert done.returncode == 1, done.stdout
     assert "changed since it was imported" in done.stdout
     assert "Traceback" not in done.stdout + done.stderr
@@ -173,7 +197,7 @@ def test_help_has_an_example(command: str, tmp_path: Path) -> None:
 
 
 def test_status_shows_sequence_by_stage(finished: Pipeline, tmp_path: Path) -> None:
-    done = posegaussian("status", *finished.options, cwd=tmp_path)
+    done = process("status", *finished.options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert NAME in done.stdout
     assert "3/3" in done.stdout
@@ -199,7 +223,7 @@ def test_one_export_is_of_one_sequence(finished: Pipeline, tmp_path: Path) -> No
 
 def test_frames_are_not_mixed_with_those_of_another_export(finished: Pipeline, tmp_path: Path) -> None:
     archive = finished.options
-    done = posegaussian("export", NAME, "--frames", "out", *archive, cwd=tmp_path)
+    done = process("export", NAME, "--frames", "out", *archive, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["frames.csv", "mid00"]
     (tmp_path / "out" / "cam09").mkdir()

@@ -23,10 +23,15 @@ def surface(rig: Rig, view: int) -> np.ndarray:
     """[h, w] float32 depth of an upright cylinder with flat ends around the origin, 0 = none."""
     pixels = pixel_centres((SIZE, SIZE)).reshape(-1, 2)
     origin, d = rays(pixels, rig.intrinsics[view], rig.world_to_camera[view])
-    z = np.linspace(0.5, 6, 4000)
-    points = origin + z[:, None, None] * d
-    inside = (np.hypot(points[..., 0], points[..., 1]) <= RADIUS) & (np.abs(points[..., 2]) <= HALF)
-    return np.where(inside.any(axis=0), z[inside.argmax(axis=0)], 0).reshape(SIZE, SIZE).astype(np.float32)
+    # Along origin + z d, the roots of |x, y| = RADIUS bound the round wall, |z| = HALF the two ends.
+    square = (d[:, :2] ** 2).sum(axis=1)
+    half = (d[:, :2] @ origin[:2]) / square
+    root = half**2 - (origin[:2] @ origin[:2] - RADIUS**2) / square
+    wall = -half + np.sqrt(np.maximum(root, 0)) * np.array([[-1.0], [1.0]])
+    ends = np.sort((np.array([[-HALF], [HALF]]) - origin[2]) / d[:, 2], axis=0)
+    enters, leaves = np.maximum(wall[0], ends[0]), np.minimum(wall[1], ends[1])
+    hit = (root > 0) & (enters <= leaves)
+    return np.where(hit, enters, 0).reshape(SIZE, SIZE).astype(np.float32)
 
 
 DEPTH = {v: surface(RIG, v) for v in range(4)}
