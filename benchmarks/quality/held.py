@@ -18,11 +18,11 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.quality.cells import Cell, pictures
+from benchmarks.quality.cells import DEFAULT, Cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.report import publish
 from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
@@ -55,7 +55,7 @@ KINDS: dict[str, Mapping[str, Any]] = {
 }
 MIDDLES = {"ring": (22.5, 202.5), "arc": (0.0,)}
 """Degrees around of the held-out cameras."""
-METHODS = ("sgbm", "sweep", "truth")
+METHODS = ("sgbm", "sweep", "truth", DEFAULT)
 MAY_LOSE = 0.2
 """dB of box PSNR that any way to hold cameras may cost."""
 SHOWN = ("rig", "held", "depth", "box psnr", "against level", "box ssim", "EPE", "EPE median", "coverage")
@@ -77,15 +77,16 @@ def scene(seed: int, kind: str, held: Mapping[str, Any], size: int) -> Scene:
     return Scene.model_validate({**base, "rig": rig, "held_out": middles})
 
 
-def measured(seed: int, kind: str, held: str, size: int, settings: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def measured(
+    seed: int, kind: str, held: str, size: int, methods: Sequence[str], settings: tuple[str, ...]
+) -> Iterator[dict[str, Any]]:
     """One row a depth method."""
     with tempfile.TemporaryDirectory() as folder:
         staged, _ = film_capture(scene(seed, kind, RIGS[kind][held], size), Path(folder))
         cell = Cell(seed, staged.sources, size=size, frames=1)
-        for method in METHODS:
-            results, _ = run_capture(
-                Path(folder), (held_out_setting(staged), "network.weights=none", f"depth.method={method}", *settings)
-            )
+        for method in methods:
+            chosen = () if method == DEFAULT else ("network.weights=none", f"depth.method={method}")
+            results, _ = run_capture(Path(folder), (held_out_setting(staged), *chosen, *settings))
             yield {
                 "seed": seed, "rig": kind, "held": held, "depth": method, **pictures(results, cell), **depths(results)
             }  # fmt: skip
@@ -103,13 +104,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, default=(9000, 9001))
     parser.add_argument("--size", type=int, default=320)
     parser.add_argument("--rigs", choices=tuple(RIGS), nargs="+", default=list(RIGS))
+    parser.add_argument("--methods", choices=METHODS, nargs="+", default=list(METHODS), help="truth among them")
     parser.add_argument("--set", action="append", default=[], help="a setting, as for `posegaussian run`")
     a = parser.parse_args()
     rows = []
     for seed in a.seeds:
         for kind in a.rigs:
             for held in RIGS[kind]:
-                for row in measured(seed, kind, held, a.size, tuple(a.set)):
+                for row in measured(seed, kind, held, a.size, a.methods, tuple(a.set)):
                     rows.append(row)
                     print(
                         f"seed {seed}, {kind} {held}, {row['depth']}: box {row['box psnr']:.2f} dB /"
@@ -117,7 +119,13 @@ def main() -> None:
                         flush=True,
                     )
     table = against_level(rows)
-    published = a.seeds == parser.get_default("seeds") and a.size == 320 and not a.set and a.rigs == list(RIGS)
+    published = (
+        a.seeds == parser.get_default("seeds")
+        and a.size == 320
+        and not a.set
+        and a.rigs == list(RIGS)
+        and a.methods == list(METHODS)
+    )
     publish(
         "quality_held" if published else None,
         [{k: r[k] for k in SHOWN} for r in table],

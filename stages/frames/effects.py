@@ -134,7 +134,7 @@ def _noise(evidence: Evidence, bound: float) -> Decision | None:
 
 NOISE_AVERAGING = Effect(
     facts.NOISE_AVERAGING,
-    "Average source pictures with the frames around them where these show the same.",
+    "Average source pictures and their depth with the frames around them where these show the same.",
     "noise of source pictures from frame to frame",
     # Depth and colour pass noise on, up to half as much again: pictures of a person who stands still would change by a
     # step of 255 on the mean.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from posegaussian.stages.contract.facts import fact
 
 AVERAGED_WITH = 3
-"""Frames before and after that a picture is averaged with: noise falls by up to the root of 7."""
+"""Frames before and after that a picture, and its depth, is averaged with: noise falls by up to the root of 7."""
 EXPOSURE_MATCHING = fact("exposure_matching")
 NOISE_AVERAGING = fact("noise_averaging")
 OUTLINE_CORRECTION = fact("outline_correction")

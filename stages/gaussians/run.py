@@ -7,28 +7,32 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.frames.facts import AVERAGED_WITH, NOISE_AVERAGING
 from posegaussian.stages.gaussians.learned import over_prior
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
-from posegaussian.stages.network.params import NETWORK, depth_array
+from posegaussian.stages.imaging.averaging import averaged_depth, sameness
+from posegaussian.stages.network.params import NETWORK, found_depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
 """Maps of one view, in the order they are yielded."""
 
 
 def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
-    """Yield scale, rotation, opacity and confidence of every view, [F, channel, h, w] float16.
+    """Yield scale, rotation, opacity and confidence of every view, [F, channel, h, w] float16; while `noise_averaging`
+    is on, its averaged depth [F, h, w] float32 m, too.
 
     Views that are no source, and pixels without confidence, are 0 throughout. The maps' confidence is the share of the
     learned value: 0 where the network does not run.
     """
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
+    steady = NOISE_AVERAGING in inputs.facts
     for view in range(len(inputs.rig)):
         maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in CHANNELS.items()}
+        depth = np.zeros((len(inputs.partition), height, width), np.float32)
         if view in inputs.views.sources:
-            depth, confidence, mask = (
-                inputs.read(name, view) for name in (depth_array(inputs.facts), "depth/confidence", "frames/mask")
-            )
+            depth, confidence = (_averaged if steady else _found)(inputs, view)
+            mask = inputs.read("frames/mask", view)
             said = (
                 [inputs.read(f"network/{name}", view) for name in ("numbers", "confidence")]
                 if NETWORK in inputs.facts
@@ -43,6 +47,36 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                     maps[name][i] = data
         for name, data in maps.items():
             yield Block(name, data, view)
+        if steady:
+            yield Block("gaussians/depth", depth, view)
+
+
+def _found(inputs: Inputs, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and confidence [F, h, w] of a view as each frame has them, with the halo where they are read with one."""
+    return inputs.read(found_depth_array(inputs.facts), view), inputs.read("depth/confidence", view)
+
+
+def _averaged(inputs: Inputs, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and confidence [F, h, w] of a view's partition, averaged with the frames around where its pictures show the
+    same.
+
+    These pictures are averaged themselves (`posegaussian.stages.imaging.averaging.averaged`): of what stands still they
+    differ by a fifth of the noise they were filmed with, of what moved by all of it. Half of it tells the two apart.
+    """
+    depth, confidence = _found(inputs, view)
+    noise, color = float(inputs.read("survey/unrest", view)[0]) / 2, inputs.read("frames/color", view)
+    first, footprint = inputs.partition.start - inputs.span("frames/color").start, 1 / inputs.rig.intrinsics[view, 0, 0]
+    if noise <= 0:
+        own = slice(first, first + len(inputs.partition))
+        return depth[own], confidence[own]
+    found = []
+    for at in range(first, first + len(inputs.partition)):
+        start = max(at - AVERAGED_WITH, 0)
+        around = slice(start, at + AVERAGED_WITH + 1)
+        same = np.stack([sameness(color[at], other, noise) for other in color[around]])
+        sure = confidence[around].astype(np.float32)
+        found.append(averaged_depth(depth[around], sure, same, at - start, float(footprint)))
+    return np.stack([z for z, _ in found]), np.stack([c for _, c in found])
 
 
 def prior(

@@ -3,30 +3,54 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.frames.effects import NOISE_AVERAGING, UNREST
+from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.network.params import NETWORK, depth_reads
+from posegaussian.stages.network.params import NETWORK, found_depth_reads
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: GaussiansParams) -> Resources:
-    """One view's partition: depth, confidence and mask in, nine channels out, in float32 while they are computed."""
-    return Resources(cpu=1, ram=shape["frame"] * shape["y"] * shape["x"] * 30 + shape["y"] * shape["x"] * 120)
+    """One view's partition: depth, confidence and mask in, nine channels out, in float32 while they are computed; with
+    its halo, pictures, depth and confidence that are averaged."""
+    frames = shape["frame"] * 45 + 2 * AVERAGED_WITH * 15
+    return Resources(cpu=1, ram=shape["y"] * shape["x"] * (frames + 120 + 16 * (2 * AVERAGED_WITH + 1)))
+
+
+def _averaged(params: GaussiansParams, facts: Facts) -> bool:
+    return NOISE_AVERAGING.name in facts
+
+
+def halo(params: GaussiansParams, facts: Facts) -> tuple[int, int]:
+    """Frames around the partition whose depth is averaged with its own."""
+    return (AVERAGED_WITH, AVERAGED_WITH) if _averaged(params, facts) else (0, 0)
 
 
 STAGE = Stage(
     name="gaussians",
     summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
-    version=1,
+    version=2,
     run="posegaussian.stages.gaussians.run:run",
     check="posegaussian.stages.gaussians.run:check",
     reads=(
-        *depth_reads(),
+        *found_depth_reads(halo),
         Read("network/numbers", when=lambda p, f: NETWORK in f),
         Read("network/confidence", when=lambda p, f: NETWORK in f),
-        Read("depth/confidence"),
+        Read("depth/confidence", halo=halo),
         Read("frames/mask"),
+        Read("frames/color", halo=halo, when=_averaged),
+        Read(UNREST, when=_averaged),
     ),
     writes=(
+        ArraySpec(
+            "gaussians/depth",
+            ("frame", "view", "y", "x"),
+            "float32",
+            "m",
+            "Depth along the optical axis, averaged over time where pictures show the same; 0 where there is none.",
+            when=NOISE_AVERAGING.name,
+        ),
         ArraySpec(
             "gaussians/scale",
             ("frame", "view", "axis", "y", "x"),
@@ -63,4 +87,5 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=GaussiansParams,
     needs=needs,
+    effects=(NOISE_AVERAGING,),
 )

@@ -10,6 +10,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, FEWEST, LEARNED, MEASURES, NONE, mean_scores
+from posegaussian.stages.depth.choice import best_of as best_method
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
 from posegaussian.stages.imaging.color import gain_table
@@ -19,7 +20,8 @@ from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
 from posegaussian.stages.judge.learned import learned
 from posegaussian.stages.judge.params import JudgeParams
-from posegaussian.stages.network.choice import CANDIDATES, best_of
+from posegaussian.stages.network.choice import CANDIDATES
+from posegaussian.stages.network.choice import best_of as best_weights
 from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
 
 COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2}
@@ -31,7 +33,7 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
     """Yield `judge/depth`, `judge/exposure` and `judge/color` [picture, candidate, measure], as far as asked for.
 
     Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
-    Gains are compared by the method that drew best, or that is set, and colours by angle with the gains that drew best.
+    Gains are compared by the method that is picked, or that is set, and colours by angle with the gains that drew best.
     """
     asked = [name for name in (DEPTH, EXPOSURE, LEARNED, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
@@ -53,9 +55,12 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         return  # depth that came with the capture lies in files that no frame here holds
     made = {m: with_gaussians(frames, depth, m, body_facts(inputs, m)) for m in methods}
     drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
+    best = methods[0]
     if DEPTH in asked:
-        yield DEPTH, np.stack(list(drawn.values()), axis=1)
-    best = max(methods, key=lambda m: _psnr(drawn[m]))
+        by_method = np.stack(list(drawn.values()), axis=1)
+        yield DEPTH, by_method
+        means = mean_scores(by_method)
+        best = best if means is None else methods[best_method(means)]
     chosen, reached = made[best], drawn[best]
     if EXPOSURE in asked:
         matched = chosen.with_array("frames/color", _matched(inputs, filmed))
@@ -67,7 +72,7 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         with_each = np.stack([reached, *(scores(t, filmed, views, PLAIN) for t in tried[1:])], axis=1)
         yield LEARNED, with_each
         means = mean_scores(with_each)
-        chosen = chosen if means is None else tried[best_of(means)]
+        chosen = chosen if means is None else tried[best_weights(means)]
     if COLOR in asked:
         yield COLOR, np.stack([scores(chosen, filmed, views, f) for f in (PLAIN, BLENDED)], axis=1)
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from posegaussian.stages.contract.declaration import Params, Read, setting
 from posegaussian.stages.contract.facts import Facts, fact
+from posegaussian.stages.frames.facts import NOISE_AVERAGING
 
 NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
@@ -43,8 +44,16 @@ class NetworkParams(Params):
     )
 
 
-def depth_reads(halo: Halo = (0, 0)) -> tuple[Read, Read]:
+def depth_reads(halo: Halo = (0, 0)) -> tuple[Read, ...]:
     """Reads of the depth that `depth_array` names."""
+    return (
+        *(Read(r.array, halo=halo, when=_unless_averaged(r)) for r in found_depth_reads()),
+        Read("gaussians/depth", halo=halo, when=lambda p, f: NOISE_AVERAGING in f),
+    )
+
+
+def found_depth_reads(halo: Halo = (0, 0)) -> tuple[Read, Read]:
+    """Reads of the depth that `found_depth_array` names."""
     return (
         Read("depth/depth", halo=halo, when=lambda p, f: NETWORK not in f),
         Read("network/depth", halo=halo, when=lambda p, f: NETWORK in f),
@@ -52,5 +61,14 @@ def depth_reads(halo: Halo = (0, 0)) -> tuple[Read, Read]:
 
 
 def depth_array(facts: Facts) -> str:
-    """The depth that Gaussians are lifted from: the network's where it runs, else the analytic one."""
+    """The depth that Gaussians are lifted from: averaged over time where that is on, else as it was found."""
+    return "gaussians/depth" if NOISE_AVERAGING in facts else found_depth_array(facts)
+
+
+def found_depth_array(facts: Facts) -> str:
+    """The depth that each frame has by itself: the network's where it runs, else the analytic one."""
     return "network/depth" if NETWORK in facts else "depth/depth"
+
+
+def _unless_averaged(read: Read) -> Callable[[Params, Facts], bool]:
+    return lambda p, f: NOISE_AVERAGING not in f and read.when(p, f)

@@ -66,8 +66,11 @@ class DepthMethod:
     working: int = 600
     """Bytes of working memory a pixel of one view (measured for matching one pair: half)."""
     quality: int | None = None
-    """Its place among the quality levels, the cheapest first; None: it depends on the capture whether it can be
+    """Its place among the quality levels, the worst first; None: it depends on the capture whether it can be
     chosen."""
+    seconds: float = 0.0
+    """CPU seconds for a source view of 512 x 512 px among eight (docs/measurements/quality.md); of methods that draw
+    alike, `auto` takes the cheapest."""
 
     def alone_note(self, distance: float) -> str:
         """What the depth of a single source view `distance` m away is."""

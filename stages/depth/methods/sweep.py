@@ -36,4 +36,5 @@ METHOD = DepthMethod(
     several=True,
     matches=True,
     quality=3,
+    seconds=0.96,
 )

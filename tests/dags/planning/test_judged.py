@@ -11,9 +11,10 @@ import pytest
 from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
+from posegaussian.stages.contract.declaration import Picked
 from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE
-from posegaussian.stages.depth.choice import pick
-from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.stages.depth.choice import TIE, pick
+from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import NAME, Pipeline, film
@@ -77,17 +78,37 @@ def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(tmp_path
 
 
 def test_the_better_picture_wins(judged: tuple[Pipeline, list]) -> None:
-    context = judged[0].plan().context
-    evidence = context.evidence("depth")
+    for best, name in enumerate(BY_PICTURES):
+        psnr = np.full(3, 20.0)
+        psnr[best] += TIE + 0.01
+        assert _picked(judged[0], psnr).fact == f"{name}_depth"
+
+
+def test_of_methods_that_draw_alike_the_cheapest_is_picked_and_the_reason_says_so(
+    judged: tuple[Pipeline, list],
+) -> None:
+    by_cost = sorted(BY_PICTURES, key=lambda m: METHODS[m].seconds)
+    for best, name in enumerate(BY_PICTURES):
+        psnr = np.full(3, 20.0)
+        psnr[best] += TIE - 0.01
+        picked = _picked(judged[0], psnr)
+        assert picked.fact == f"{by_cost[0]}_depth"
+        assert ("costs least" in picked.reason) == (name != by_cost[0])
+    apart = np.array([20.0, 20.0, 20.0])
+    apart[BY_PICTURES.index(by_cost[0])] -= TIE + 0.01  # the cheapest is worse: the next of the two that are left
+    apart[BY_PICTURES.index(by_cost[2])] += TIE / 2
+    assert _picked(judged[0], apart).fact == f"{by_cost[1]}_depth"
+
+
+def _picked(p: Pipeline, psnr: np.ndarray) -> Picked:
+    """What is picked where all pictures have the `psnr` [method]."""
+    evidence = p.plan().context.evidence("depth")
     assert GIVEN_MATTE in evidence.facts
     scores = np.full((4, 3, 3), 0.9)
-    scores[:, :, 0] = 20.0
-    for best, name in enumerate(BY_PICTURES):
-        better = scores.copy()
-        better[:, best, 0] += 0.01
-        picked = pick(replace(evidence, noted={DEPTH: better}))
-        assert picked is not None
-        assert picked.fact == f"{name}_depth"
+    scores[:, :, 0] = psnr
+    picked = pick(replace(evidence, noted={DEPTH: scores}))
+    assert picked is not None
+    return picked
 
 
 def test_the_judge_is_asked_for_gains_only_where_the_survey_proves_a_difference(

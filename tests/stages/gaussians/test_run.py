@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.contract.declaration import resolve
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block
+from posegaussian.stages.frames.facts import NOISE_AVERAGING
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.run import check
+from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.registry import stage
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.support.memory_inputs import run_stage
@@ -39,6 +42,32 @@ def test_partitions_change_nothing(person: PersonCapture) -> None:
     for length in (1, 2):
         cut = maps(person, length)
         assert all(np.array_equal(cut[name], whole[name]) for name in whole)
+
+
+def test_depth_of_a_subject_at_rest_is_averaged_whatever_the_partition(person: PersonCapture) -> None:
+    """While the effect is on: a frame's own error goes, and other stages lift from what is written here."""
+    depth = np.repeat(person.depth[:1], 9, axis=0)
+    depth[4] *= np.float32(1.3)
+    arrays = {
+        "depth/depth": depth,
+        "depth/confidence": (depth > 0).astype(np.float16),
+        "frames/mask": np.repeat(person.mask[:1], 9, axis=0),
+        "frames/color": np.repeat(person.color[:1], 9, axis=0),
+        "survey/unrest": np.full((4, 1), 2.0),
+    }
+    found = [
+        run_stage(
+            stage("gaussians"), GaussiansParams(), arrays, person.rig, person.views, 9, length,
+            effects=frozenset({NOISE_AVERAGING}),
+        )
+        for length in (None, 2)
+    ]  # fmt: skip
+    assert all(np.array_equal(found[0][name], found[1][name]) for name in found[0])
+    # it lies on another surface, as far as its own frame alone can tell
+    np.testing.assert_allclose(found[0]["gaussians/depth"][:, :3], depth[:1, :3].repeat(9, axis=0), rtol=1e-6)
+    assert not found[0]["gaussians/depth"][:, 3].any()
+    assert depth_array(Facts(frozenset({NOISE_AVERAGING}))) == "gaussians/depth"
+    assert "gaussians/depth" not in maps(person)
 
 
 def test_check_names_what_is_impossible(person: PersonCapture) -> None:

@@ -1,9 +1,10 @@
-"""Pictures averaged over time: noise of what stands still goes by the root of their number, motion stays as filmed."""
+"""Pictures and depth averaged over time: noise of what stands still goes by the root of their number, motion stays as
+filmed."""
 
 import numpy as np
 import pytest
 
-from posegaussian.stages.imaging.averaging import averaged
+from posegaussian.stages.imaging.averaging import REACH, averaged, averaged_depth, sameness
 from posegaussian.stages.survey.algorithms.unrest import unrest
 
 SIGMA = 4.0
@@ -63,3 +64,45 @@ def test_still_clean_pictures_and_black_ones_have_no_noise() -> None:
     clean = np.rint(scene()).astype(np.uint8)
     assert unrest(clean, clean) == 0
     assert unrest(np.zeros((8, 8, 3), np.uint8), np.full((8, 8, 3), 255, np.uint8)) == 0
+
+
+NEAR, FAR, FOOTPRINT = 3.0, 3.5, 1 / 500
+SAME = np.ones((7, 20, 20), np.float32)
+
+
+def found(sigma: float) -> np.ndarray:
+    """[7, 20, 20] depths of a plane; noise of a share `sigma` of a pixel's footprint."""
+    return (NEAR + NEAR * FOOTPRINT * np.random.default_rng(0).normal(0, sigma, SAME.shape)).astype(np.float32)
+
+
+def test_noise_of_depth_falls_by_the_root_of_the_frames() -> None:
+    depth, sure = averaged_depth(found(0.5), 0.5 * SAME, SAME, 3, FOOTPRINT)
+    # weights fall with the distance from the median: a little more is left than of a mean
+    assert (depth - NEAR).std() < 1.2 / np.sqrt(7) * 0.5 * NEAR * FOOTPRINT
+    assert abs((depth - NEAR).mean()) < 0.05 * NEAR * FOOTPRINT
+    np.testing.assert_allclose(sure, 0.5, rtol=1e-6)
+
+
+def test_a_match_that_flips_to_another_surface_is_overruled_and_nothing_lies_between_the_two() -> None:
+    depths = np.full_like(SAME, NEAR)
+    depths[[0, 3, 5]] = FAR
+    assert FAR - NEAR > REACH * FAR * FOOTPRINT
+    for own in (2, 3):
+        np.testing.assert_allclose(averaged_depth(depths, SAME, SAME, own, FOOTPRINT)[0], NEAR, rtol=1e-6)
+    depths[2] = FAR  # now most have it
+    np.testing.assert_allclose(averaged_depth(depths, SAME, SAME, 3, FOOTPRINT)[0], FAR, rtol=1e-6)
+
+
+def test_what_moves_keeps_the_depth_of_its_frame_and_what_has_none_keeps_none() -> None:
+    depths, confidences = found(0.5), np.linspace(0.3, 1, SAME.size, dtype=np.float32).reshape(SAME.shape)
+    depths[3, :5] = 0
+    shown = [filmed(0)[:20, :20], *(filmed(i, shift=12)[:20, :20] for i in range(1, 7))]
+    order = [1, 2, 3, 0, 4, 5, 6]
+    weights = np.stack([sameness(shown[0], shown[i], 1.0) for i in order])
+    depth, sure = averaged_depth(depths, confidences, weights, 3, FOOTPRINT)
+    moving = weights.sum(axis=0) < 1 + 1e-3  # stripes have changed places there
+    assert moving.mean() > 0.5
+    for ours, own in ((depth, depths[3]), (sure, np.where(depths[3] > 0, confidences[3], 0))):
+        np.testing.assert_allclose(ours[moving], own[moving], rtol=1e-4)
+    assert not depth[:5].any()
+    assert (depth[5:] > 0).all()
