@@ -50,7 +50,7 @@ ANGLE = 75.0
 """Degrees between two cameras, seen from the subject, up to which they are compared by points of the hull."""
 BLUR = 0.008
 """Blur, as a share of the longer side, under which points of the hull are compared: it lies outside the surface."""
-BRIGHT = 1.0
+BRIGHT = 1.5
 """Stops below the brightest of such points down to which they count: what is dark beside them is mostly gloss."""
 TONES = 0.7
 """Stops between the medians of the darkest and the brightest third of a pair's points: what is brighter at a single
@@ -141,7 +141,8 @@ def surface_stops(
     stops = {v: _even_in_tone(np.concatenate([np.zeros((0, 2, 3)), *parts])) for v, parts in found.items()}
     without = [v for v in others if len(stops[v]) < FEWEST_POINTS]
     if without and MASKS in inputs.facts:
-        of_hull = {v: _even_in_tone(light, TONES_OF_HULL) for v, light in _hull_light(inputs, view, without, chosen).items()}
+        light_of_hull = _hull_light(inputs, view, without, chosen)
+        of_hull = {v: _even_in_tone(light, TONES_OF_HULL) for v, light in light_of_hull.items()}
         stops |= {v: told for v, told in of_hull.items() if len(told) > len(stops[v])}
     for v, known_stops in stops.items():
         out[v, : len(known_stops)] = known_stops

@@ -72,8 +72,8 @@ def test_half_a_stop_is_found_and_undone(filmed: tuple[Rig, list[np.ndarray], li
     found = match(surveyed(filmed, stops, Facts(frozenset({MASKS}))))
     assert found is not None
     assert found.certain.max() > EXPOSURE_MATCHING.threshold
-    # As near as the best cameras' sensors are to each other: the hull of eight cameras lies beside the person.
-    np.testing.assert_allclose(np.log2(found.gains), -np.repeat(stops[:, None], 3, axis=1), atol=0.1)
+    # The hull of eight cameras lies beside the person, whose stripes are a few pixels wide at this size.
+    np.testing.assert_allclose(np.log2(found.gains), -np.repeat(stops[:, None], 3, axis=1), atol=0.15)
 
 
 def test_equal_cameras_stay_equal(filmed: tuple[Rig, list[np.ndarray], list[np.ndarray]]) -> None:
