@@ -2,9 +2,9 @@
 data.
 
 A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of
-the ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`). Rows of a group
+the ablation, so that a row that several groups have in common is trained once (`cells.py`). Rows of a group
 that has `footage` are not trained: the pipeline runs on simulated sequences with weights that there are
-(`ablation_runs.py`).
+(`pipeline_runs.py`).
 """
 
 from __future__ import annotations
@@ -132,6 +132,7 @@ def groups(config: TrainingConfig) -> tuple[Group, ...]:
         _render_weights(),
         _iterations(config.iterations),
         _heads(),
+        _encoders(),
         _stabilizer(),
         _cameras(),
     )
@@ -237,6 +238,25 @@ def _heads() -> Group:
         "The paper has the first row alone and no comparison. Heads shape the picture: an error of depth says only"
         " whether one of them harms depth, never which one draws better.",
         joint=True,
+    )
+
+
+def _encoders() -> Group:
+    changes: dict[str, dict[str, Any]] = {
+        "group normalisation, residual, strides": {},
+        "batch normalisation": {"normalisation": "batch"},
+        "no residual units": {"residual": False},
+        "down-sampling by averages": {"downsampling": "pool"},
+    }
+    plain = {"normalisation": "group", "residual": True, "downsampling": "stride"}
+    return Group(
+        "encoders",
+        "Encoders",
+        tuple(Row(label, {**plain, **change}) for label, change in changes.items()),
+        "group normalisation, residual, strides",
+        "The paper says of its four variants only that they explore batch normalisation, residual blocks and"
+        " down-sampling layers; each row here changes one of the three. Its network normalises over the batch, ours by"
+        " groups, because a batch here is a few pairs.",
     )
 
 

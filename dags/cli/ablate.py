@@ -25,7 +25,7 @@ def ablate(
             "--only",
             help=(
                 "Groups, with commas between: fusion, pose, lambda, beta_gamma,"
-                " iterations, heads, tps, cameras. Default: all."
+                " iterations, heads, encoders, tps, cameras. Default: all."
             ),
         ),
     ] = None,

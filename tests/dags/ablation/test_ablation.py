@@ -65,7 +65,7 @@ def posed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_row_is_a_training_that_can_be_and_the_reference_is_one_of_them() -> None:
-    assert list(EVERY) == ["fusion", "pose", "lambda", "beta_gamma", "iterations", "heads", "tps", "cameras"]
+    assert list(EVERY) == ["fusion", "pose", "lambda", "beta_gamma", "iterations", "heads", "encoders", "tps", "cameras"]
     for group in EVERY.values():
         assert group.row(group.reference)
         assert group.comparable.endswith(".")
@@ -73,6 +73,13 @@ def test_every_row_is_a_training_that_can_be_and_the_reference_is_one_of_them() 
             cell(CONFIG, row, 0, Path()).config.network()
     assert [r.iterations for r in EVERY["iterations"].rows] == [1, 2, 3]
     assert len(EVERY["fusion"].rows) == 7
+
+
+def test_each_variant_of_the_encoders_changes_one_thing_and_is_another_network() -> None:
+    shapes = [cell(CONFIG, row, 0, Path()).config.network() for row in EVERY["encoders"].rows]
+    assert shapes[0] == CONFIG.network()
+    changed = [{k for k, v in vars(s).items() if v != vars(shapes[0])[k]} for s in shapes[1:]]
+    assert changed == [{"normalisation"}, {"residual"}, {"downsampling"}]
 
 
 def test_the_paper_speaks_of_rows_that_there_are() -> None:
@@ -85,7 +92,7 @@ def test_the_paper_speaks_of_rows_that_there_are() -> None:
 def test_what_is_equal_is_one_cell_and_the_cheapest_table_comes_first(tmp_path: Path) -> None:
     order = in_order(CONFIG, tuple(EVERY.values()), (0, 1), tmp_path)
     names = [(c.variant, c.config.seed) for c in order]
-    assert len(set(names)) == len(names) == 2 * (1 + 2 + 3 + 3 + 3 + 6)
+    assert len(set(names)) == len(names) == 2 * (1 + 2 + 3 + 3 + 3 + 3 + 6)
     assert names[:3] == [(PLAIN, 0), (PLAIN, 1), ("rotation_head=quaternion", 0)]
     assert names[-1] == ("fusion=outer", 1)
     assert names.index(("pose_in=none", 0)) < names.index(("fusion=attention", 0))
@@ -240,8 +247,8 @@ def test_a_page_without_any_training_says_not_run_everywhere_and_what_is_compara
 
 def test_the_page_marks_what_is_no_claim(posed: Path) -> None:
     found = report(CONFIG, posed, [0, 1], {})
-    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 3, (
-        "the default stands in three tables more"
+    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 4, (
+        "the default stands in four tables more"
     )
 
 
