@@ -42,7 +42,9 @@ def _surroundings() -> Iterator[None]:
 
 def run(folder: Path, **more: Any) -> list[str]:
     said: list[str] = []
-    order = AblationOrder(**{"config": CONFIG, "folder": folder, "seeds": (0,), "workers": 0, "device": "cpu", **more})
+    order = AblationOrder(
+        **{"config": CONFIG, "folder": folder, "seeds": (0,), "workers": 0, "device": "cpu", "pictures": False, **more}
+    )
     ablate(order, said.append, PARTS)
     return said
 
@@ -65,7 +67,17 @@ def posed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_row_is_a_training_that_can_be_and_the_reference_is_one_of_them() -> None:
-    assert list(EVERY) == ["fusion", "pose", "lambda", "beta_gamma", "iterations", "heads", "encoders", "tps", "cameras"]
+    assert list(EVERY) == [
+        "fusion",
+        "pose",
+        "lambda",
+        "beta_gamma",
+        "iterations",
+        "heads",
+        "encoders",
+        "tps",
+        "cameras",
+    ]
     for group in EVERY.values():
         assert group.row(group.reference)
         assert group.comparable.endswith(".")
@@ -196,7 +208,7 @@ def test_a_cell_that_fails_is_said_and_the_others_go_on(tmp_path: Path) -> None:
     blocked = tmp_path / "cells" / PLAIN / "seed-0"
     (blocked / "checkpoints" / "00000003").mkdir(parents=True)  # of another training: nothing in it can be read
     said: list[str] = []
-    order = AblationOrder(CONFIG, tmp_path, (0,), ("heads",), workers=0, device="cpu")
+    order = AblationOrder(CONFIG, tmp_path, (0,), ("heads",), workers=0, device="cpu", pictures=False)
     assert ablate(order, said.append, PARTS) is False
     assert any(line.startswith(f"{PLAIN}, seed 0: ") for line in said)
     assert len(cells(tmp_path)) == 2
@@ -278,5 +290,6 @@ def test_unknown_groups_and_seeds_are_refused_and_a_plan_loads_no_torch(tmp_path
     assert done.returncode == 0, done.stderr
     assert "fusion=outer, seed 4: not run" in done.stdout
     assert "tps=adaptive, seed 4: not run, with weights fast" in done.stdout
-    assert "7 trainings of 60 steps and 4 runs to do, 0 done" in done.stdout
+    assert "pictures=fusion=outer, seed 4: not run, after its training" in done.stdout
+    assert "7 trainings of 60 steps and 11 runs to do, 0 done" in done.stdout
     assert not list(tmp_path.iterdir())
