@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.network.params import NETWORK, depth_reads
+from posegaussian.stages.network.params import NETWORK, QUATERNIONS, depth_reads
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -22,6 +22,7 @@ STAGE = Stage(
     reads=(
         *depth_reads(),
         Read("network/numbers", when=lambda p, f: NETWORK in f),
+        Read("network/turn", when=lambda p, f: NETWORK in f and QUATERNIONS in f),
         Read("network/confidence", when=lambda p, f: NETWORK in f),
         Read("depth/confidence"),
         Read("frames/mask"),
@@ -42,6 +43,15 @@ STAGE = Stage(
             "1",
             "Unit normal in camera axes, facing the camera; it is the Gaussian's third axis.",
             keep="until_done",
+        ),
+        ArraySpec(
+            "gaussians/twist",
+            ("frame", "view", "turn", "y", "x"),
+            "float16",
+            "1",
+            "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
+            keep="until_done",
+            when=QUATERNIONS,
         ),
         ArraySpec(
             "gaussians/opacity",
