@@ -16,8 +16,9 @@ from pathlib import Path
 from posegaussian.dags.ablation.cells import Cell, in_order, take
 from posegaussian.dags.ablation.groups import Group, chosen
 from posegaussian.dags.ablation.iterations import measure
-from posegaussian.dags.ablation.pipeline_runs import RunCell, Weights, run, runs_in_order, weights_of
+from posegaussian.dags.ablation.pipeline_runs import RunCell, Weights, own_weights, run, runs_in_order, weights_of
 from posegaussian.dags.ablation.tables import write
+from posegaussian.dags.ablation.trained_runs import lpips_settings, picture_runs
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.training.frame_producers import FrameError
@@ -48,6 +49,10 @@ class AblationOrder:
     weights: str | None = None
     """Of the runs: weights that ship or a file; None: those of the default's training of the same seed where it is
     finished, else `fast`."""
+    pictures: bool = True
+    """Whether pictures are drawn with what was trained, by a run of each cell's weights."""
+    lpips: tuple[Path, Path] | None = None
+    """Official AlexNet files of LPIPS, network and linear layers; None: it is not measured."""
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -61,14 +66,19 @@ class AblationOrder:
     def runs(self) -> list[RunCell]:
         """In the order in which they are run, after all trainings. Raises ConfigError for weights that are not there
         and seeds without a sequence."""
-        found = runs_in_order(self.groups, self.seeds, self.folder)
+        metrics = lpips_settings(self.lpips)
+        found = runs_in_order(self.groups, self.seeds, self.folder, metrics)
+        if self.pictures:
+            found += picture_runs(self.config, self.groups, self.seeds, self.folder, metrics)
         for run_cell in found:
             self.weights_of(run_cell)
             _ = run_cell.scene
         return found
 
-    def weights_of(self, run_cell: RunCell) -> Weights:
-        """What a run has for its network, as things stand."""
+    def weights_of(self, run_cell: RunCell) -> Weights | None:
+        """What a run has for its network, as things stand; None while its own training is not finished."""
+        if run_cell.config is not None:
+            return own_weights(run_cell)
         return weights_of(self.weights, self.config, run_cell.seed, self.folder)
 
     def finished(self, job: Cell | RunCell) -> bool:
@@ -82,7 +92,8 @@ def plan_lines(order: AblationOrder) -> list[str]:
     lines = [f"{c}: {c.state()}" for c in cells]
     for r in runs:
         weights = order.weights_of(r)
-        lines.append(f"{r}: {'done' if r.finished(weights) else 'not run'}, with weights {weights.name}")
+        told = f"with weights {weights.name}" if weights is not None else "after its training"
+        lines.append(f"{r}: {'done' if r.finished(weights) else 'not run'}, {told}")
     open_cells, open_runs = ([job for job in jobs if not order.finished(job)] for jobs in (cells, runs))
     left = [f"{number(len(open_cells), 'training')} of {number(order.config.steps, 'step')}"] if cells else []
     left += [number(len(open_runs), "run")] if runs else []
@@ -153,6 +164,9 @@ class _Work:
         """False where time ran out before it was done."""
         weights = self.order.weights_of(job)
         if job.finished(weights):
+            return True
+        if weights is None:
+            self.say(f"{job}: its training is not finished, so nothing can be drawn with it")
             return True
         if not self._goes_on():
             return False

@@ -2,9 +2,9 @@
 data.
 
 A group is one table. Its rows say only the settings in which they differ; everything else is as in the configuration of
-the ablation, so that a row that several groups have in common is trained once (`ablation_cells.py`). Rows of a group
+the ablation, so that a row that several groups have in common is trained once (`cells.py`). Rows of a group
 that has `footage` are not trained: the pipeline runs on simulated sequences with weights that there are
-(`ablation_runs.py`).
+(`pipeline_runs.py`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,13 @@ from posegaussian.storage.model.yaml_documents import read_yaml
 PAPER = Path(__file__).with_name("paper.yaml")
 """The paper's numbers, by group and row."""
 ERROR = "epe"
-"""The measure in which trained rows are compared with the reference, seed by seed."""
+"""The measure of depth in which rows are compared with the reference, seed by seed."""
+PICTURES = "pictures"
+"""Name of the runs that draw pictures with what was trained."""
+DRAWN = ("psnr box", "ssim box", "lpips box", "psnr full", "ssim full", "lpips full")
+"""What is measured of pictures, LPIPS where its weights are given."""
+TRAINED = (ERROR, "1px", *DRAWN)
+"""What a table of trainings shows and compares: depth as the training validates it, and pictures."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ class SimulatedFootage:
         if seed >= most:
             raise ConfigError(
                 f"--seeds {seed}: there are {most} sequences for validation, one a seed from 0 on; use smaller seeds,"
-                " or leave tps and cameras out with --only"
+                " or leave tps and cameras out with --only, and pictures with --no-pictures"
             )
         return ablation_scene(
             FIRST_VALIDATION_SEED + seed, cameras or self.cameras, self.size, self.frames, self.frame_rate, self.effects
@@ -61,6 +67,7 @@ FOOTAGE = {
     # 4 px at 512 px, 10 % missing, 2 % elsewhere: the faults of docs/measurements/joints.md.
     "tps": SimulatedFootage(8, 30.0, 256, effects={"joint_noise": {"pixels": 2.0, "dropouts": 0.1, "outliers": 0.02}}),
     "cameras": SimulatedFootage(2, 2.0, 512),
+    PICTURES: SimulatedFootage(2, 2.0, 512),
 }
 """{group: what its rows run on}: as few and as small pictures as show what the group is about."""
 
@@ -96,9 +103,9 @@ class Group:
     """Whether its settings matter in the second phase of training alone."""
     footage: SimulatedFootage | None = None
     """What its rows run on; None: they are trainings."""
-    shown: tuple[str, ...] = ()
-    """Measures in the table, in their order; empty: all that there are."""
-    compared: tuple[str, ...] = (ERROR,)
+    shown: tuple[str, ...] = TRAINED
+    """Measures in the table, in their order."""
+    compared: tuple[str, ...] = TRAINED
     """Measures in which rows are compared with the reference, seed by seed."""
 
     def row(self, label: str) -> Row:
@@ -132,6 +139,7 @@ def groups(config: TrainingConfig) -> tuple[Group, ...]:
         _render_weights(),
         _iterations(config.iterations),
         _heads(),
+        _encoders(),
         _stabilizer(),
         _cameras(),
     )
@@ -161,7 +169,7 @@ def _fusion() -> Group:
         "concatenation",
         "Both are end-point errors in px, but of other people and other pairs of cameras, and the paper says neither on"
         " which data nor over which pixels: compare the order of the rows, not the values. Parameters are those of the"
-        " whole network here and of the paper's own model there; its 1px accuracy is not measured here.",
+        " whole network here and of the paper's own model there.",
     )
 
 
@@ -172,7 +180,7 @@ def _pose() -> Group:
         "Where pose enters",
         tuple(Row(label, {"pose_in": value}) for label, value in places.items()),
         "both",
-        "The paper's LPIPS is of rendered pictures, ours an error of depth: not comparable in value; whether pose helps"
+        "The paper's pictures are of THuman2.0, ours of simulated people: not comparable in value; whether pose helps"
         " at all is. Without pose in the decoder there is no pose fusion loss either, so two rows differ from the"
         " reference in the loss, too.",
     )
@@ -187,9 +195,9 @@ def _pose_weight() -> Group:
             for v in (0.0, 0.1, 0.5, 1.0, 2.0)
         ),
         "beta 0.5, gamma 0.5, lambda 1",
-        "The paper's PSNR, SSIM and LPIPS are of rendered pictures of THuman2.0, ours is an error of depth on simulated"
-        " people: not comparable in value. In the paper lambda 0 is no pose fusion at all; here it takes the alignment"
-        " out of the loss and leaves pose in the network (for that see the table on where pose enters).",
+        "The paper's PSNR, SSIM and LPIPS are of pictures of THuman2.0, ours of simulated people: not comparable in"
+        " value. In the paper lambda 0 is no pose fusion at all; here it takes the alignment out of the loss and leaves"
+        " pose in the network (for that see the table on where pose enters).",
     )
 
 
@@ -202,9 +210,8 @@ def _render_weights() -> Group:
             for b, g in ((0.5, 0.5), (0.3, 0.7), (0.8, 0.2))
         ),
         "beta 0.5, gamma 0.5, lambda 0",
-        "The paper calls gamma a weight of depth in its text and of SSIM in its equation; here it is SSIM's. It"
-        " measures pictures of THuman2.0, we measure depth of simulated people: not comparable in value, and what is"
-        " traded between MAE and SSIM shows in depth only as far as the picture's gradient reaches it.",
+        "The paper calls gamma a weight of depth in its text and of SSIM in its equation; here it is SSIM's. Its"
+        " pictures are of THuman2.0, ours of simulated people: not comparable in value.",
         joint=True,
     )
 
@@ -235,8 +242,27 @@ def _heads() -> Group:
         ),
         "rotation 3, opacity 2",
         "The paper has the first row alone and no comparison. Heads shape the picture: an error of depth says only"
-        " whether one of them harms depth, never which one draws better.",
+        " whether one of them harms depth; which one draws better, pictures say.",
         joint=True,
+    )
+
+
+def _encoders() -> Group:
+    changes: dict[str, dict[str, Any]] = {
+        "group normalisation, residual, strides": {},
+        "batch normalisation": {"normalisation": "batch"},
+        "no residual units": {"residual": False},
+        "down-sampling by averages": {"downsampling": "pool"},
+    }
+    plain = {"normalisation": "group", "residual": True, "downsampling": "stride"}
+    return Group(
+        "encoders",
+        "Encoders",
+        tuple(Row(label, {**plain, **change}) for label, change in changes.items()),
+        "group normalisation, residual, strides",
+        "The paper says of its four variants only that they explore batch normalisation, residual blocks and"
+        " down-sampling layers; each row here changes one of the three. Its network normalises over the batch, ours by"
+        " groups, because a batch here is a few pairs.",
     )
 
 
@@ -245,7 +271,7 @@ def _stabilizer() -> Group:
         Row(m, pipeline=("effects.temporal_smoothing=on", f"smoothing.method={m}"))
         for m in ("pairwise", "recurrent", "adaptive")
     )
-    shown = ("change of ssim", "its deviation", "psnr box", "ssim box", ERROR, "joints", "jitter", "lag")
+    shown = ("change of ssim", "its deviation", *DRAWN, ERROR, "1px", "joints", "jitter", "lag")
     return Group(
         "tps",
         "Temporal Pose Stabilizer",
@@ -264,7 +290,7 @@ def _stabilizer() -> Group:
 
 
 def _cameras() -> Group:
-    shown = ("psnr box", "ssim box", "psnr full", "ssim full", ERROR, "depth")
+    shown = (*DRAWN, ERROR, "1px", "depth")
     return Group(
         "cameras",
         "6 and 8 cameras",
@@ -273,8 +299,7 @@ def _cameras() -> Group:
         "The paper's numbers are of THuman2.0, under the heading Training, and it says neither which views it measures"
         " nor over which pixels; ours are of simulated people, the same two held-out views for both rows, each in the"
         " middle between two sources: what 2 cameras more are worth may be compared, the values not. An error in px"
-        " grows with the distance between neighbours, so between rows only that of depth in mm compares. LPIPS needs"
-        " weight files that do not ship.",
+        " grows with the distance between neighbours, so between rows only that of depth in mm compares.",
         footage=FOOTAGE["cameras"],
         shown=shown,
         compared=shown,

@@ -16,21 +16,26 @@ from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 Measured = dict[str, float | None]
 
 
+LPIPS = "lpips_alex"
+"""The metrics stage's name for what the tables call `lpips`."""
+
+
 def measured(results: Results, joints3d: np.ndarray) -> Measured:
     """Everything, by name; None where there is nothing to say. `joints3d` [F, 17, 3] true COCO-17, metres."""
     found = depths(results)
-    return {**_pictures(results), "epe": found["EPE"], "depth": found["mm"], **_joints(results, joints3d)}
+    depth = {"epe": found["EPE"], "1px": found["1 px"], "depth": found["mm"]}
+    return {**pictures(results), **depth, **_joints(results, joints3d)}
 
 
-def _pictures(results: Results) -> Measured:
+def pictures(results: Results) -> Measured:
     """Of the rows of the metrics stage: means over pictures;
     the change of SSIM over the frames of each camera, then over cameras."""
     values: dict[tuple[str, str], list[float]] = defaultdict(list)
     changes: dict[str, list[float]] = defaultdict(list)
     rows: list[dict[str, Any]] = results.table("metrics/{path}", held_out_path(results.context).name)
     for row in rows:
-        if row["measure"] in ("psnr", "ssim"):
-            values[row["measure"], row["region"]].append(row["value"])
+        if row["measure"] in ("psnr", "ssim", LPIPS) and row["value"] is not None:
+            values[row["measure"].removesuffix("_alex"), row["region"]].append(row["value"])
         elif (row["measure"], row["region"]) == ("delta_ssim", "box"):
             changes[row["camera"]].append(row["value"])
     means: Measured = {f"{name} {region}": float(np.mean(v)) for (name, region), v in values.items()}

@@ -1,4 +1,5 @@
-"""The runs behind those tables of an ablation that are not trained: the pipeline on simulated sequences, one a seed.
+"""The runs of the pipeline on simulated sequences, one a seed: those behind the tables that are not trained, and those
+that draw pictures with what was (`trained_runs.py`).
 
 A run is one row with one seed, in `FOLDER/runs/GROUP=ROW/seed-N`. Its sequence is filmed once for all rows that share
 it, in `FOLDER/sequences`, and removed when these are done; a run that was killed goes on after the last task that it
@@ -11,7 +12,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +56,18 @@ class RunCell:
     seed: int
     root: Path
     """Of the ablation."""
+    config: TrainingConfig | None = None
+    """Of the ablation, where the row is a training and the run has its weights; None: the same weights for all rows."""
+    metrics: tuple[str, ...] = ()
+    """Settings of the pipeline that say what is measured besides the default."""
 
     def __str__(self) -> str:
         return f"{self.variant}, seed {self.seed}"
+
+    @property
+    def trained(self) -> Cell | None:
+        """The training whose weights it has, if it has its own."""
+        return None if self.config is None else cell(self.config, self.row, self.seed, self.root)
 
     @property
     def variant(self) -> str:
@@ -79,25 +89,31 @@ class RunCell:
     @property
     def beside(self) -> list[RunCell]:
         """It and the rows that share its sequence."""
-        return [RunCell(self.group, r, self.seed, self.root) for r in self.group.rows if r.cameras == self.row.cameras]
+        return [replace(self, row=r) for r in self.group.rows if r.cameras == self.row.cameras]
 
     def settings(self, weights: Weights) -> tuple[str, ...]:
         """Of the pipeline, but for the weights."""
         return (*self.row.pipeline, f"network.iterations={weights.iterations}")
 
-    def finished(self, weights: Weights) -> bool:
-        """Whether it was run with these weights on this sequence."""
-        found = self._read(self.row)
-        return found is not None and (found["weights"]["sha256"], found["scene"], tuple(found["settings"])) == (
-            weights.sha256,
-            self.scene.model_dump(mode="json"),
-            self.settings(weights),
+    def finished(self, weights: Weights | None) -> bool:
+        """Whether it was run with these weights on this sequence, and what is asked was measured; never without
+        weights."""
+        found, settings = self._read(self.row), self.settings(weights) if weights is not None else ()
+        return (
+            found is not None
+            and weights is not None
+            and (found["weights"]["sha256"], found["scene"]) == (weights.sha256, self.scene.model_dump(mode="json"))
+            and tuple(found["settings"][: len(settings)]) == settings
+            and set(self.metrics) <= set(found["settings"])
         )
 
     def result(self) -> dict[str, Any] | None:
         """What it found: `numbers`, `weights`, `scene`, `settings`; None while it is not run, or with other weights
-        than the reference's of the same seed."""
-        found, reference = self._read(self.row), self._read(self.group.row(self.group.reference))
+        than its training's, or than the reference's of the same seed where it has none of its own."""
+        found = self._read(self.row)
+        if self.config is not None:
+            return found if self.finished(own_weights(self)) else None
+        reference = self._read(self.group.row(self.group.reference))
         alike = found is not None and (
             reference is None or reference["weights"]["sha256"] == found["weights"]["sha256"]
         )
@@ -119,28 +135,28 @@ class RunCell:
         about = {
             "weights": {"name": weights.name, "sha256": weights.sha256},
             "scene": self.scene.model_dump(mode="json"),
-            "settings": list(self.settings(weights)),
+            "settings": [*self.settings(weights), *self.metrics],
         }
         write_atomically(self._file(self.row), as_json({"numbers": numbers, **about}))
 
     def _file(self, row: Row) -> Path:
-        return (
-            self.root / "runs" / RunCell(self.group, row, self.seed, self.root).variant / f"seed-{self.seed}" / RESULT
-        )
+        return self.root / "runs" / replace(self, row=row).variant / f"seed-{self.seed}" / RESULT
 
     def _read(self, row: Row) -> dict[str, Any] | None:
         file = self._file(row)
         return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
 
 
-def runs_in_order(groups: Sequence[Group], seeds: Sequence[int], folder: Path) -> list[RunCell]:
+def runs_in_order(
+    groups: Sequence[Group], seeds: Sequence[int], folder: Path, metrics: tuple[str, ...] = ()
+) -> list[RunCell]:
     """All runs of the groups with footage: seed by seed, so that a sequence is there no longer than its rows need
     it; the reference first."""
     out = []
     for group in groups:
         if group.footage is not None:
             rows = sorted(group.rows, key=lambda r: r.label != group.reference)
-            out += [RunCell(group, row, seed, folder) for seed in seeds for row in rows]
+            out += [RunCell(group, row, seed, folder, metrics=metrics) for seed in seeds for row in rows]
     return out
 
 
@@ -154,12 +170,24 @@ def weights_of(given: str | None, config: TrainingConfig, seed: int, folder: Pat
     if given is not None:
         file = Path(given)
         setting, name = (str(file.resolve()) if file.is_file() else given), given
-    elif trained.result() is not None and (config.rotation_head, config.opacity_head) == ("normal", "facing"):
+    elif trained.result() is not None:
         setting, name = str(RunFolder(trained.folder).weights_file.resolve()), str(trained)
     else:
         setting = name = SHIPPED
     params = NetworkParams(weights=setting)
     return Weights(setting, name, weights_digest(params), min(params.iterations, card_of(params).iterations))
+
+
+def own_weights(run_cell: RunCell) -> Weights | None:
+    """Those that the row's training came to, with the T of the row or the most that was trained; None while it is not
+    finished."""
+    trained = run_cell.trained
+    if trained is None or trained.result() is None:
+        return None
+    params = NetworkParams(weights=str(RunFolder(trained.folder).weights_file.resolve()))
+    return Weights(
+        params.weights, str(trained), weights_digest(params), run_cell.row.iterations or trained.config.iterations
+    )
 
 
 def default_cell(config: TrainingConfig, seed: int, folder: Path) -> Cell:
@@ -194,7 +222,12 @@ def run(cell: RunCell, weights: Weights, threads: int, say: Callable[[str], None
             look()
             held_out = _filmed(cell.scene, folder, threads, say)
             look()
-            settings = (*cell.settings(weights), held_out, f"network.weights={json.dumps(weights.setting)}")
+            settings = (
+                *cell.settings(weights),
+                *cell.metrics,
+                held_out,
+                f"network.weights={json.dumps(weights.setting)}",
+            )
             results, seconds = run_capture(folder, settings, threads=threads, after_each=look)
         except _Over:
             return False
@@ -204,7 +237,7 @@ def run(cell: RunCell, weights: Weights, threads: int, say: Callable[[str], None
             f"{seconds.total():.0f} s of a core, "
             + ", ".join(f"{k} {v:.4g}" for k, v in numbers.items() if k in cell.group.shown and v is not None)
         )
-        if all(c.finished(weights) for c in cell.beside):
+        if all(c.finished(weights if c.config is None else own_weights(c)) for c in cell.beside):
             shutil.rmtree(folder)
     return True
 

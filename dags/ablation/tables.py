@@ -10,16 +10,25 @@ from pathlib import Path
 from typing import Any
 
 from posegaussian.dags.ablation.cells import Cell, cell, seeds_found
-from posegaussian.dags.ablation.groups import Group, Row, groups, paper
+from posegaussian.dags.ablation.groups import (
+    DRAWN,
+    ERROR,
+    FOOTAGE,
+    PICTURES,
+    Group,
+    Row,
+    SimulatedFootage,
+    groups,
+    paper,
+)
+from posegaussian.dags.ablation.paper_form import ENOUGH, NOT_RUN, drawn, paper_form
 from posegaussian.dags.ablation.pipeline_runs import RunCell
+from posegaussian.dags.ablation.trained_runs import picture_run, ring
 from posegaussian.dags.humanize.text import number
 from posegaussian.stages.simulator.subjects.splits import FIRST_VALIDATION_SEED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.files.write import write_atomically
 
-ENOUGH = 3
-"""Seeds from which on a row may be claimed."""
-NOT_RUN = "not run"
 UNITS = {"epe": "px", "psnr": "dB", "depth": "mm", "joints": "mm", "jitter": "mm", "lag": "frames"}
 """Of measures, by their first word."""
 
@@ -72,13 +81,7 @@ def _group(
 def _footage_notes(group: Group, rows: Sequence[Mapping[str, Any]], seeds: Sequence[int]) -> list[str]:
     """On what the rows were measured, and with which weights."""
     assert group.footage is not None
-    f = group.footage
-    what = (
-        "Each seed is one simulated sequence that nothing was trained on, the seed counted from"
-        f" {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second,"
-        f" {f.size} px, 2 held-out views."
-    )
-    said = [what]
+    said = [f"{_footage_text(group.footage)}."]
     used: dict[str, list[str]] = {}
     for seed in seeds:
         of_seed = dict.fromkeys(
@@ -95,6 +98,14 @@ def _footage_notes(group: Group, rows: Sequence[Mapping[str, Any]], seeds: Seque
     ]
 
 
+def _footage_text(f: SimulatedFootage) -> str:
+    return (
+        "Each seed is one simulated sequence that nothing was trained on, the seed counted from"
+        f" {FIRST_VALIDATION_SEED}: {number(f.frames, 'frame')} at {f.frame_rate:g} a second,"
+        f" {f.size} px, 2 held-out views"
+    )
+
+
 def _found(config: TrainingConfig, group: Group, row: Row, seed: int, folder: Path) -> Cell | RunCell:
     return cell(config, row, seed, folder) if group.footage is None else RunCell(group, row, seed, folder)
 
@@ -103,12 +114,22 @@ def _seeds(
     config: TrainingConfig, group: Group, row: Row, seeds: Sequence[int], folder: Path
 ) -> dict[int, dict[str, float]]:
     """{seed: finite numbers} of what is finished."""
-    found = {seed: _found(config, group, row, seed, folder).numbers(row) for seed in seeds}
+    found = {seed: _numbers(config, group, row, seed, folder) for seed in seeds}
     return {
         seed: {k: float(v) for k, v in numbers.items() if v is not None}
         for seed, numbers in found.items()
         if numbers is not None
     }
+
+
+def _numbers(config: TrainingConfig, group: Group, row: Row, seed: int, folder: Path) -> dict[str, float | None] | None:
+    """What a cell found; of a training, with what its pictures say, as soon as they are drawn."""
+    numbers = _found(config, group, row, seed, folder).numbers(row)
+    if numbers is None or group.footage is not None:
+        return numbers
+    pictures = picture_run(config, row, seed, folder)
+    said = pictures.numbers(pictures.row) or {}
+    return {**numbers, **{name: said[name] for name in DRAWN if name in said}}
 
 
 def _row(
@@ -160,7 +181,7 @@ def _cell(
         "variant": found.variant,
         "state": state,
         "failure": failures.get(str(found)),
-        "numbers": found.numbers(row),
+        "numbers": _numbers(config, group, row, seed, folder),
         **facts,
     }
 
@@ -179,21 +200,23 @@ def page(found: Mapping[str, Any]) -> list[str]:
         f"Preset {config.preset}, {number(config.steps, 'step')} a cell ({phases}), seeds"
         f" {', '.join(map(str, found['seeds']))}. Trainings are measured on"
         f" {number(config.validation.count, 'simulated scene')} at {config.size} px that show people and motions no"
-        " training shows. Ours: mean and standard error over the seeds; `against` is the difference to the reference"
-        f" of the table, of EPE where nothing else is said, seed by seed. Fewer than {ENOUGH} seeds are no claim, and"
+        f" training shows, and their pictures on held-out views between {ring(config)} cameras:"
+        f" {_footage_text(FOOTAGE[PICTURES])}."
+        " Ours: mean and standard error over the seeds; `against` is the difference to the reference"
+        f" of the table, seed by seed. Fewer than {ENOUGH} seeds are no claim, and"
         " neither is a difference within twice its standard error."
     )
     lines = ["# Ablation", "", about]
     for group in found["groups"]:
         lines += ["", f"## {group['title']}", "", *_table(group), "", *_notes(group)]
-    return lines
+    return [*lines, *paper_form({group["name"]: group for group in found["groups"]})]
 
 
 def _table(group: Mapping[str, Any]) -> list[str]:
-    rows, alone = group["rows"], len(group["compared"]) == 1
+    rows = group["rows"]
     known = list(dict.fromkeys(name for row in rows for name in row["measures"]))
-    names = [n for n in group["shown"] if n in known] if group["shown"] else known
-    names = names or list(group["compared"])
+    names = [n for n in group["shown"] if n in known] or [ERROR]
+    alone = len(names) == 1
     sizes = len({row["parameters"] for row in rows if row["parameters"] is not None}) > 1
     reference = [f"against {group['reference']}"] if alone else []
     head = [
@@ -207,8 +230,8 @@ def _table(group: Mapping[str, Any]) -> list[str]:
     body = []
     for row in rows:
         ran = row["seeds"] > 0
-        ours = [_pm(row["measures"].get(n), "-") if ran else NOT_RUN for n in names]
-        against = [_against(row, group, group["compared"][0])] if alone else []
+        ours = [_pm(row["measures"].get(n), NOT_RUN if n in DRAWN else "-") if ran else NOT_RUN for n in names]
+        against = [_against(row, group, names[0])] if alone else []
         size = [f"{row['parameters'] / 1e6:.2f} M" if row["parameters"] is not None else NOT_RUN] if sizes else []
         body.append(
             [
@@ -222,21 +245,13 @@ def _table(group: Mapping[str, Any]) -> list[str]:
         )
     others = [row for row in rows if row["label"] != group["reference"]]
     if alone or not any(row["against_reference"] for row in others):
-        return _drawn(head, body)
+        return drawn(head, body)
     differences = [[row["label"], *(_against(row, group, n) for n in names)] for row in others]
     return [
-        *_drawn(head, body),
+        *drawn(head, body),
         "",
-        *_drawn([f"against {group['reference']}", *(_headed(n) for n in names)], differences),
+        *drawn([f"against {group['reference']}", *(_headed(n) for n in names)], differences),
     ]
-
-
-def _drawn(head: list[str], body: list[list[str]]) -> list[str]:
-    widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    drawn = [
-        "| " + " | ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)) + " |" for line in [head, *body]
-    ]
-    return [drawn[0], "| " + " | ".join("-" * w for w in widths) + " |", *drawn[1:]]
 
 
 def _against(row: Mapping[str, Any], group: Mapping[str, Any], name: str) -> str:

@@ -25,7 +25,7 @@ def ablate(
             "--only",
             help=(
                 "Groups, with commas between: fusion, pose, lambda, beta_gamma,"
-                " iterations, heads, tps, cameras. Default: all."
+                " iterations, heads, encoders, tps, cameras. Default: all."
             ),
         ),
     ] = None,
@@ -92,6 +92,20 @@ def ablate(
             ),
         ),
     ] = None,
+    pictures: Annotated[
+        bool,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="Draw held-out views with every training's weights, a run of the pipeline each, and measure them.",
+        ),
+    ] = True,
+    lpips: Annotated[
+        str | None,
+        typer.Option(
+            "--lpips",
+            help="Measure LPIPS, too, with the official AlexNet files: NETWORK,LINEAR (docs/reference/metrics.md).",
+        ),
+    ] = None,
     device: Annotated[str, typer.Option("--device", help="auto (CUDA where there is a device), cpu or cuda.")] = "auto",
     plan: Annotated[
         bool,
@@ -122,12 +136,34 @@ def ablate(
     folder = output or Path(f"ablation-{config.stem if config else 'default'}")
     names = tuple(name.strip() for name in only.split(",")) if only else ()
     order = AblationOrder(
-        settings, folder, _seeds(seeds), names, frames, minutes, threads or max(1, cores() - own), own, device, weights
+        settings,
+        folder,
+        _seeds(seeds),
+        names,
+        frames,
+        minutes,
+        threads or max(1, cores() - own),
+        own,
+        device,
+        weights,
+        pictures,
+        _two_files(lpips),
     )
     if plan:
         say(plan_lines(order))
     elif not run(order, lambda line: say([line])):
         raise typer.Exit(1)
+
+
+def _two_files(text: str | None) -> tuple[Path, Path] | None:
+    from posegaussian.storage.model.errors import ConfigError
+
+    if text is None:
+        return None
+    names = [part.strip() for part in text.split(",")]
+    if len(names) != 2:
+        raise ConfigError(f"--lpips {text}: {len(names)} of the two files NETWORK,LINEAR, with a comma between")
+    return Path(names[0]), Path(names[1])
 
 
 def _seeds(text: str) -> tuple[int, ...]:

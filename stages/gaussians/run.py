@@ -12,10 +12,12 @@ from posegaussian.stages.gaussians.learned import over_prior
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.imaging.averaging import averaged_depth, sameness
-from posegaussian.stages.network.params import NETWORK, found_depth_array
+from posegaussian.stages.network.params import NETWORK, QUATERNIONS, SINGLE_OPACITY, found_depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
 """Maps of one view, in the order they are yielded."""
+TWIST = {"gaussians/twist": 2}
+"""One more, where weights say whole rotations."""
 
 
 def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
@@ -23,12 +25,15 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
     is on, its averaged depth [F, h, w] float32 m, too.
 
     Views that are no source, and pixels without confidence, are 0 throughout. The maps' confidence is the share of the
-    learned value: 0 where the network does not run.
+    learned value: 0 where the network does not run. The twist that quaternions add is (1, 0) where nothing turns.
     """
+    channels = {**CHANNELS, **(TWIST if QUATERNIONS in inputs.facts else {})}
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
     steady = NOISE_AVERAGING in inputs.facts
     for view in range(len(inputs.rig)):
-        maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in CHANNELS.items()}
+        maps = {name: np.zeros((len(inputs.partition), c, height, width), np.float16) for name, c in channels.items()}
+        for name in TWIST.keys() & maps.keys():
+            maps[name][:, 0] = 1
         depth = np.zeros((len(inputs.partition), height, width), np.float32)
         if view in inputs.views.sources:
             depth, confidence = (_averaged if steady else _found)(inputs, view)
@@ -38,12 +43,17 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                 if NETWORK in inputs.facts
                 else None
             )
+            turned = NETWORK in inputs.facts and QUATERNIONS in inputs.facts
+            turn = inputs.read("network/turn", view) if turned else None
+            single = SINGLE_OPACITY in inputs.facts
             for i in range(len(inputs.partition)):
                 k = inputs.rig.intrinsics[view]
                 start = prior(depth[i], confidence[i], mask[i], k, params)
-                found = start if said is None else over_prior(start, said[0][i], said[1][i], k)
-                # the prior alone has no share of the learned value
-                for name, data in zip(CHANNELS, found, strict=False):
+                found: tuple[np.ndarray, ...] = start
+                if said is not None:
+                    found = over_prior(start, said[0][i], said[1][i], k, None if turn is None else turn[i], single)
+                # the prior alone has neither a share of the learned value nor a twist
+                for name, data in zip(channels, found, strict=False):
                     maps[name][i] = data
         for name, data in maps.items():
             yield Block(name, data, view)
@@ -114,11 +124,11 @@ def check(block: Block, params: GaussiansParams) -> list[str]:
     where = f"{block.array} of view {block.view}"
     if not np.isfinite(data).all():
         raise ValueError(f"{where}: {int((~np.isfinite(data)).sum())} values are not finite; every Gaussian must be")
-    if block.array == "gaussians/rotation":
+    if block.array in ("gaussians/rotation", *TWIST):
         length = np.sqrt((data.astype(np.float32) ** 2).sum(axis=1))
         off = np.abs(length[length > 0] - 1)
         if off.size and off.max() > 5e-3:  # three float16 components, each within 5e-4 of its value
-            raise ValueError(f"{where}: a normal of length {1 + off.max():.4f}, bound 1 ± 0.005")
+            raise ValueError(f"{where}: a direction of length {1 + off.max():.4f}, bound 1 ± 0.005")
     if block.array == "gaussians/scale" and data.min(initial=0) < 0:
         raise ValueError(f"{where}: a scale of {data.min():g} m, bound 0 m")
     if block.array == "gaussians/opacity" and (data.min(initial=0) < 0 or data.max(initial=0) > 1):

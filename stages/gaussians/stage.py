@@ -7,7 +7,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING, UNREST
 from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.network.params import NETWORK, found_depth_reads
+from posegaussian.stages.network.params import NETWORK, QUATERNIONS, found_depth_reads
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -36,6 +36,7 @@ STAGE = Stage(
     reads=(
         *found_depth_reads(halo),
         Read("network/numbers", when=lambda p, f: NETWORK in f),
+        Read("network/turn", when=lambda p, f: NETWORK in f and QUATERNIONS in f),
         Read("network/confidence", when=lambda p, f: NETWORK in f),
         Read("depth/confidence", halo=halo),
         Read("frames/mask"),
@@ -66,6 +67,15 @@ STAGE = Stage(
             "1",
             "Unit normal in camera axes, facing the camera; it is the Gaussian's third axis.",
             keep="until_done",
+        ),
+        ArraySpec(
+            "gaussians/twist",
+            ("frame", "view", "turn", "y", "x"),
+            "float16",
+            "1",
+            "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
+            keep="until_done",
+            when=QUATERNIONS,
         ),
         ArraySpec(
             "gaussians/opacity",

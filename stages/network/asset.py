@@ -12,7 +12,8 @@ from typing import Any
 from posegaussian.stages.contract.declaration import Asset
 from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped
 from posegaussian.stages.network.choice import settled
-from posegaussian.stages.network.params import AUTO, NETWORK, NONE, NetworkParams
+from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, SINGLE_OPACITY, NetworkParams
 from posegaussian.storage.model.capture import SourceFile
 from posegaussian.storage.model.errors import ConfigError
 
@@ -45,6 +46,16 @@ def _card(file: Path, stamp: int) -> Card:
     return read_card(file)
 
 
+def kinds_of_heads(params: NetworkParams) -> list[str]:
+    """Facts on what the heads say; none of weights that ship, which have a normal and two opacities.
+    Raises ConfigError, and WeightsError for a file without a card."""
+    if params.weights in (AUTO, NONE, *shipped()):
+        return []
+    preset = Preset.from_json(card_of(params).network)
+    kinds = {QUATERNIONS: preset.rotation_head == "quaternion", SINGLE_OPACITY: preset.opacity_head == "single"}
+    return [name for name, holds in kinds.items() if holds]
+
+
 def notes(params: NetworkParams) -> list[str]:
     """Sentences for the plan: what is asked of the weights that they were not trained for."""
     trained = card_of(params).iterations
@@ -69,18 +80,12 @@ def _made(file: Path, stamp: int) -> Any:
     import torch
 
     from posegaussian.stages.network.model.network import PoseGaussianNetwork
-    from posegaussian.stages.network.model.presets import Preset
     from posegaussian.stages.network.weights import load_weights
 
     try:
         preset = Preset.from_json(read_card(file).network)
     except ValueError as e:
         raise WeightsError(f"{file}: {e}; the card was changed, fetch the file again") from e
-    if (preset.rotation_head, preset.opacity_head) != ("normal", "facing"):
-        raise ConfigError(
-            f"{file} has the heads {preset.rotation_head} and {preset.opacity_head}, made for comparisons; the archive"
-            " holds normals and two opacities: use weights of the heads normal and facing"
-        )
     network = PoseGaussianNetwork(preset)
     load_weights(file, network)
     for p in network.eval().requires_grad_(False).parameters():

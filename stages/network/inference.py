@@ -40,7 +40,7 @@ such as lie in them."""
 HEADS = ("scale", "rotation", "opacity")
 """In the order of the channels of `network/numbers`."""
 NUMBERS = 8
-"""Their channels."""
+"""Channels of `network/numbers`."""
 SEEN = 0.5
 """Share of a pixel's surroundings in the rectified window that must have a start."""
 FURTHEST = 0.25
@@ -56,7 +56,7 @@ class Learned:
     confidence: np.ndarray
     """[h, w] float32 share of the learned value."""
     numbers: np.ndarray
-    """[8, h, w] float32 of the heads."""
+    """[n, h, w] float32 of the heads, as many as the network's have."""
 
 
 @dataclass(frozen=True, eq=False)

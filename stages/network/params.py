@@ -11,6 +11,10 @@ from posegaussian.stages.frames.facts import NOISE_AVERAGING
 
 NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
+QUATERNIONS = fact("quaternions")
+"""The weights' rotation head says a whole rotation, so that Gaussians have a twist about their normal."""
+SINGLE_OPACITY = fact("single_opacity")
+"""The weights' opacity head says one opacity, the same from everywhere."""
 AUTO, NONE = "auto", "none"
 """In place of the name of weights: those that suit the capture, and no network."""
 Halo = tuple[int, int] | Callable[[Any, Facts], tuple[int, int]]

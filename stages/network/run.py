@@ -12,7 +12,8 @@ from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
-from posegaussian.stages.network.params import NetworkParams
+from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.params import QUATERNIONS, NetworkParams
 from posegaussian.stages.network.precision import precision_of
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
@@ -23,8 +24,8 @@ SURE = 0.1
 
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
-    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view; views that are
-    not sources get zeros.
+    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view, and
+    `network/turn` of quaternions; views that are not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
@@ -36,6 +37,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
     confidence = {v: np.zeros(shape, np.float16) for v in read}
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
+    turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in read}
 
     @cache
     def looks(valid: tuple[int, ...]) -> Looks:
@@ -48,13 +50,26 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         for v, learned in _learned(inputs, network, params, looks, shown).items():
             with inputs.timed("pulling back"):
                 depth[v][f] = refined(depth[v][f], learned)
-            confidence[v][f], numbers[v][f] = learned.confidence, np.clip(learned.numbers, -6e4, 6e4)
+            confidence[v][f] = learned.confidence
+            numbers[v][f], turn[v][f] = stored(learned.numbers, network.preset)
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
         share = _share(depth[v], confidence[v]) if v in read else np.zeros((shape[0], 1), np.float32)
         yield Block("network/share", share, v, notes=_note(share) if v in read else ())
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
+        if QUATERNIONS in inputs.facts:
+            yield Block("network/turn", turn.get(v, np.zeros((shape[0], 1, *shape[1:]), np.float16)), v)
+
+
+def stored(said: np.ndarray, preset: Preset) -> tuple[np.ndarray, np.ndarray]:
+    """`network/numbers` [8, h, w] and `network/turn` [1, h, w] of what the heads say [n, h, w]: scale (3), rotation
+    (3, or 4 of a quaternion, whose first is the turn), opacity (2, or 1)."""
+    said, first = np.clip(said, -6e4, 6e4), 3 + (preset.rotation_head == "quaternion")
+    numbers = np.zeros((NUMBERS, *said.shape[1:]), said.dtype)
+    numbers[:3], rest = said[:3], said[first:]
+    numbers[3 : 3 + len(rest)] = rest
+    return numbers, said[3:4] if first == 4 else np.zeros_like(said[:1])
 
 
 def _learned(
@@ -137,6 +152,7 @@ def check(block: Block, params: NetworkParams) -> list[str]:
         "network/confidence": (0.0, 1.0),
         "network/share": (0.0, 1.0),
         "network/numbers": (-65504.0, 65504.0),
+        "network/turn": (-65504.0, 65504.0),
     }[block.array]
     wrong = ~(np.isfinite(data) & (data >= low) & (data <= high))
     if wrong.any():

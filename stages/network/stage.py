@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, JOINTS3D, SINGLE_SOURCE, Facts
-from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of, kinds_of_heads
 from posegaussian.stages.network.asset import notes as weights_notes
 from posegaussian.stages.network.choice import WEIGHTS, settled
 from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import AUTO, NETWORK, NONE, NetworkParams
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, NetworkParams
 from posegaussian.stages.network.precision import PRECISION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -87,8 +87,17 @@ STAGE = Stage(
             "float16",
             "1",
             "What the heads of scale (3), rotation (3) and opacity (2) say; `posegaussian.stages.network.model.heads`"
-            " gives it its meaning.",
+            " gives it its meaning. Of a quaternion it has the last three, of a single opacity that one and 0.",
             keep="until_done",
+        ),
+        ArraySpec(
+            "network/turn",
+            ("frame", "view", "one", "y", "x"),
+            "float16",
+            "1",
+            "What a rotation head of quaternions says first.",
+            keep="until_done",
+            when=QUATERNIONS,
         ),
     ),
     over=("sequence", "time"),
@@ -100,4 +109,5 @@ STAGE = Stage(
     notes=lambda evidence: weights_notes(settled(evidence.params, evidence.facts)),
     assets=(TRAINED, SHIPPED_NETWORKS),
     choices=(WEIGHTS, PRECISION),
+    facts=lambda capture, views, params, facts: kinds_of_heads(params),
 )

@@ -58,6 +58,7 @@ class ViewGaussians:
         depth, opacity = (torch.as_tensor(np.asarray(m, np.float32)) for m in (maps.depth, maps.opacity))
         self.pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
         (self.z,) = self.pixels.at(depth[None])
+        self.twist = None if maps.twist is None else self.pixels.at(maps.twist)
         self.footprint = self.z * float(2 / (intrinsics[0, 0] + intrinsics[1, 1]))
         self.base: dict[str, torch.Tensor] = {
             "color": self.pixels.colors(maps.color).T.contiguous(),
@@ -79,7 +80,8 @@ class ViewGaussians:
     def gaussians(self) -> Gaussians:
         """In the world, the same from all sides, differentiable in the offsets."""
         depth, normal, scale, opacity, color = self._values()
-        return self.pixels.lift(depth, normal.unbind(0), scale.T, opacity.T.expand(-1, 2), color.T).from_all_sides()
+        faces = opacity.T.expand(-1, 2)
+        return self.pixels.lift(depth, normal.unbind(0), scale.T, faces, color.T, self.twist).from_all_sides()
 
     def _values(self) -> tuple[torch.Tensor, ...]:
         """Depth [N] m, normal [3, N] of any length, scale [3, N] m, opacity [1, N], color [3, N]."""
@@ -158,7 +160,7 @@ class ViewGaussians:
             (opacities, opacity),
         ):
             target[:, rows, columns] = values[:, good]
-        return GaussianMaps(colors, depths, scales, normals, opacities)
+        return GaussianMaps(colors, depths, scales, normals, opacities, given.twist)
 
 
 def _logit(p: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
-from posegaussian.stages.network.params import depth_reads
+from posegaussian.stages.network.params import QUATERNIONS, depth_reads
 from posegaussian.stages.refinement.params import RefinementParams, halo
-from posegaussian.stages.rendering.sources import REFINEMENT
+from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -42,6 +42,7 @@ STAGE = Stage(
             Read(name, halo=halo)
             for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
         ),
+        Read(TWIST, halo=halo, when=lambda p, f: QUATERNIONS in f),
         *depth_reads(halo),
     ),
     writes=(

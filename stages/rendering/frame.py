@@ -25,10 +25,10 @@ from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import (
-    REFINED,
     angles_at,
     choose,
     left_out,
+    refined_arrays,
     refined_shares,
     unrefined_arrays,
 )
@@ -62,7 +62,7 @@ class MapReader:
         """Maps of the i-th frame of the partition, before or after refinement, and the view's intrinsics [3, 3] and
         pose [4, 4]."""
         if (view, refined) not in self._maps:
-            names = REFINED if refined else unrefined_arrays(self.inputs.facts)
+            names = (refined_arrays if refined else unrefined_arrays)(self.inputs.facts)
             self._maps[view, refined] = tuple(self.inputs.read(name, view) for name in names)
         return (
             GaussianMaps(*(a[i] for a in self._maps[view, refined])),

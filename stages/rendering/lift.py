@@ -14,6 +14,7 @@ from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 from posegaussian.storage.model.cameras import points_from_integer_centres
 
 Values: TypeAlias = np.ndarray | torch.Tensor
+Axis: TypeAlias = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,7 @@ class GaussianMaps:
     scale: Values  # [3, h, w] float16, metres
     normal: Values  # [3, h, w] float16, camera axes
     opacity: Values  # [2, h, w] float16, face-on and grazing
+    twist: Values | None = None  # [2, h, w] float16, cosine and sine of the turn about the normal; None: no turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,16 +110,16 @@ class Pixels:
         scale: torch.Tensor,
         faces: torch.Tensor,
         color: torch.Tensor,
+        twist: Sequence[torch.Tensor] | None = None,
     ) -> Lifted:
         """Gaussians of values at the pixels: depth [N] m, normal 3 x [N] of any length in camera axes, scale [N, 3]
-        m, faces [N, 2], color [N, 3]."""
+        m, faces [N, 2], color [N, 3], twist 2 x [N] of any length."""
         axis = _unit(*normal)
         mean = _to_world(
             self.pose, (self.x * depth - self.pose[0][3], self.y * depth - self.pose[1][3], depth - self.pose[2][3])
         )
-        rotation = torch.stack(
-            [_to_world(self.pose, v) for v in (*tangents(*axis), axis)], dim=2
-        )  # [N, 3 world, 3 axes]
+        across = tangents(*axis) if twist is None else _turned(tangents(*axis), *twist)
+        rotation = torch.stack([_to_world(self.pose, v) for v in (*across, axis)], dim=2)  # [N, 3 world, 3 axes]
         return Lifted(mean, rotation, scale, faces, color, self.masked)
 
 
@@ -127,10 +129,10 @@ def lift(
     """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
 
     Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
-    it without twist. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. Pixels whose depth is not
-    finite, or whose opacity is no number, make no Gaussian and are counted; the rasterizer masks what else is not
-    finite. Nothing but sums, products, quotients and square roots of single elements is taken, so the result does not
-    depend on the number of threads.
+    it, turned by the twist where there is one. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4].
+    Pixels whose depth is not finite, or whose opacity is no number, make no Gaussian and are counted; the rasterizer
+    masks what else is not finite. Nothing but sums, products, quotients and square roots of single elements is taken,
+    so the result does not depend on the number of threads.
     """
     depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
     pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
@@ -141,7 +143,20 @@ def lift(
         torch.stack(pixels.at(maps.scale), dim=1),
         torch.stack(pixels.at(opacity), dim=1),
         pixels.colors(maps.color),
+        None if maps.twist is None else pixels.at(maps.twist),
     )
+
+
+def _turned(across: tuple[Axis, Axis], cosine: torch.Tensor, sine: torch.Tensor) -> tuple[Axis, Axis]:
+    """Two tangents turned about the normal, from the first towards the second; where the turn has no length, as they
+    are."""
+    squared = cosine * cosine + sine * sine
+    none = squared == 0
+    length = torch.sqrt(torch.where(none, 1.0, squared))
+    c, s = torch.where(none, 1.0, cosine / length), sine / length
+    (ax, ay, az), (bx, by, bz) = across
+    first = c * ax + s * bx, c * ay + s * by, c * az + s * bz
+    return first, (c * bx - s * ax, c * by - s * ay, c * bz - s * az)
 
 
 def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -6,12 +6,14 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Inputs
-from posegaussian.stages.network.params import depth_array
+from posegaussian.stages.network.params import QUATERNIONS, depth_array
 
 REFINEMENT = fact("refinement")
 """Name of the refinement stage, and the fact that it is needed."""
 OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 """Beside picture and depth, what the Gaussians of a view are lifted from."""
+TWIST = "gaussians/twist"
+"""And this, where weights say whole rotations."""
 REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
 """What they are lifted from after refinement."""
 OUTCOME = "refinement/outcome"
@@ -21,12 +23,22 @@ OUTCOME = "refinement/outcome"
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
     """What the Gaussians of a view are lifted from before refinement, in the order
     `posegaussian.stages.rendering.lift.GaussianMaps` takes it."""
-    return ("frames/color", depth_array(facts), *OF_GAUSSIANS)
+    return ("frames/color", depth_array(facts), *OF_GAUSSIANS, *twist_arrays(facts))
+
+
+def refined_arrays(facts: Facts) -> tuple[str, ...]:
+    """The same after refinement, which leaves a twist as it is."""
+    return (*REFINED, *twist_arrays(facts))
+
+
+def twist_arrays(facts: Facts) -> tuple[str, ...]:
+    """The Gaussians' twist, where there is one."""
+    return (TWIST,) if QUATERNIONS in facts else ()
 
 
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
-    return REFINED if REFINEMENT in facts else unrefined_arrays(facts)
+    return refined_arrays(facts) if REFINEMENT in facts else unrefined_arrays(facts)
 
 
 def refined_shares(inputs: Inputs) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
-from posegaussian.stages.network.params import depth_reads
+from posegaussian.stages.network.params import QUATERNIONS, depth_reads
 from posegaussian.stages.rendering.effects import (
     ANTI_ALIASING,
     HOLE_FILLING,
@@ -15,7 +15,7 @@ from posegaussian.stages.rendering.effects import (
 )
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
-from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT
+from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 OF_MASKS = (SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
@@ -52,6 +52,7 @@ STAGE = Stage(
     check="posegaussian.stages.rendering.run:check",
     reads=(
         *(Read(name) for name in ("frames/color", *OF_GAUSSIANS)),
+        Read(TWIST, when=lambda p, f: QUATERNIONS in f),
         *depth_reads(),
         *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
         Read(

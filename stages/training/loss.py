@@ -13,7 +13,7 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import rays
 from posegaussian.stages.gaussians.run import prior
 from posegaussian.stages.network.losses import PoseFusion, masked_mean, render_loss, sequence_loss
-from posegaussian.stages.network.model.heads import HeadMaps, Prior, blend, learned, limited, normal_of
+from posegaussian.stages.network.model.heads import HeadMaps, Prior, blend, learned, limited, normal_of, twist_of
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction
 from posegaussian.stages.network.model.pairs import PairViews
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
@@ -145,8 +145,14 @@ def gaussian_maps(
     # a probability learns from what came true, not from pictures
     numbers["confidence"] = numbers["confidence"].detach()
     blended: HeadMaps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
+    turn = blended.rotation
     return GaussianMaps(
-        example.picture[which], depth[0, 0], blended.scale[0], normal_of(blended.rotation)[0], blended.opacity[0]
+        example.picture[which],
+        depth[0, 0],
+        blended.scale[0],
+        normal_of(turn)[0],
+        blended.opacity[0],
+        twist_of(turn)[0] if turn.shape[1] == 4 else None,
     )
 
 

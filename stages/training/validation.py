@@ -33,7 +33,8 @@ def measures(
     """Over two whole pairs of each frame, from true px and confidences.
 
     epe: mean error in px with the most iterations, by kind of start: matched (`epe`, and `epe T=1`), hull, truth, and
-    reliefs of views alone; `start` is that of the start itself. confidence: its mean over matched starts, where the
+    reliefs of views alone; `start` is that of the start itself. 1px: share of the pixels of matched starts that come
+    out less than `RIGHT` px off. confidence: its mean over matched starts, where the
     result is `RIGHT`, over true depth, where the second picture is moved by `ASTRAY` px, and on a thing that is no
     person. calibration error: mean distance, over matched, hull and true starts, of the confidence in a bin from the
     share of its pixels in which the learned value beats the start's.
@@ -71,6 +72,7 @@ def measures(
                     note(f"{name} T={half}", look(example, half)[0].disparity, batch)
                 if kind == "matched":
                     right = batch.valid & (error < RIGHT)
+                    found["1px"].append(float(right.sum() / batch.valid.sum()))
                     found["confidence right"].append(float(prediction.confidence[right].mean()))
             if config.single > 0:
                 prediction, batch = look(whole_alone(frame, row, config), most)

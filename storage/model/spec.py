@@ -23,6 +23,7 @@ FIXED_DIMS = {
     "xyzs": 4,
     "axis": 3,
     "faces": 2,
+    "turn": 2,
     "one": 1,
     "coco17": 17,
     "motion": 3,

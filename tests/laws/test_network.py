@@ -23,7 +23,9 @@ from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.training.weights import save_weights
 from posegaussian.stages.network.card import Card
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
-from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.stages.network.model.presets import PRESETS, Preset
+from posegaussian.stages.network.params import QUATERNIONS, SINGLE_OPACITY
+from posegaussian.stages.rendering.sources import map_arrays, unrefined_arrays
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.model.errors import ConfigError
@@ -32,10 +34,10 @@ from tests.support.pipeline import NAME, Pipeline, assert_same_content, content,
 FRAMES = "frames.range=0:2"
 
 
-def weights(file: Path, seed: int = 0, confidence: float | None = None) -> Path:
+def weights(file: Path, seed: int = 0, confidence: float | None = None, preset: Preset = PRESETS["fast"]) -> Path:
     """Random weights that do say something; with `confidence`, its number everywhere."""
     torch.manual_seed(seed)
-    network = PoseGaussianNetwork(PRESETS["fast"])
+    network = PoseGaussianNetwork(preset)
     with torch.no_grad():
         for p in network.last_layers():
             p.add_(0.05 * torch.randn_like(p))
@@ -46,7 +48,7 @@ def weights(file: Path, seed: int = 0, confidence: float | None = None) -> Path:
     save_weights(
         file,
         network.state_dict(),
-        Card("random", "fast", PRESETS["fast"].as_json(), 3, "none", "none", 0.0, "none", (("a",),)),
+        Card("random", "fast", preset.as_json(), 3, "none", "none", 0.0, "none", (("a",),)),
     )
     return file
 
@@ -229,3 +231,27 @@ def test_more_iterations_than_were_trained_are_told_and_missing_weights_refused(
     assert any("was trained with 1 to 3" in n for n in more.plan().notes)
     with pytest.raises(ConfigError, match=r"nowhere\.safetensors.*neither weights that ship"):
         plain.with_settings("network.weights=nowhere.safetensors").plan()
+
+
+def test_weights_of_quaternions_and_a_single_opacity_run_and_their_twist_is_kept(
+    person_folder: Path, tmp_path: Path
+) -> None:
+    """To the pictures and through refinement; weights of normals leave no trace of it."""
+    preset = replace(PRESETS["fast"], rotation_head="quaternion", opacity_head="single", normalisation="batch")
+    own = weights(tmp_path / "quaternions.safetensors", preset=preset)
+    settings = (f"network.weights={own}", "frames.range=0:1", "refinement.steps=2", "keep={gaussians/twist: always}")
+    p = run(person_folder, tmp_path / "archive", *settings)
+    results = Results(p.context())
+    view = results.context.views.sources[0]
+    twist = results.read("gaussians/twist", range(1), view)[0].astype(np.float32)
+    np.testing.assert_allclose((twist**2).sum(axis=0), 1, atol=3e-3)  # of two float16
+    surface = results.read("network/depth", range(1), view)[0] > 0
+    assert (np.abs(twist[1][surface]) > 0.01).mean() > 0.5
+    for arrays in (unrefined_arrays(results.context.facts), map_arrays(results.context.facts)):
+        assert arrays[-1] == "gaussians/twist"
+    assert results.has("refinement/rotation")
+
+
+def test_weights_of_normals_leave_no_trace_of_a_twist(learned: Pipeline) -> None:
+    assert not learned.context().facts & {QUATERNIONS, SINGLE_OPACITY}
+    assert not any(Results(learned.context()).has(a) for a in ("gaussians/twist", "network/turn"))

@@ -145,6 +145,20 @@ def normal_of(rotation: torch.Tensor) -> torch.Tensor:
     return torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], dim=1)
 
 
+def twist_of(rotation: torch.Tensor) -> torch.Tensor:
+    """[B, 2, h, w] cosine and sine of the turn about `normal_of` a unit quaternion [B, 4, h, w] that takes the tangents
+    that follow from the normal to the Gaussian's first two axes; (1, 0) where there is no rotation.
+
+    The first axis in the frame of the tangents, by products alone: nothing is lost at half a turn, as of an angle.
+    """
+    w, x, y, z = rotation.unbind(dim=1)
+    first = (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y))
+    there = (rotation != 0).any(dim=1)
+    frame = tangents(*_standing(normal_of(rotation))[0].unbind(dim=1))
+    cosine, sine = (a[0] * first[0] + a[1] * first[1] + a[2] * first[2] for a in frame)
+    return torch.stack([torch.where(there, cosine, 1), torch.where(there, sine, 0)], dim=1)
+
+
 def learned_quaternion(x: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
     """[B, 4, h, w] unit: the prior's rotation times the one of (growth(x0), x1, x2, x3), which is under half a turn
     and never 0."""

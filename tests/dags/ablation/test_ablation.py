@@ -42,7 +42,9 @@ def _surroundings() -> Iterator[None]:
 
 def run(folder: Path, **more: Any) -> list[str]:
     said: list[str] = []
-    order = AblationOrder(**{"config": CONFIG, "folder": folder, "seeds": (0,), "workers": 0, "device": "cpu", **more})
+    order = AblationOrder(
+        **{"config": CONFIG, "folder": folder, "seeds": (0,), "workers": 0, "device": "cpu", "pictures": False, **more}
+    )
     ablate(order, said.append, PARTS)
     return said
 
@@ -65,7 +67,17 @@ def posed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_row_is_a_training_that_can_be_and_the_reference_is_one_of_them() -> None:
-    assert list(EVERY) == ["fusion", "pose", "lambda", "beta_gamma", "iterations", "heads", "tps", "cameras"]
+    assert list(EVERY) == [
+        "fusion",
+        "pose",
+        "lambda",
+        "beta_gamma",
+        "iterations",
+        "heads",
+        "encoders",
+        "tps",
+        "cameras",
+    ]
     for group in EVERY.values():
         assert group.row(group.reference)
         assert group.comparable.endswith(".")
@@ -73,6 +85,13 @@ def test_every_row_is_a_training_that_can_be_and_the_reference_is_one_of_them() 
             cell(CONFIG, row, 0, Path()).config.network()
     assert [r.iterations for r in EVERY["iterations"].rows] == [1, 2, 3]
     assert len(EVERY["fusion"].rows) == 7
+
+
+def test_each_variant_of_the_encoders_changes_one_thing_and_is_another_network() -> None:
+    shapes = [cell(CONFIG, row, 0, Path()).config.network() for row in EVERY["encoders"].rows]
+    assert shapes[0] == CONFIG.network()
+    changed = [{k for k, v in vars(s).items() if v != vars(shapes[0])[k]} for s in shapes[1:]]
+    assert changed == [{"normalisation"}, {"residual"}, {"downsampling"}]
 
 
 def test_the_paper_speaks_of_rows_that_there_are() -> None:
@@ -85,7 +104,7 @@ def test_the_paper_speaks_of_rows_that_there_are() -> None:
 def test_what_is_equal_is_one_cell_and_the_cheapest_table_comes_first(tmp_path: Path) -> None:
     order = in_order(CONFIG, tuple(EVERY.values()), (0, 1), tmp_path)
     names = [(c.variant, c.config.seed) for c in order]
-    assert len(set(names)) == len(names) == 2 * (1 + 2 + 3 + 3 + 3 + 6)
+    assert len(set(names)) == len(names) == 2 * (1 + 2 + 3 + 3 + 3 + 3 + 6)
     assert names[:3] == [(PLAIN, 0), (PLAIN, 1), ("rotation_head=quaternion", 0)]
     assert names[-1] == ("fusion=outer", 1)
     assert names.index(("pose_in=none", 0)) < names.index(("fusion=attention", 0))
@@ -189,7 +208,7 @@ def test_a_cell_that_fails_is_said_and_the_others_go_on(tmp_path: Path) -> None:
     blocked = tmp_path / "cells" / PLAIN / "seed-0"
     (blocked / "checkpoints" / "00000003").mkdir(parents=True)  # of another training: nothing in it can be read
     said: list[str] = []
-    order = AblationOrder(CONFIG, tmp_path, (0,), ("heads",), workers=0, device="cpu")
+    order = AblationOrder(CONFIG, tmp_path, (0,), ("heads",), workers=0, device="cpu", pictures=False)
     assert ablate(order, said.append, PARTS) is False
     assert any(line.startswith(f"{PLAIN}, seed 0: ") for line in said)
     assert len(cells(tmp_path)) == 2
@@ -240,8 +259,8 @@ def test_a_page_without_any_training_says_not_run_everywhere_and_what_is_compara
 
 def test_the_page_marks_what_is_no_claim(posed: Path) -> None:
     found = report(CONFIG, posed, [0, 1], {})
-    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 3, (
-        "the default stands in three tables more"
+    assert sum("2, no claim" in line for line in page(found)) == len(EVERY["pose"].rows) + 4, (
+        "the default stands in four tables more"
     )
 
 
@@ -271,5 +290,6 @@ def test_unknown_groups_and_seeds_are_refused_and_a_plan_loads_no_torch(tmp_path
     assert done.returncode == 0, done.stderr
     assert "fusion=outer, seed 4: not run" in done.stdout
     assert "tps=adaptive, seed 4: not run, with weights fast" in done.stdout
-    assert "7 trainings of 60 steps and 4 runs to do, 0 done" in done.stdout
+    assert "pictures=fusion=outer, seed 4: not run, after its training" in done.stdout
+    assert "7 trainings of 60 steps and 11 runs to do, 0 done" in done.stdout
     assert not list(tmp_path.iterdir())

@@ -17,7 +17,7 @@ import pytest
 from posegaussian.dags.ablation.cells import take
 from posegaussian.dags.ablation.driver import AblationOrder, ablate, plan_lines
 from posegaussian.dags.ablation.groups import FOOTAGE, SimulatedFootage, groups
-from posegaussian.dags.ablation.measures import _pictures
+from posegaussian.dags.ablation.measures import pictures
 from posegaussian.dags.ablation.pipeline_runs import RunCell, Weights, run, runs_in_order, weights_of
 from posegaussian.dags.ablation.tables import page, report
 from posegaussian.stages.network.card import SHIPPED
@@ -172,8 +172,6 @@ def test_weights_are_those_named_else_the_trained_default_else_what_ships(tmp_pa
     found = weights_of(None, CONFIG, 0, tmp_path)
     assert (Path(found.setting), found.name) == (trained / "weights.safetensors", "default, seed 0")
     assert weights_of(None, CONFIG, 1, tmp_path).setting == "fast"
-    other = CONFIG.model_copy(update={"rotation_head": "quaternion"})
-    assert weights_of(None, other, 0, tmp_path).setting == "fast", "the pipeline cannot draw a quaternion's Gaussians"
     named = tmp_path / "mine.safetensors"
     shutil.copy(SHIPPED / "fast.safetensors", named)
     assert weights_of(str(named), CONFIG, 0, tmp_path).setting == str(named)
@@ -185,7 +183,9 @@ def test_weights_are_those_named_else_the_trained_default_else_what_ships(tmp_pa
 def test_there_is_one_sequence_a_seed_and_no_more(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--seeds 1000: there are 1000 sequences for validation"):
         plan_lines(AblationOrder(CONFIG, tmp_path, (1000,), ("cameras",)))
-    assert plan_lines(AblationOrder(CONFIG, tmp_path, (1000,), ("heads",)))
+    with pytest.raises(ConfigError, match="--no-pictures"):
+        plan_lines(AblationOrder(CONFIG, tmp_path, (1000,), ("heads",)))
+    assert plan_lines(AblationOrder(CONFIG, tmp_path, (1000,), ("heads",), pictures=False))
     assert [c.scene.seed for c in runs_in_order([group("cameras")], (0, 5), tmp_path)] == [8000, 8000, 8005, 8005]
 
 
@@ -247,7 +247,7 @@ def test_the_change_of_ssim_is_taken_over_each_cameras_frames() -> None:
     results = SimpleNamespace(
         context=SimpleNamespace(paths={path.name: path}), table=lambda template, name: list(rows())
     )
-    found = _pictures(results)  # type: ignore[arg-type]
+    found = pictures(results)  # type: ignore[arg-type]
     assert found == pytest.approx(
         {"psnr box": 20.35, "change of ssim": 0.35, "its deviation": 0.05}
     )  # deviations 0.1 and 0

@@ -69,3 +69,29 @@ def test_a_share_of_the_learned_value_is_a_share_of_the_change() -> None:
         np.testing.assert_allclose(half[k] - p[k], (full[k] - p[k]) / 2, atol=1e-6)
     length = np.sqrt((half[1] ** 2).sum(axis=0))
     np.testing.assert_allclose(length[p[2][0] > 0], 1, rtol=1e-5)
+
+
+def test_a_quaternion_of_no_turn_is_the_prior_and_one_about_the_normal_leaves_it() -> None:
+    p, everywhere = picture(), np.ones(SHAPE, np.float16)
+    none, turn = numbers(0.0), np.zeros((1, *SHAPE), np.float16)
+    scale, normal, opacity, _, twist = over_prior(p, none, everywhere, K, turn)
+    for ours, theirs in zip((scale, normal, opacity), p, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=2e-6, atol=4e-7)
+    np.testing.assert_allclose(twist, np.broadcast_to([[[1]], [[0]]], twist.shape), atol=1e-6)
+    said = numbers(0.0)
+    said[5] = 1.5  # k, the Gaussian's own third axis
+    _, normal, _, _, twist = over_prior(p, said, everywhere, K, turn)
+    np.testing.assert_allclose(normal, p[1], atol=1e-6)
+    surface = p[2][0] > 0
+    half = np.arctan(1.5 / (1 + 1.5 / 6))  # growth of 0 is 1, a number is limited by 6
+    np.testing.assert_allclose(twist[0][surface], np.cos(2 * half), atol=1e-5)
+    np.testing.assert_allclose(twist[1][surface], np.sin(2 * half), atol=1e-5)
+    np.testing.assert_array_equal(twist[:, ~surface], np.broadcast_to([[1], [0]], (2, (~surface).sum())))
+
+
+def test_a_single_opacity_is_the_same_from_everywhere() -> None:
+    p, said = picture(), numbers(0.0)
+    said[6] = 0.7
+    opacity = over_prior(p, said, np.ones(SHAPE, np.float16), K, None, True)[2]
+    np.testing.assert_array_equal(opacity[0], opacity[1])
+    assert (opacity[0][p[2][0] > 0] > p[2][0][p[2][0] > 0]).all()

@@ -2,6 +2,7 @@
 frames by themselves, and frames that a camera missed."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Views
 from posegaussian.stages.network.choice import PICKED
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.stages.network.params import NetworkParams
-from posegaussian.stages.network.run import check
+from posegaussian.stages.network.run import check, stored
 from posegaussian.stages.network.stage import STAGE, unneeded
 from posegaussian.storage.model.cameras import Rig
 from tests.support.memory_inputs import MemoryInputs, run_stage
@@ -194,3 +196,19 @@ def test_check_names_what_is_impossible() -> None:
     ):
         with pytest.raises(ValueError, match=f"network/{array} of view 2: 1 values"):
             check(Block(f"network/{array}", np.array([0.0, value]), 2), NetworkParams())
+
+
+@pytest.mark.parametrize("rotation", ["normal", "quaternion"])
+@pytest.mark.parametrize("opacity", ["facing", "single"])
+def test_what_heads_say_has_its_place_whatever_their_kind(rotation: str, opacity: str) -> None:
+    preset = replace(PRESETS["fast"], rotation_head=rotation, opacity_head=opacity)
+    counts = {"scale": 3, "rotation": 4 if rotation == "quaternion" else 3, "opacity": 1 if opacity == "single" else 2}
+    said = np.concatenate(
+        [np.full((n, 2, 2), 10 * i + np.arange(n)[:, None, None]) for i, n in enumerate(counts.values())]
+    )
+    numbers, turn = stored(said, preset)
+    assert numbers[:3, 0, 0].tolist() == [0, 1, 2]
+    first = rotation == "quaternion"
+    assert numbers[3:6, 0, 0].tolist() == [10 + first, 11 + first, 12 + first]
+    assert numbers[6:, 0, 0].tolist() == [20, 0 if opacity == "single" else 21]
+    assert turn[0, 0, 0] == (10 if first else 0)

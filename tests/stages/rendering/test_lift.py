@@ -1,9 +1,12 @@
 """Lifting: positions at pixel centres, axes in the world, opacity by the angle it is seen at."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from posegaussian.stages.network.model.heads import learned_quaternion, normal_of, twist_of
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import rigid
@@ -48,6 +51,38 @@ def test_axes_are_rotations_whose_third_is_the_normal() -> None:
     np.testing.assert_allclose(r.transpose(0, 2, 1) @ r, np.broadcast_to(np.eye(3), r.shape), atol=1e-12)
     n = np.array([0.5, -0.3, -0.8], np.float16).astype(float)
     np.testing.assert_allclose(r[0, :, 2], pose()[:3, :3].T @ (n / np.linalg.norm(n)), atol=1e-12)
+
+
+def test_normal_and_twist_of_a_quaternion_are_its_rotation() -> None:
+    """Whatever the turn about the normal, half a turn too; float16 maps hold it to a thousandth."""
+    random = torch.Generator().manual_seed(3)
+    normal = torch.tensor([0.3, -0.4, -0.866]).repeat(1, 1).T[None, :, :, None].expand(1, 3, H, W)
+    x = torch.cat([torch.zeros(1, 3, H, W), 9 * torch.randn(1, 1, H, W, generator=random)], dim=1)
+    tilt = torch.cat([torch.zeros(1, 1, H, W), torch.randn(1, 2, H, W, generator=random), 0 * x[:, :1]], dim=1)
+    q = learned_quaternion(x + tilt, normal / normal.norm(dim=1, keepdim=True)).double()
+    m = replace(
+        maps(), normal=normal_of(q)[0].numpy().astype(np.float16), twist=twist_of(q)[0].numpy().astype(np.float16)
+    )
+    w, i, j, k = q[0].permute(1, 2, 0).reshape(-1, 4).unbind(dim=1)
+    rows = [
+        [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
+        [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
+        [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
+    ]
+    whole = torch.stack([torch.stack(r, dim=1) for r in rows], dim=1)
+    lifted = lift(m, K, np.eye(4), torch.float64, CPU).rotation
+    usable = lifted[:, 2, 2] < 0.5  # beyond, the tangents that follow from a normal turn quickly
+    assert usable.float().mean() > 0.8
+    np.testing.assert_allclose(lifted[usable], whole[usable], atol=4e-3)
+    assert (m.twist[0] < -0.5).any(), "some turn by more than a right angle"
+
+
+def test_no_twist_is_the_frame_that_follows_from_the_normal() -> None:
+    m = maps((0.5, -0.3, -0.8))
+    flat = lift(m, K, pose(), torch.float32, CPU).rotation
+    for turn in ((1.0, 0.0), (0.0, 0.0)):  # none, and one without a length
+        twist = np.broadcast_to(np.array(turn, np.float16)[:, None, None], (2, H, W))
+        assert torch.equal(lift(replace(m, twist=twist), K, pose(), torch.float32, CPU).rotation, flat)
 
 
 def test_only_pixels_with_depth_and_opacity_become_gaussians() -> None:

@@ -24,7 +24,15 @@ def source() -> dict[str, torch.Tensor]:
     depth[3:5, 6:9] = 0
     normal = np.stack([0.3 * rng.normal(size=(H, W)), 0.3 * rng.normal(size=(H, W)), -np.ones((H, W))])
     opacity = np.stack([rng.uniform(0.5, 0.9, (H, W)), rng.uniform(0.2, 0.6, (H, W))])
-    parts = (rng.uniform(0, 1, (H, W, 3)), depth, rng.uniform(0.02, 0.08, (3, H, W)), normal, opacity)
+    turn = rng.uniform(-np.pi, np.pi, (H, W))
+    parts = (
+        rng.uniform(0, 1, (H, W, 3)),
+        depth,
+        rng.uniform(0.02, 0.08, (3, H, W)),
+        normal,
+        opacity,
+        np.stack([np.cos(turn), np.sin(turn)]),
+    )
     return {n: torch.as_tensor(p) for n, p in zip(NAMES, parts, strict=True)}
 
 

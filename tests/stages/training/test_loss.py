@@ -8,6 +8,7 @@ import torch
 
 from posegaussian.stages.network.losses import PoseFusion
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
+from posegaussian.stages.network.model.presets import PRESETS
 from posegaussian.stages.training.examples import Example, crop, whole
 from posegaussian.stages.training.loss import (
     _prior,
@@ -159,3 +160,21 @@ def test_the_pose_term_is_0_without_a_pose_and_finite_without_joints(
         assert torch.isfinite(pose_terms(fusion, said, blind, CONFIG))
         assert float(pose_terms(None, said, blind, CONFIG)) == 0
         assert float(pose_terms(fusion, replace(said, pose=None), blind, CONFIG)) == 0
+
+
+def test_the_twist_of_a_quaternion_reaches_the_picture_and_learns_from_it(example: Example) -> None:
+    torch.manual_seed(5)
+    turning = PoseGaussianNetwork(replace(PRESETS["fast"], rotation_head="quaternion"))
+    with torch.no_grad():
+        for p in turning.last_layers():
+            p.add_(0.05 * torch.randn_like(p))
+        said = turning(together([example], torch.device("cpu")).views, 1)
+        said.numbers["rotation"] = said.numbers["rotation"].detach().requires_grad_()
+    maps = [gaussian_maps(turning, said, example, w, w) for w in (0, 1)]
+    assert all(m.twist is not None for m in maps)
+    wide = [replace(m, scale=m.scale * torch.tensor([3.0, 1.0, 1.0])[:, None, None]) for m in maps]
+    turned, flat = draw(example, wide, 1), draw(example, [replace(m, twist=None) for m in wide], 1)
+    assert float((turned - flat).detach().abs().max()) > 1e-3
+    twists = [m.twist for m in maps]
+    gradients = torch.autograd.grad(turned.sum(), twists)
+    assert all(bool(g.any()) and bool(torch.isfinite(g).all()) for g in gradients)
