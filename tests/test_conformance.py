@@ -37,6 +37,7 @@ CAPTURE_FACTS = (
     "given_depth",
     "single_source",
     "tracked",
+    "quaternions",
 )
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)
