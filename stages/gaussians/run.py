@@ -128,7 +128,8 @@ def check(block: Block, params: GaussiansParams) -> list[str]:
         length = np.sqrt((data.astype(np.float32) ** 2).sum(axis=1))
         off = np.abs(length[length > 0] - 1)
         if off.size and off.max() > 5e-3:  # three float16 components, each within 5e-4 of its value
-            raise ValueError(f"{where}: a direction of length {1 + off.max():.4f}, bound 1 ± 0.005")
+            what = "turn" if block.array in TWIST else "normal"
+            raise ValueError(f"{where}: a {what} of length {1 + off.max():.4f}, bound 1 ± 0.005")
     if block.array == "gaussians/scale" and data.min(initial=0) < 0:
         raise ValueError(f"{where}: a scale of {data.min():g} m, bound 0 m")
     if block.array == "gaussians/opacity" and (data.min(initial=0) < 0 or data.max(initial=0) > 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
+from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import QUATERNIONS, depth_reads
 from posegaussian.stages.refinement.params import RefinementParams, halo
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
@@ -100,5 +101,6 @@ STAGE = Stage(
     params=RefinementParams,
     needs=needs,
     unneeded=unneeded,
+    effects=(NOISE_AVERAGING,),
     optional=True,
 )

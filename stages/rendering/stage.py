@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
+from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import QUATERNIONS, depth_reads
 from posegaussian.stages.rendering.effects import (
     ANTI_ALIASING,
@@ -74,6 +75,6 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
-    effects=(VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
+    effects=(NOISE_AVERAGING, VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
     paths=PATHS,
 )

@@ -1,4 +1,4 @@
-"""Exposure by `inspect` and by the survey of a run: one measure, one number."""
+"""Exposure by `inspect` and by the survey of a run: one measure, of one camera and of two."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.support.pipeline import Pipeline
 
 
 def test_a_darker_camera_is_found_and_by_the_same_amount(tmp_path: Path) -> None:
-    """One stop less light, before a survey and in it: one measure, one number.
+    """One stop less light, before a survey and in it: a camera is off the middle by what it is off another one.
     Cameras 15 degrees apart share surface points."""
     size, bones = 224, pose("stand", 0.0)
     rig = ring(24, size, 0).subset([0, 1, 2])
@@ -39,4 +39,6 @@ def test_a_darker_camera_is_found_and_by_the_same_amount(tmp_path: Path) -> None
     p.run(selection=Selection(only=frozenset({"survey"})), expect_failure=True)
     decision = p.plan().context.effects["exposure_matching"].decision
     assert decision is not None
-    assert decision.measured == pytest.approx(one.value, abs=1e-6)  # the survey's notes are float32
+    # The error of one pair against that of a camera's offset, which the whole group has a part in.
+    assert decision.measured == pytest.approx(one.value, abs=0.1)
+    assert "cam00" in decision.reason
