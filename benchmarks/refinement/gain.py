@@ -1,15 +1,16 @@
 """What refinement is worth and what it costs, beside per-scene 3D Gaussian splatting, on simulated people at 512 px.
 
     python -m benchmarks.refinement.gain                                     the published figures: seeds 9000-9007
+    python -m benchmarks.refinement.gain --scenes capture_like --minutes     seeds 9100-9107, without 3dgs
     python -m benchmarks.refinement.gain --seeds 1-4 --minutes 0.25 --steps 0 50    tuning; seeds from 9000 on are for
     publishing only
 
-Eight cameras on a ring, two held out in the middle of gaps, one frame a scene. `refinement STEPS` is the pipeline with
-that many steps; its seconds are the CPU seconds a frame of all stages from frames to the rendering of both held-out
-pictures. `3dgs` is per-scene splatting from points on the visual hull, with densification
-(benchmarks/baselines/splatting.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is that of the
-held-out pictures, clipped to the source masks' hull and filled by the same code; `3dgs, unclipped` is what a user of
-3DGS sees.
+Eight cameras on a ring, or those of a scene like a capture; two held out in the middle of gaps, one frame a scene.
+`refinement STEPS` is the pipeline with that many steps; its seconds are the CPU seconds a frame of all stages from
+frames to the rendering of both held-out pictures. `3dgs` is per-scene splatting from points on the visual hull, with
+densification (benchmarks/baselines/splatting.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is
+that of the held-out pictures, clipped to the source masks' hull and filled by the same code; `3dgs, unclipped` is what
+a user of 3DGS sees.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ import numpy as np
 import torch
 
 from benchmarks.baselines.splatting import FreeGaussians, Scene, optimised
-from benchmarks.quality.cells import Cell, film_cell, pictures
+from benchmarks.quality.cells import SCENES, Cell, film_cell
+from benchmarks.quality.light import fitted
 from benchmarks.quality.views import means, seeds
 from benchmarks.refinement.picture import draw
 from benchmarks.report import publish, show
@@ -35,10 +37,11 @@ from posegaussian.dags.simulation.simulated_run import run_capture
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.rendering.run import quantise
-from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS
 
-GAIN = 1.0
+GAIN = 1.5
 """dB that 50 steps gain on the mean."""
+LOSS, LOSS_OF_VIEW = 0.1, 0.2
+"""dB that no scene, and no held-out view of one, may lose."""
 MADE = ("frames", "pose", "smoothing", "depth", "gaussians", "refinement", "rendering")
 """Stages whose seconds count."""
 PSNR = MetricsParams(measures=["psnr"])
@@ -51,17 +54,33 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
     for steps in levels:
         results, now = run_capture(folder, ("network.weights=none", *settings, f"refinement.steps={steps}"))
         seconds |= now
+        views = _by_view(results, cell)
         spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or steps}
         rows.append(
             {
                 "method": "refinement",
                 "level": f"{steps}",
-                "box psnr": pictures(results, cell)["box psnr"],
+                "box psnr": float(np.mean(views)),
                 "optimisation s": spent.get("refinement", 0.0),
                 "seconds": sum(spent.values()),
+                "views": views,
             }
         )
     return rows
+
+
+def _by_view(results: Results, cell: Cell) -> list[float]:
+    """Box PSNR of each held-out view of the first frame; of scenes like captures in the held-out camera's light."""
+    context, found = results.context, []
+    (path,) = context.paths.values()
+    color = results.read(f"rendering/{path.name}/color", range(1))[0]
+    for picture, name in zip(color, path.names, strict=True):
+        view = context.rig.index(name)
+        truth, mask = (results.read(f"frames/{a}", range(1), view)[0] for a in ("color", "mask"))
+        if cell.scenes == "capture_like":
+            picture = np.clip(np.rint(fitted(picture, truth, mask)[0]), 0, 255).astype(np.uint8)
+        found.append(_psnr(picture, truth, mask))
+    return found
 
 
 def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
@@ -94,22 +113,27 @@ def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[flo
 
 
 def _box_psnr(results: Results, picture: np.ndarray, view: int, mask: np.ndarray) -> float:
-    value = measure(quantise(torch.from_numpy(picture)), results.read("frames/color", range(1), view)[0], mask, PSNR)[
-        "box", "psnr"
-    ]
+    return _psnr(quantise(torch.from_numpy(picture)), results.read("frames/color", range(1), view)[0], mask)
+
+
+def _psnr(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+    value = measure(picture, truth, mask, PSNR)["box", "psnr"]
     assert isinstance(value, float)
     return value
 
 
-def scene_rows(seed: int, levels: list[int], minutes: list[float], settings: tuple[str, ...]) -> list[dict[str, Any]]:
+def scene_rows(
+    scenes: str, seed: int, levels: list[int], minutes: list[float], settings: tuple[str, ...]
+) -> list[dict[str, Any]]:
     """Every row of one seed."""
-    cell = Cell(seed, 8, frames=1)
+    cell = Cell(seed, 8 if scenes == "plain" else None, frames=1, scenes=scenes)
     with tempfile.TemporaryDirectory() as folder:
         _, held_out = film_cell(cell, Path(folder))
         found = refined(cell, Path(folder), (held_out, *settings), levels)
         for row in found:
             print(
-                f"seed {seed}, refinement {row['level']}: box {row['box psnr']:.2f} dB, refinement"
+                f"seed {seed}, refinement {row['level']}: box {row['box psnr']:.2f} dB"
+                f" ({', '.join(f'{v:.2f}' for v in row['views'])}), refinement"
                 f" {row['optimisation s']:.1f} s of {row['seconds']:.1f} s",
                 flush=True,
             )
@@ -126,7 +150,8 @@ def one_thread() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=seeds, default=tuple(REPORTING_SEEDS))
+    parser.add_argument("--scenes", choices=tuple(SCENES), default="plain")
+    parser.add_argument("--seeds", type=seeds, help="default: those for reporting")
     parser.add_argument("--steps", type=int, nargs="+", default=[0, 20, 50, 200])
     parser.add_argument(
         "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of 3DGS; none: leave it out"
@@ -136,18 +161,19 @@ def main() -> None:
     )
     parser.add_argument("--processes", type=int, default=2)
     a = parser.parse_args()
+    chosen = a.seeds or SCENES[a.scenes]
     with ProcessPoolExecutor(a.processes, initializer=one_thread) as pool:
-        jobs = [pool.submit(scene_rows, seed, a.steps, a.minutes, tuple(a.set)) for seed in a.seeds]
+        jobs = [pool.submit(scene_rows, a.scenes, seed, a.steps, a.minutes, tuple(a.set)) for seed in chosen]
         rows = [row for job in jobs for row in job.result()]
     table = [
         {k: r[k] for k in ("method", "level", "optimisation s", "seconds", "box psnr")}
         for r in means(rows, "method", "level")
     ]
-    if a.seeds == tuple(REPORTING_SEEDS) and {0, 20, 50, 200} <= set(a.steps):
+    if chosen == SCENES["plain"] and a.minutes and {0, 20, 50, 200} <= set(a.steps):
         publish(
             "refinement",
             table,
-            {"seeds": list(a.seeds), "steps": a.steps, "minutes": a.minutes, "set": a.set, "scenes": rows},
+            {"seeds": list(chosen), "steps": a.steps, "minutes": a.minutes, "set": a.set, "scenes": rows},
         )
         draw(table, Path("docs/measurements/refinement.png"))
     else:
@@ -157,16 +183,23 @@ def main() -> None:
 
 
 def gates(rows: list[dict[str, Any]]) -> list[tuple[str, bool]]:
-    """(sentence, whether it holds): what 50 steps gain over none."""
-    box = {(r["seed"], r["level"]): r["box psnr"] for r in rows if r["method"] == "refinement"}
-    gains = {seed: v - box[seed, "0"] for (seed, level), v in box.items() if level == "50" and (seed, "0") in box}
-    if not gains:
+    """(sentence, whether it holds): what 50 steps gain over none, on the mean, on the worst scene and in the worst
+    view."""
+    made = {(r["seed"], r["level"]): r for r in rows if r["method"] == "refinement"}
+    pairs = {s: (made[s, "0"], r) for (s, level), r in made.items() if level == "50" and (s, "0") in made}
+    if not pairs:
         return []
-    worst = min(gains, key=lambda s: gains[s])
+    gains = {s: after["box psnr"] - before["box psnr"] for s, (before, after) in pairs.items()}
+    views = {s: float(np.min(np.subtract(after["views"], before["views"]))) for s, (before, after) in pairs.items()}
     mean = float(np.mean(list(gains.values())))
+    worst, seen = (min(found, key=found.__getitem__) for found in (gains, views))
     return [
         (f"50 steps gain {mean:+.2f} dB of at least {GAIN:+.2f} on the mean", mean >= GAIN),
-        (f"50 steps gain {gains[worst]:+.2f} dB at worst (seed {worst}), on no scene a loss", gains[worst] >= 0),
+        (f"50 steps gain {gains[worst]:+.2f} dB at worst (seed {worst}), at least {-LOSS:+.1f}", gains[worst] >= -LOSS),
+        (
+            f"50 steps gain {views[seen]:+.2f} dB in the worst view (seed {seen}), at least {-LOSS_OF_VIEW:+.1f}",
+            views[seen] >= -LOSS_OF_VIEW,
+        ),
     ]
 
 
