@@ -16,8 +16,10 @@ from benchmarks.quality.error_places import PLACES, squared_error_by_place
 from benchmarks.quality.light import fitted
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
+from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
 from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.network.choice import CANDIDATES, weights_choice
 from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.simulator.capture_scenes import CAPTURE_LIKE_SEEDS, capture_like_scene
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, benchmark_scene
@@ -30,10 +32,11 @@ SCENES = {"plain": tuple(REPORTING_SEEDS), "capture_like": tuple(CAPTURE_LIKE_SE
 """{set of scenes: its seeds for reporting}: matt people bare-handed on upright rings, and scenes that are like captures
 (`posegaussian.stages.simulator.capture_scenes`)."""
 TIMED = ("judge", "depth", "network", "gaussians", "rendering")
-
-
-DEFAULT = "default"
-"""In place of a depth method: everything as it is set by default, depth and network by the judge's choice."""
+DEFAULT, LEARNED = "default", "network"
+"""In place of a depth method: everything as it is set by default, depth and network by the judge's choice; and the same
+with the weights that ship, whatever the judge says of them."""
+SETTINGS = {DEFAULT: (), LEARNED: (f"network.weights={CANDIDATES[-1]}",)}
+"""{what stands in place of a depth method: its settings}."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,9 @@ def measure_cell(
     motion, held_out = film_cell(cell, folder)
     rows = []
     for method in methods:
-        chosen = () if method == DEFAULT else ("network.weights=none", f"depth.method={method}")
+        chosen = SETTINGS.get(method, ("network.weights=none", f"depth.method={method}"))
         results, seconds = run_capture(folder, (held_out, *chosen, *settings))
+        context = results.context
         per_frame = {f"{s} s": seconds[s] / cell.scene.frames for s in TIMED}
         rows.append(
             {
@@ -77,6 +81,8 @@ def measure_cell(
                 "cameras": cell.scene.rig.cameras,
                 "variant": cell.variant,
                 "depth": method,
+                "method": resolve_method(context.settings.depth, context.facts).name,
+                "weights": weights_choice(context.settings.network, context.facts)[0],
                 **pictures(results, cell),
                 **depths(results),
                 **_agreement(results, cell),

@@ -37,20 +37,24 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import DEFAULT, SCENES, Cell, measure_cell
+from benchmarks.quality.cells import DEFAULT, LEARNED, SCENES, Cell, measure_cell
 from benchmarks.quality.picture import draw
 from benchmarks.report import publish
 from posegaussian.dags.runtime.threads import limit
 from posegaussian.stages.simulator.quality_scenes import VARIANTS
 
-METHODS = ("hull", "sgbm", "sweep", "truth", DEFAULT)
-"""The default comes last because depth in an archive is reused where the method before was the same, and would take no
-time."""
+SINGLE = ("hull", "sgbm", "sweep")
+METHODS = (*SINGLE, "truth", DEFAULT, LEARNED)
+"""The default comes after the depth methods because depth in an archive is reused where the method before was the same,
+and would take no time; the network after it, where it computes something only if the judge refused it."""
 SPOILT_METHODS = ("sweep", "truth")
 MAY_LOSE = {"noise_gain": 1.5, "specular": 1.5, "calibration_0.3": 1.5, "mask_plus_1": 2.5, "mask_minus_1": 2.5}
 """dB of box PSNR that a spoilt capture may cost."""
 MAY_BE_MISSED = 0.1
-"""dB of box PSNR that the default may lose against the best single depth method of a set of scenes."""
+"""dB of box PSNR that the default may lose against the best single depth method of a set of scenes, and a right choice
+against the best."""
+RIGHT = 0.9
+"""Share of the scenes on which the judge must choose right."""
 CLOSER = {6: 0.35, 8: 0.25}
 """Share of the way from hull-only to true depth that the sweep must go, by number of cameras."""
 SHOWN = (
@@ -169,10 +173,31 @@ def default_gates(rows: Sequence[dict[str, Any]], scenes: str) -> Iterator[tuple
         )
         yield f"{scenes}: {measure} of the default against the hull at worst {worst:+.{digits}f} ({where})", worst >= 0
     mean = {m: float(np.mean([r["box psnr"] for r in by[m]])) for m in METHODS}
-    best = max(("hull", "sgbm", "sweep"), key=lambda m: mean[m])
+    best = max(SINGLE, key=lambda m: mean[m])
     yield (
         f"{scenes}: box psnr {mean[DEFAULT]:.2f} of the default, {mean[best]:.2f} of the best single method, {best}",
         mean[DEFAULT] >= mean[best] - MAY_BE_MISSED,
+    )
+    lost = [choices_lose({m: by[m][i] for m in METHODS}) for i in range(len(by[DEFAULT]))]
+    for told, losses in zip(("depth method", "network or none"), np.transpose(lost), strict=True):
+        share = float(np.mean(losses <= MAY_BE_MISSED))
+        yield (
+            (
+                f"{scenes}: the judge's choice of {told} loses at most {MAY_BE_MISSED} dB on {share:.0%} of"
+                f" {len(losses)} scenes, {losses.max():.2f} dB at worst"
+            ),
+            share >= RIGHT,
+        )
+
+
+def choices_lose(scene: dict[str, dict[str, Any]]) -> tuple[float, float]:
+    """What the default's depth method, and its choice between the network and none over that depth, lose against the
+    best of what was tried on a scene, dB of box PSNR."""
+    reached = {m: row["box psnr"] for m, row in scene.items()}
+    alone = reached[scene[DEFAULT]["method"]]
+    learned = scene[DEFAULT]["weights"] == scene[LEARNED]["weights"]
+    return max(reached[m] for m in SINGLE) - alone, max(alone, reached[LEARNED]) - (
+        reached[LEARNED] if learned else alone
     )
 
 

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posegaussian.dags.charts.style import BLUE, GREY, RED, chart, name_points, seconds_axis
+from posegaussian.dags.charts.style import BLUE, GREEN, GREY, RED, chart, name_points, seconds_axis
 
 METHODS = {
+    "floor": (GREEN, "without network and refinement"),
     "refinement": (RED, "refinement, by steps"),
     "3dgs": (BLUE, "3DGS from points on the hull, by seconds"),
     "3dgs, unclipped": (GREY, "the same, not clipped to the masks"),
