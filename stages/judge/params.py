@@ -16,6 +16,10 @@ class JudgeParams(Params):
         le=25,
     )
     views: int = setting(
-        8, "Source views left out, one at a time, spread evenly; all where there are no more.", ge=1, le=64
+        8,
+        "Source views left out, one at a time, spread evenly over those that stand between two others, or over all"
+        " where fewer than two do.",
+        ge=1,
+        le=64,
     )
     size: int = setting(384, "Longest side of the pictures that are drawn; never enlarges.", unit="px", ge=32, le=4096)

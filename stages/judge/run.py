@@ -19,6 +19,7 @@ from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
 from posegaussian.stages.judge.learned import learned
+from posegaussian.stages.judge.left_out import left_out
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
@@ -46,8 +47,7 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
 
 def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator[tuple[str, np.ndarray]]:
     """(array, [picture, candidate, measure])."""
-    depth, sources = inputs.settings["depth"], inputs.views.sources
-    views = [sources[i] for i in np.unique(np.linspace(0, len(sources) - 1, params.views).round().astype(int))]
+    depth, views = inputs.settings["depth"], left_out(inputs.rig, inputs.views.sources, params.views)
     frames = frames_of(inputs, params.frames)
     filmed = frames.read("frames/color")
     methods = BY_PICTURES if DEPTH in asked else BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)

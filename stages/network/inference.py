@@ -34,9 +34,6 @@ from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
 TRAINED_SIDE = 640
 """Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""
-TRAINED_LEAN = 40.0
-"""Degrees by which a pair's baseline may be off level: the network has seen people who stand in rectified pictures, not
-such as lie in them."""
 HEADS = ("scale", "rotation", "opacity")
 """In the order of the channels of `network/numbers`."""
 NUMBERS = 8
@@ -74,7 +71,7 @@ class Looks:
         """Each view with its `count` nearest usable neighbours, every pair once; none of more than `widest` degrees,
         beyond what the network was trained on: where a real pair stood 65 apart and the widest trained on 60, both
         views' depths agreed on 13 % fewer pixels with it than without."""
-        reports = [r for r in pair_report(rig, views, widest) if r.lean <= TRAINED_LEAN]
+        reports = pair_report(rig, views, widest)
         partners = choose_pairs(rig, views, count, reports=reports)
         centre = look_at_point(rig.subset(views))
         scale = _scale(rig, views)
