@@ -230,13 +230,23 @@ def mask_streams(
     Raises SourceError when only some cameras have masks, and for a mask of another size than its picture.
     """
     files = [numbered(f, images.PICTURE_SUFFIXES) for f in folders]
+    return mask_file_streams(names, files, pictures, folders)
+
+
+def mask_file_streams(
+    names: Sequence[str],
+    files: Sequence[Mapping[int, Path]],
+    pictures: Sequence[Stream],
+    folders: Sequence[Path] | None = None,
+) -> tuple[tuple[Stream, ...], list[str]]:
+    """`mask_streams` of files {source frame number: mask} a camera; `folders` are where more would lie."""
     if not any(files):
         return (), []
     lacking = [n for n, f in zip(names, files, strict=True) if not f]
     if lacking:
+        add = "theirs" if folders is None else folders[names.index(lacking[0])]
         raise SourceError(
-            f"cameras {', '.join(lacking)} have no masks while others have; add {folders[names.index(lacking[0])]} or"
-            " move all masks away"
+            f"cameras {', '.join(lacking)} have no masks while others have; add {add} or move all masks away"
         )
     streams = []
     for name, found, stream in zip(names, files, pictures, strict=True):

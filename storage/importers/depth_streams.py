@@ -29,10 +29,17 @@ def depth_map_streams(
     larger than their pictures, but show the same field. Raises SourceError for maps of another shape, of a unit that is
     not known, or whose median is no distance of a person.
     """
+    return depth_file_streams(names, [numbered(f, SUFFIXES) for f in folders], pictures, scale)
+
+
+def depth_file_streams(
+    names: Sequence[str], found: Sequence[Mapping[int, Path]], pictures: Sequence[Stream], scale: float | None
+) -> tuple[tuple[Stream | None, ...], list[str]]:
+    """`depth_map_streams` of files {source frame number: map} a camera."""
     streams: list[Stream | None] = []
     notes: list[str] = []
-    for name, folder, stream in zip(names, folders, pictures, strict=True):
-        files = {n: p for n, p in numbered(folder, SUFFIXES).items() if n in set(stream.numbers)}
+    for name, maps, stream in zip(names, found, pictures, strict=True):
+        files = {n: p for n, p in maps.items() if n in set(stream.numbers)}
         if not files:
             streams.append(None)
             continue

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
+from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 
-IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES)}
+IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP)}
 """In the order in which sentences name them."""

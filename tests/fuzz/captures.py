@@ -10,7 +10,7 @@ from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
-from tests.support import import_capture
+from tests.support import colmap_files, import_capture
 from tests.support.video_clips import counting_clip, planes
 
 FRAMES = 3
@@ -86,6 +86,13 @@ def easymocap(base: Path) -> None:
     test_easymocap.write_calibration(base)
     test_easymocap.write_joints(base)
     masks(base / "masks", test_easymocap.NAMES)
+
+
+def colmap(form: str, base: Path) -> None:
+    """Pictures, masks and a model of COLMAP."""
+    import_capture.pictures(base / "images")
+    colmap_files.WRITE[form](base / "sparse" / "0", colmap_files.rig())
+    masks(base / "masks", import_capture.NAMES)
 
 
 def masks(root: Path, names: tuple[str, ...]) -> None:

@@ -152,6 +152,7 @@ def capture_formats() -> list[Format]:
         partial(imported, "easymocap"),
         partial(imported, "images"),
     )
+    colmap = partial(imported, "colmap")
     in_mm = partial(imported, "images", depth_scale=0.001)
     return [
         Format("pose2sim: calibration TOML", captures.pose2sim, "calib/*.toml", "toml", pose2sim),
@@ -171,6 +172,11 @@ def capture_formats() -> list[Format]:
         Format("caliscope: landmarks CSV", captures.caliscope, "POSE/*.csv", "table", partial(imported, "caliscope")),
         Format("easymocap: intri and extri YAML", captures.easymocap, "*.yml", "yaml", easymocap),
         Format("easymocap: annots JSON", captures.easymocap, "annots/**/*.json", "json", easymocap),
+        *(
+            Format(f"colmap: {form} model", partial(captures.colmap, form), "sparse/0/*", kind, colmap)
+            for form, kind in (("text", "table"), ("binary", "binary"))
+        ),
+        Format("colmap: names", partial(captures.colmap, "text"), "", "binary", colmap),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),
