@@ -108,19 +108,25 @@ def apart_note(rig: Rig) -> list[str]:
 def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.ndarray, direction: str) -> list[str]:
     """A sentence on where cameras look, world-to-camera rotations [V, 3, 3] and centres [V, 3].
 
-    Raises CalibrationError where they look away from one another's scene, while the inverted poses look at one point:
-    a file whose poses have the other direction.
+    Raises CalibrationError where they look away from one another's scene, while the inverted poses look at one point (a
+    file whose poses have the other direction), and where all look away from one point (axes of another convention).
     """
     if len(names) < 3 or not (np.isfinite(rotations).all() and np.isfinite(centres).all()):
         return []
     off = _off_axis(rotations, centres)
     translations = -np.einsum("vij,vj->vi", rotations, centres)
     inverted = _off_axis(rotations.transpose(0, 2, 1), translations)
-    if off > AWAY and inverted < TOWARDS:
+    if not off <= AWAY and inverted < TOWARDS:
         raise CalibrationError(
             f"read as {direction}, as the format has it, the cameras look past one another, {off:.0f} degrees off a"
             f" common point; inverted, all look at one point to {inverted:.0f} degrees: the poses were written in the"
             " other direction. Invert every pose and write the file again"
+        )
+    if off >= 180 - TOWARDS:
+        raise CalibrationError(
+            "every camera looks straight away from one point, so none of them sees what another sees: y and z of the"
+            " cameras' axes are probably those of the other convention (OpenCV: y down, z forward; OpenGL: y up, z"
+            " backward)"
         )
     if off <= TOWARDS:
         return [f"direction: {direction}; all cameras look at one point to {off:.0f} degrees"]
@@ -130,13 +136,13 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
 
 
 def _off_axis(rotations: np.ndarray, centres: np.ndarray) -> float:
-    """Degrees between the axes of cameras and the point nearest to all axes, in the median; 180 where all stand in one
+    """Degrees between the axes of cameras and the point nearest to all axes, in the median; NaN where all stand in one
     place."""
     axes = rotations[:, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     spread = distances(centres)
     if not spread[-1] > 1e-6 * max(1e-12, float(np.abs(centres).max())):
-        return 180.0
+        return float("nan")
     point = np.linalg.lstsq(across.sum(axis=0), np.einsum("vij,vj->i", across, centres), rcond=1e-9)[0]
     to = point - centres
     length = np.maximum(np.linalg.norm(to, axis=1), 1e-3 * spread[-1])

@@ -266,8 +266,9 @@ def _moved(found: Mapping[str, Mapping[int, PosedImage]]) -> str:
     assert name is not None
     far, turned = _spread(found[name])
     return (
-        f"camera {name} moves: its {len(found[name])} images lie up to {far:.3g} units and {turned:.3g} degrees apart,"
-        f" where the cameras lie up to {_extent(found):.3g} units apart. Cameras must stand still while people move;"
+        f"camera {_short(name, list(found))} moves: its {len(found[name])} images lie up to {far:.3g} units and"
+        f" {turned:.3g} degrees apart, where the cameras lie up to {_extent(found):.3g} units apart. Cameras must stand"
+        " still while people move;"
         " where every image is another camera's, all of one instant, say --option moment=true"
     )
 

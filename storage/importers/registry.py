@@ -9,7 +9,8 @@ from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
+from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 
-IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP)}
+IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP, NERFSTUDIO)}
 """In the order in which sentences name them."""

@@ -53,10 +53,13 @@ def read_picture(path: str | Path) -> np.ndarray:
     return _to_bytes(rgb)
 
 
-def read_mask(path: str | Path) -> np.ndarray:
-    """[h, w] uint8 of the first channel: 8 bit as it is, 16 bit scaled,
+def read_mask(path: str | Path, alpha: bool = False) -> np.ndarray:
+    """[h, w] uint8 of the first channel, or with `alpha` of the fourth: 8 bit as it is, 16 bit scaled,
     float 0..1 scaled to 0..255. Raises SourceError."""
-    first = _read(path)[..., 0]
+    values = _read(path)
+    if alpha and values.shape[2] < MOST_CHANNELS:
+        raise SourceError(f"picture {path} has {values.shape[2]} channels and no alpha, unlike others of its camera")
+    first = values[..., MOST_CHANNELS - 1 if alpha else 0]
     if first.dtype != np.float32:
         return _to_bytes(first)
     if np.isnan(first).any():
@@ -94,6 +97,13 @@ def read_depth_map(path: str | Path, scale: float) -> np.ndarray:
             " depth along the optical axis must not be negative (0 = no surface)"
         )
     return depth
+
+
+def has_alpha(path: str | Path) -> bool:
+    """Whether a picture's file has a fourth channel; it is not decoded. Raises SourceError."""
+    source, spec = _open(path)
+    source.close()
+    return bool(spec.nchannels == MOST_CHANNELS)
 
 
 def holds_integers(path: str | Path) -> bool:

@@ -112,14 +112,15 @@ class Pictures(_Source):
 
 
 class Masks(_Source):
-    """Masks as given (`posegaussian.stages.contract.io.MaskReader`)."""
+    """Masks as given, files of their own or the alpha of pictures (`posegaussian.stages.contract.io.MaskReader`)."""
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number;
         masks of 0 and 1 are spread to 0 and 255. Raises SourceError."""
-        factor = np.uint8(255 if self._stream(view).options.get("zero_one") else 1)
+        options = self._stream(view).options
+        factor = np.uint8(255 if options.get("zero_one") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            yield self._sized(view, int(n), images.read_mask(path)) * factor
+            yield self._sized(view, int(n), images.read_mask(path, bool(options.get("alpha")))) * factor
 
 
 class Depth(_Source):

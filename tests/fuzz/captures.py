@@ -9,7 +9,14 @@ import numpy as np
 from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
-from tests.storage.importers import test_caliscope, test_easymocap, test_images, test_pose2sim, test_qualisys
+from tests.storage.importers import (
+    test_caliscope,
+    test_easymocap,
+    test_images,
+    test_nerfstudio,
+    test_pose2sim,
+    test_qualisys,
+)
 from tests.support import colmap_files, import_capture
 from tests.support.video_clips import counting_clip, planes
 
@@ -93,6 +100,26 @@ def colmap(form: str, base: Path) -> None:
     import_capture.pictures(base / "images")
     colmap_files.WRITE[form](base / "sparse" / "0", colmap_files.rig())
     masks(base / "masks", import_capture.NAMES)
+
+
+def nerfstudio(base: Path) -> None:
+    """transforms.json with pictures, masks and depth maps in millimetres."""
+    import_capture.pictures(base / "images")
+    data = test_nerfstudio.transforms()
+    masks(base / "masks", import_capture.NAMES)
+    for f in data["frames"]:
+        f["mask_path"] = f["file_path"].replace("images/", "masks/")
+        f["depth_file_path"] = f["file_path"].replace("images/", "depths/")
+        (base / f["depth_file_path"]).parent.mkdir(parents=True, exist_ok=True)
+        millimetres(base / f["depth_file_path"])
+    import_capture.dump(base / "transforms.json", data)
+
+
+def millimetres(path: Path) -> None:
+    """A 16-bit depth map of a disc at 2.5 m."""
+    import cv2
+
+    cv2.imwrite(str(path), np.where(disc() > 0, np.uint16(2500), np.uint16(0)))
 
 
 def masks(root: Path, names: tuple[str, ...]) -> None:

@@ -152,7 +152,7 @@ def capture_formats() -> list[Format]:
         partial(imported, "easymocap"),
         partial(imported, "images"),
     )
-    colmap = partial(imported, "colmap")
+    colmap, nerfstudio = partial(imported, "colmap"), partial(imported, "nerfstudio")
     in_mm = partial(imported, "images", depth_scale=0.001)
     return [
         Format("pose2sim: calibration TOML", captures.pose2sim, "calib/*.toml", "toml", pose2sim),
@@ -177,6 +177,8 @@ def capture_formats() -> list[Format]:
             for form, kind in (("text", "table"), ("binary", "binary"))
         ),
         Format("colmap: names", partial(captures.colmap, "text"), "", "binary", colmap),
+        Format("nerfstudio: transforms.json", captures.nerfstudio, "*.json", "json", nerfstudio),
+        Format("nerfstudio: names", captures.nerfstudio, "", "binary", nerfstudio),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

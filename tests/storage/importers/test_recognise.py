@@ -13,9 +13,17 @@ from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
 from tests.storage.importers.test_easymocap import base as easymocap
 from tests.storage.importers.test_images import base as images
+from tests.storage.importers.test_nerfstudio import base as nerfstudio
 from tests.storage.importers.test_pose2sim import base as pose2sim
 
-FIXTURES = {"caliscope": caliscope, "colmap": colmap, "easymocap": easymocap, "images": images, "pose2sim": pose2sim}
+FIXTURES = {
+    "caliscope": caliscope,
+    "colmap": colmap,
+    "easymocap": easymocap,
+    "images": images,
+    "nerfstudio": nerfstudio,
+    "pose2sim": pose2sim,
+}
 
 
 @pytest.mark.parametrize("layout", IMPORTERS)
