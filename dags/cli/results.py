@@ -20,6 +20,7 @@ from posegaussian.dags.cli.options import (
 )
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 
 
 def export(
@@ -60,6 +61,20 @@ def export(
         list[str] | None,
         typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all."),
     ] = None,
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            help=(
+                "Write undistorted pictures, masks, cameras and a cloud for other tools, in the layout"
+                f" {' or '.join(LAYOUTS)}."
+            ),
+        ),
+    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", help="Folder for --to; default: SEQUENCE-LAYOUT.")] = None,
+    frame: Annotated[
+        int | None, typer.Option("--frame", help="Source frame number of the one instant of --to. Default: all.")
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -67,13 +82,15 @@ def export(
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Run what is missing for a camera path, then write video, pictures, a contact sheet, or the Gaussians themselves.
+    """Run what is missing for a camera path, then write video, pictures, a contact sheet, the Gaussians themselves, or
+    the capture in another tool's layout.
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
     from posegaussian.dags.export.request import ExportOrder
 
-    order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background)
+    folder = output or Path(f"{sequence}-{to}")
+    order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background, to, folder, frame)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
     p = session.plan(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from posegaussian.dags.export import background as backdrop
-from posegaussian.dags.export import pictures
+from posegaussian.dags.export import layouts, pictures
 from posegaussian.dags.export import splats as exporting_splats
 from posegaussian.dags.export.background import Backdrop
 from posegaussian.dags.export.output_paths import output_file, output_folder
@@ -36,6 +36,12 @@ class ExportOrder:
     """Whether pictures keep their coverage."""
     backdrop: Backdrop
     """What videos and pictures stand on."""
+    layout: str | None = None
+    """Layout of another tool that the capture is written in."""
+    folder: Path = Path()
+    """Where that goes."""
+    frame: int | None = None
+    """Source frame number of the one instant that is written so; None for all."""
 
     @classmethod
     def of(
@@ -47,16 +53,25 @@ class ExportOrder:
         views: tuple[str, ...],
         alpha: bool,
         background: str,
+        layout: str | None = None,
+        folder: Path = Path(),
+        frame: int | None = None,
     ) -> ExportOrder:
         """From the command's options.
 
         Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where
         it is named.
         """
-        if not (video or frames or sheet or splats):
+        if not (video or frames or sheet or splats or layout):
             raise ConfigError(
-                "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE or --splats FOLDER"
+                "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE, --splats FOLDER or --to"
+                " LAYOUT"
             )
+        if layout:
+            layouts.check_layout(layout)
+            output_folder("export --output", folder)
+        elif frame is not None:
+            raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
         behind = backdrop.parse(background)
         if behind.kind != "none" and not (video or frames):
             raise ConfigError(
@@ -70,14 +85,14 @@ class ExportOrder:
         for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png")):
             if file is not None:
                 output_file(f"export {option}", file, (ending,))
-        for option, folder in (("--frames", frames), ("--splats", splats)):
-            if folder is not None:
-                output_folder(f"export {option}", folder)
-        return cls(video, frames, sheet, splats, views, alpha, behind)
+        for option, place in (("--frames", frames), ("--splats", splats)):
+            if place is not None:
+                output_folder(f"export {option}", place)
+        return cls(video, frames, sheet, splats, views, alpha, behind, layout, folder, frame)
 
     @property
     def renders(self) -> bool:
-        """Whether pictures of camera paths are needed: splats alone need none."""
+        """Whether pictures of camera paths are needed: splats and captures in a layout need none."""
         return bool(self.video or self.frames or self.sheet)
 
     def needed(self, context: Context) -> frozenset[Product]:
@@ -85,11 +100,9 @@ class ExportOrder:
         found = pictures.needed(context, bool(self.video or self.frames), bool(self.sheet)) | backdrop.needed(
             context, self.backdrop
         )
-        return found | (
-            exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views))
-            if self.splats
-            else frozenset()
-        )
+        if self.splats:
+            found |= exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views))
+        return found | layouts.needed(context, self.frame) if self.layout else found
 
     def check(self, context: Context) -> None:
         """Raise UserError, before anything runs,
@@ -101,10 +114,14 @@ class ExportOrder:
                 refuse_strangers(self.frames, path.names, context.source_frames)
         if self.splats:
             exporting_splats.refuse_strangers(context, self.splats)
+        if self.layout:
+            layouts.check(context, self.folder, self.frame)
 
     def write(self, plan: Plan) -> list[str]:
         """Write everything from a finished plan; returns sentences about the files."""
         said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
-        return said + (
-            exporting_splats.export_splats(Results(plan.context), self.views, self.splats) if self.splats else []
-        )
+        if self.splats:
+            said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats)
+        if self.layout:
+            said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame)
+        return said

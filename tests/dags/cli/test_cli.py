@@ -79,8 +79,8 @@ def test_no_such_folder(tmp_path: Path) -> None:
 
 def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
     assert_says(
-        posegaussian("import", "colmap", str(capture), cwd=tmp_path),
-        "unknown layout 'colmap'",
+        posegaussian("import", "unheard", str(capture), cwd=tmp_path),
+        "unknown layout 'unheard'",
         "pose2sim, caliscope, easymocap, images",
     )
 

@@ -1,0 +1,1 @@
+"""Captures out, one file a layout: undistorted pictures, masks, cameras and a cloud for other tools."""
