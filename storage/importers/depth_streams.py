@@ -33,9 +33,13 @@ def depth_map_streams(
 
 
 def depth_file_streams(
-    names: Sequence[str], found: Sequence[Mapping[int, Path]], pictures: Sequence[Stream], scale: float | None
+    names: Sequence[str],
+    found: Sequence[Mapping[int, Path]],
+    pictures: Sequence[Stream],
+    scale: float | None,
+    inverse: bool = False,
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
-    """`depth_map_streams` of files {source frame number: map} a camera."""
+    """`depth_map_streams` of files {source frame number: map} a camera; with `inverse`, scale is 1/metres a unit."""
     streams: list[Stream | None] = []
     notes: list[str] = []
     for name, maps, stream in zip(names, found, pictures, strict=True):
@@ -49,8 +53,9 @@ def depth_file_streams(
                 f"camera {name}: depth maps are {size[0]}x{size[1]} px, pictures {stream.size[0]}x{stream.size[1]} px;"
                 " both are taken to show the same field"
             )
-        _check_unit(name, files, scale)
-        streams.append(file_stream("images", files, size, scale=1.0 if scale is None else scale))
+        _check_unit(name, files, scale, inverse)
+        inverted = {"inverse": True} if inverse else {}
+        streams.append(file_stream("images", files, size, scale=1.0 if scale is None else scale, **inverted))
     if not any(streams):
         return (), []
     notes += [
@@ -79,7 +84,7 @@ def _size(name: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tup
     return size
 
 
-def _check_unit(name: str, files: Mapping[int, Path], scale: float | None) -> None:
+def _check_unit(name: str, files: Mapping[int, Path], scale: float | None, inverse: bool) -> None:
     """Raise SourceError for maps that cannot be metres."""
     paths = list(files.values())
     for p in paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]:
@@ -88,7 +93,7 @@ def _check_unit(name: str, files: Mapping[int, Path], scale: float | None) -> No
                 f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for"
                 " millimetres --option depth_scale=0.001"
             )
-        depth = images.read_depth_map(p, 1.0 if scale is None else scale)
+        depth = images.read_depth_map(p, 1.0 if scale is None else scale, inverse)
         known = depth[depth > 0]
         if known.size and not PLAUSIBLE[0] <= (middle := float(np.median(known))) <= PLAUSIBLE[1]:
             raise SourceError(

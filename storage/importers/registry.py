@@ -8,9 +8,13 @@ from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
 from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
+from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
+from posegaussian.storage.importers.llff import IMPORTER as LLFF
 from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 
-IMPORTERS: Mapping[str, Importer] = {i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP, NERFSTUDIO)}
+IMPORTERS: Mapping[str, Importer] = {
+    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN)
+}
 """In the order in which sentences name them."""

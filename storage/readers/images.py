@@ -83,14 +83,16 @@ def read_depth(path: str | Path) -> np.ndarray:
     return depth
 
 
-def read_depth_map(path: str | Path, scale: float) -> np.ndarray:
-    """[h, w] float32 metres of the first channel of a float or integer file, `scale` metres a unit; 0 and what is not
-    finite mean no surface.
+def read_depth_map(path: str | Path, scale: float, inverse: bool = False) -> np.ndarray:
+    """[h, w] float32 metres of the first channel of a float or integer file, `scale` metres a unit, or with `inverse`
+    1/metres a unit; 0 and what is not finite mean no surface.
 
     Raises SourceError for negative depth.
     """
     values = _read(path)[..., 0].astype(np.float32)
     depth = np.where(np.isfinite(values), values, np.float32(0)) * np.float32(scale)
+    if inverse:
+        depth = np.where(depth == 0, np.float32(0), 1 / np.where(depth == 0, np.float32(1), depth))
     if (depth < 0).any():
         raise SourceError(
             f"depth map {path} holds {depth.min():g} m;"

@@ -142,9 +142,10 @@ class DepthMaps(_Source):
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""
-        scale = float(self._stream(view).options["scale"])
+        options = self._stream(view).options
+        scale, inverse = float(options["scale"]), bool(options.get("inverse"))
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            yield self._sized(view, int(n), images.read_depth_map(path, scale))
+            yield self._sized(view, int(n), images.read_depth_map(path, scale, inverse))
 
 
 _ONE_PICTURE: dict[str, Callable[[str], Detections]] = {"openpose": read_openpose, "easymocap": read_easymocap}

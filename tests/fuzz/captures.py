@@ -12,7 +12,9 @@ from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import (
     test_caliscope,
     test_easymocap,
+    test_gps_gaussian,
     test_images,
+    test_llff,
     test_nerfstudio,
     test_pose2sim,
     test_qualisys,
@@ -113,6 +115,19 @@ def nerfstudio(base: Path) -> None:
         (base / f["depth_file_path"]).parent.mkdir(parents=True, exist_ok=True)
         millimetres(base / f["depth_file_path"])
     import_capture.dump(base / "transforms.json", data)
+
+
+def llff(base: Path) -> None:
+    """poses_bounds.npy, pictures and masks."""
+    base.mkdir(parents=True)
+    np.save(base / "poses_bounds.npy", test_llff.poses())
+    import_capture.pictures(base / "images")
+    masks(base / "masks", import_capture.NAMES)
+
+
+def gps_gaussian(base: Path) -> None:
+    """One sample of five views."""
+    test_gps_gaussian.write_sample(base, "0000_000", 0.0)
 
 
 def millimetres(path: Path) -> None:

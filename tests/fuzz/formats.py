@@ -153,6 +153,7 @@ def capture_formats() -> list[Format]:
         partial(imported, "images"),
     )
     colmap, nerfstudio = partial(imported, "colmap"), partial(imported, "nerfstudio")
+    gps_gaussian = partial(imported, "gps_gaussian")
     in_mm = partial(imported, "images", depth_scale=0.001)
     return [
         Format("pose2sim: calibration TOML", captures.pose2sim, "calib/*.toml", "toml", pose2sim),
@@ -179,6 +180,10 @@ def capture_formats() -> list[Format]:
         Format("colmap: names", partial(captures.colmap, "text"), "", "binary", colmap),
         Format("nerfstudio: transforms.json", captures.nerfstudio, "*.json", "json", nerfstudio),
         Format("nerfstudio: names", captures.nerfstudio, "", "binary", nerfstudio),
+        Format("llff: poses_bounds.npy", captures.llff, "*.npy", "binary", partial(imported, "llff")),
+        Format("gps_gaussian: parm", captures.gps_gaussian, "parm/*/*.npy", "binary", gps_gaussian),
+        Format("gps_gaussian: depth", captures.gps_gaussian, "depth/*/*.png", "binary", gps_gaussian),
+        Format("gps_gaussian: names", captures.gps_gaussian, "", "binary", gps_gaussian),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

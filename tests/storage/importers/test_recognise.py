@@ -12,7 +12,9 @@ from posegaussian.storage.model.errors import SourceError, UserError
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
 from tests.storage.importers.test_easymocap import base as easymocap
+from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
 from tests.storage.importers.test_images import base as images
+from tests.storage.importers.test_llff import base as llff
 from tests.storage.importers.test_nerfstudio import base as nerfstudio
 from tests.storage.importers.test_pose2sim import base as pose2sim
 
@@ -20,7 +22,9 @@ FIXTURES = {
     "caliscope": caliscope,
     "colmap": colmap,
     "easymocap": easymocap,
+    "gps_gaussian": gps_gaussian,
     "images": images,
+    "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
 }
