@@ -57,6 +57,14 @@ def export(
         Path | None,
         typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each."),
     ] = None,
+    splats_as: Annotated[
+        str,
+        typer.Option(
+            "--splats-as",
+            help="How --splats names and writes files: ply (000012.ply), spz (000012.spz, a tenth of the bytes), or"
+            " sequence (frame0001.ply, which SuperSplat plays).",
+        ),
+    ] = "ply",
     view: Annotated[
         list[str] | None,
         typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all."),
@@ -90,7 +98,9 @@ def export(
     from posegaussian.dags.export.request import ExportOrder
 
     folder = output or Path(f"{sequence}-{to}")
-    order = ExportOrder.of(video, frames, sheet, splats, tuple(view or ()), alpha, background, to, folder, frame)
+    order = ExportOrder.of(
+        video, frames, sheet, splats, tuple(view or ()), alpha, background, splats_as, to, folder, frame
+    )
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
     p = session.plan(

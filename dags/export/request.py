@@ -36,6 +36,8 @@ class ExportOrder:
     """Whether pictures keep their coverage."""
     backdrop: Backdrop
     """What videos and pictures stand on."""
+    splats_as: str = "ply"
+    """How splats are named and written: a key of `SPLAT_FILES`."""
     layout: str | None = None
     """Layout of another tool that the capture is written in."""
     folder: Path = Path()
@@ -53,6 +55,7 @@ class ExportOrder:
         views: tuple[str, ...],
         alpha: bool,
         background: str,
+        splats_as: str = "ply",
         layout: str | None = None,
         folder: Path = Path(),
         frame: int | None = None,
@@ -67,6 +70,7 @@ class ExportOrder:
                 "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE, --splats FOLDER or --to"
                 " LAYOUT"
             )
+        exporting_splats.chosen_files(splats_as)
         if layout:
             layouts.check_layout(layout)
             output_folder("export --output", folder)
@@ -88,7 +92,7 @@ class ExportOrder:
         for option, place in (("--frames", frames), ("--splats", splats)):
             if place is not None:
                 output_folder(f"export {option}", place)
-        return cls(video, frames, sheet, splats, views, alpha, behind, layout, folder, frame)
+        return cls(video, frames, sheet, splats, views, alpha, behind, splats_as, layout, folder, frame)
 
     @property
     def renders(self) -> bool:
@@ -113,7 +117,7 @@ class ExportOrder:
             for path in context.paths.values():
                 refuse_strangers(self.frames, path.names, context.source_frames)
         if self.splats:
-            exporting_splats.refuse_strangers(context, self.splats)
+            exporting_splats.refuse_strangers(context, self.splats, self.splats_as)
         if self.layout:
             layouts.check(context, self.folder, self.frame)
 
@@ -121,7 +125,7 @@ class ExportOrder:
         """Write everything from a finished plan; returns sentences about the files."""
         said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
         if self.splats:
-            said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats)
+            said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats, self.splats_as)
         if self.layout:
             said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame)
         return said

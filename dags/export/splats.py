@@ -1,4 +1,4 @@
-"""From the finished Gaussians of a sequence to splat files that other viewers open: one standard 3DGS PLY a frame.
+"""From the finished Gaussians of a sequence to splat files that other viewers open: one a frame, 3DGS PLY or SPZ.
 
 World axes are the capture's, in metres; colour is sRGB as harmonics of degree 0. A Gaussian's opacity is the one it
 shows face-on, and it is seen from both sides: a splat file knows neither grazing angles nor inner sides.
@@ -6,9 +6,9 @@ shows face-on, and it is seen from both sides: a splat file knows neither grazin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
@@ -21,6 +21,30 @@ if TYPE_CHECKING:
     import torch
 
     from posegaussian.stages.splatting.definition.scene import Gaussians
+
+
+class SplatFiles(NamedTuple):
+    """How splats are named and written."""
+
+    name: str
+    """`str.format` of a file's name: `number` is the source frame's, `place` counts from 1."""
+    spz: bool
+    """Whether as SPZ, else as PLY."""
+
+
+SPLAT_FILES: Mapping[str, SplatFiles] = {
+    "ply": SplatFiles("{number:06d}.ply", False),
+    "spz": SplatFiles("{number:06d}.spz", True),
+    "sequence": SplatFiles("frame{place:04d}.ply", False),
+}
+"""By what `--splats-as` calls it; SuperSplat plays files of the last kind as a sequence."""
+
+
+def chosen_files(kind: str) -> SplatFiles:
+    """How splats of a kind are named and written. Raises ConfigError for an unknown one."""
+    if kind not in SPLAT_FILES:
+        raise ConfigError(f"export --splats-as {kind}: unknown; known are {', '.join(SPLAT_FILES)}")
+    return SPLAT_FILES[kind]
 
 
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
@@ -43,33 +67,37 @@ def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     )
 
 
-def export_splats(results: Results, names: Sequence[str], folder: Path) -> list[str]:
-    """Write `<frame:06d>.ply`, by source frame number, of the Gaussians of some source views; returns a sentence.
+def export_splats(results: Results, names: Sequence[str], folder: Path, kind: str = "ply") -> list[str]:
+    """Write a file a frame of the Gaussians of some source views, named and written as `kind` says; returns a sentence.
 
     Raises UserError for a folder with splat files of something else.
     """
     from posegaussian.storage.formats.splat_ply import write_splats
+    from posegaussian.storage.formats.spz import write_spz
 
     context = results.context
     views = chosen_views(context, names)
-    files = _files(context, folder)
-    refuse_strangers(context, folder)
+    files = _files(context, folder, kind)
+    refuse_strangers(context, folder, kind)
+    write = write_spz if chosen_files(kind).spz else write_splats
     counts = []
     for frame, file in enumerate(files):
         splats = frame_splats(results, frame, views)
-        write_splats(file, splats)
+        write(file, splats)
         counts.append(len(splats))
     names = ", ".join(context.views.names[v] for v in views)
     return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"]
 
 
-def _files(context: Context, folder: Path) -> list[Path]:
-    return [folder / f"{number:06d}.ply" for number in context.source_frames]
+def _files(context: Context, folder: Path, kind: str) -> list[Path]:
+    name = chosen_files(kind).name
+    return [folder / name.format(number=int(n), place=at) for at, n in enumerate(context.source_frames, start=1)]
 
 
-def refuse_strangers(context: Context, folder: Path) -> None:
+def refuse_strangers(context: Context, folder: Path, kind: str = "ply") -> None:
     """Raise UserError when the folder holds splat files that an export of this sequence would leave beside its own."""
-    strangers = sorted(set(folder.glob("*.ply")) - set(_files(context, folder)))
+    found = {p for ending in ("ply", "spz") for p in folder.glob(f"*.{ending}")}
+    strangers = sorted(found - set(_files(context, folder, kind)))
     if strangers:
         raise UserError(
             f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; "

@@ -67,6 +67,29 @@ def test_reading_back_gives_the_gaussians_that_rendering_lifts(made: Pipeline, t
         assert start == len(read.splats)
 
 
+def test_names_and_kinds_of_files(made: Pipeline, tmp_path: Path) -> None:
+    results = Results(made.context())
+    for kind, names in (("sequence", ["frame0001.ply", "frame0002.ply"]), ("spz", ["000001.spz", "000002.spz"])):
+        export_splats(results, (), tmp_path / kind, kind)
+        assert sorted(p.name for p in (tmp_path / kind).iterdir()) == names
+    with pytest.raises(UserError, match=r"splat file\(s\) of something else, for example 000001.spz"):
+        export_splats(results, (), tmp_path / "spz", "sequence")
+    with pytest.raises(ConfigError, match="--splats-as splat: unknown; known are ply, spz, sequence"):
+        export_splats(results, (), tmp_path / "other", "splat")
+
+
+def test_gsply_reads_both_kinds(made: Pipeline, tmp_path: Path) -> None:
+    gsply = pytest.importorskip("gsply", reason="gsply (extra dev) is not installed")
+    results = Results(made.context())
+    for kind in ("ply", "spz"):
+        export_splats(results, (), tmp_path / kind, kind)
+    whole, small = gsply.plyread(tmp_path / "ply" / "000001.ply"), gsply.read_spz(tmp_path / "spz" / "000001.spz")
+    ours = read_splats(tmp_path / "ply" / "000001.ply").splats
+    np.testing.assert_array_equal(whole.means, ours.mean)
+    np.testing.assert_array_equal(whole.quats, ours.quaternion)
+    np.testing.assert_allclose(small.means, ours.mean, atol=0.5 * 2.0**-12 + 1e-6)  # fixed point of 12 bits
+
+
 def test_the_surface_is_where_the_person_stands(made: Pipeline, tmp_path: Path) -> None:
     """Means projected into a view that they were not lifted from fall on its mask."""
     results = Results(made.context())
