@@ -100,10 +100,21 @@ def _check_model(c: RawCamera) -> None:
         )
 
 
+def distances(places: np.ndarray) -> np.ndarray:
+    """Distances between all pairs of places [n, 3], ascending; of many places those of every k-th."""
+    some = places[:: max(1, len(places) // 500)]
+    a, b = np.triu_indices(len(some), 1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.sort(np.linalg.norm(some[a] - some[b], axis=1))
+
+
 def rig_notes(rig: Rig) -> list[str]:
-    """Sentences about a rig that is valid but odd: a single camera, or cameras improbably far apart."""
+    """Sentences about a rig: how far its cameras are apart; that there is one only, or that they are improbably far."""
     notes = []
-    if len(rig) == 1:
+    apart = distances(rig.centres)
+    if len(apart):
+        notes.append(f"cameras lie {apart[0]:.3g} to {apart[-1]:.3g} m apart")
+    else:
         notes.append("one camera only: depth needs a second view, so only stages that work on one view give results")
     far = np.ptp(rig.centres, axis=0).max()
     if far > _FAR:

@@ -30,7 +30,6 @@ from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import (
     Seen,
     UnitOptions,
-    apart_note,
     check_direction,
     check_points,
     metres,
@@ -109,7 +108,6 @@ def find(source: Path, options: ColmapOptions) -> Capture:
             *cameras.notes,
             *notes,
             unit,
-            *apart_note(rig),
             *facing,
             *fit,
             *more,
@@ -145,9 +143,12 @@ def _model_folder(base: Path, options: ColmapOptions) -> Path:
 
 def _posed(model: ColmapModel, place: Path, options: ColmapOptions) -> list[PosedImage]:
     out = []
+    known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for image in model.images:
-        where = f"model {place}, image {image.name[:200]!r}"
-        intrinsics, distortion = opencv_camera(model.cameras[image.camera], f"{where}, camera {image.camera}")
+        if image.camera not in known:
+            where = f"model {place}, image {image.name[:200]!r}, camera {image.camera}"
+            known[image.camera] = opencv_camera(model.cameras[image.camera], where)
+        intrinsics, distortion = known[image.camera]
         name = checked_name(image.name, str(place))
         with np.errstate(over="ignore", invalid="ignore"):
             centre = -image.rotation.T @ image.translation

@@ -9,8 +9,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from posegaussian.storage.importers.cameras import distances
 from posegaussian.storage.importers.common import ImportOptions
-from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 APART = (0.2, 20.0)
@@ -57,14 +57,6 @@ class Seen(NamedTuple):
     """Longer side of the picture, px."""
 
 
-def distances(places: np.ndarray) -> np.ndarray:
-    """Distances between all pairs of places [n, 3], ascending; of many places those of every k-th."""
-    some = places[:: max(1, len(places) // 500)]
-    a, b = np.triu_indices(len(some), 1)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.sort(np.linalg.norm(some[a] - some[b], axis=1))
-
-
 def metres(options: UnitOptions, names: Sequence[str], centres: np.ndarray, what: str) -> tuple[float, str]:
     """(metres in a unit, the sentence on how that is known) of cameras at `centres` [V, 3], in the file's unit.
 
@@ -95,14 +87,6 @@ def metres(options: UnitOptions, names: Sequence[str], centres: np.ndarray, what
             f" {ask}"
         )
     return 1.0, f"unit: taken as metres, as cameras lie up to {apart[-1] if len(apart) else 0:.3g} units apart; {ask}"
-
-
-def apart_note(rig: Rig) -> list[str]:
-    """A sentence on the distances between cameras."""
-    apart = distances(rig.centres)
-    if not len(apart):
-        return []
-    return [f"cameras lie {apart[0]:.3g} to {apart[-1]:.3g} m apart"]
 
 
 def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.ndarray, direction: str) -> list[str]:

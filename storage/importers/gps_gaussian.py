@@ -21,7 +21,7 @@ from posegaussian.storage.importers.cameras import DISTORTION, build_rig, rig_no
 from posegaussian.storage.importers.common import ImportOptions, folder, mask_file_streams, natural, subfolders
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.depth_streams import depth_file_streams
-from posegaussian.storage.importers.evidence import apart_note, check_direction
+from posegaussian.storage.importers.evidence import check_direction
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage, sorted_by_camera, still_camera
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.capture import Capture
@@ -82,7 +82,6 @@ def find(source: Path, options: GpsOptions) -> Capture:
         notes=(
             *cameras.notes,
             "unit: metres, as the layout has it",
-            *apart_note(rig),
             *facing,
             *notes,
             *mask_notes,

@@ -27,7 +27,7 @@ from posegaussian.storage.importers.common import (
     videos_in,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
-from posegaussian.storage.importers.evidence import UnitOptions, apart_note, check_direction, metres
+from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
 from posegaussian.storage.importers.posed_images import PosedImage, sorted_by_camera, still_camera
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.capture import Capture
@@ -86,7 +86,6 @@ def find(source: Path, options: LlffOptions) -> Capture:
             f"cameras of {POSES}: {len(rows)} rows, in the order of names as texts, {', '.join(list(files)[:3])}, ...",
             *notes,
             unit,
-            *apart_note(rig),
             *facing,
             *more,
             *picture_gaps(names, pictures),

@@ -9,6 +9,7 @@ nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from posegaussian.storage.importers.cameras import DISTORTION, build_rig, number
 from posegaussian.storage.importers.common import chosen, folder, mask_file_streams, picture_gaps
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_file_streams
-from posegaussian.storage.importers.evidence import UnitOptions, apart_note, check_direction, metres
+from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
 from posegaussian.storage.importers.posed_images import (
     PosedImage,
     checked_name,
@@ -110,7 +111,7 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
     posed, notes = instants(posed, [f.number("time") for f in frames])
     by_name = {i.name: f for i, f in zip(posed, frames, strict=True)}
     if len(by_name) < len(frames):
-        twice = next(i.name for n, i in enumerate(posed) if i.name in {p.name for p in posed[:n]})
+        twice = next(name for name, n in Counter(i.name for i in posed).items() if n > 1)
         raise SourceError(f"{files[0]}: image {twice} is there twice; write the file again")
     cameras = sorted_by_camera(posed, options.moment)
     found, more = picture_files(base, base, cameras, options.pictures)
@@ -146,7 +147,6 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
             *(f"camera {n} is placed but has no pictures and is left out" for n in without),
             unit,
             *([f"applied_scale {applied:g} is undone"] if applied != 1 else []),
-            *apart_note(rig),
             *facing,
             *rate_notes,
             *picture_gaps(names, pictures),
@@ -286,13 +286,18 @@ def _depth_scale(options: NerfstudioOptions, maps: Sequence[Mapping[int, Path]],
 
 def _held_out(files: Sequence[Path], names: Sequence[str], own: Mapping[str, Mapping[int, _Frame]]) -> tuple[str, ...]:
     """Cameras of transforms_test.json alone, and those whose images are all in `test_filenames`."""
+    heads = {id(f.head): f.head for frames in own.values() for f in frames.values()}
+    listed = {
+        key: {t for t in tests if isinstance(t, str)}
+        if isinstance(tests := head.get("test_filenames"), list)
+        else set()
+        for key, head in heads.items()
+    }
     out = []
     for n in names:
-        frames = own[n].values()
-        listed = [f.head.get("test_filenames") for f in frames]
         tested = [
-            f.where.startswith(f"{files[-1]},") if len(files) > 1 else isinstance(t, list) and f.frame["file_path"] in t
-            for f, t in zip(frames, listed, strict=True)
+            f.where.startswith(f"{files[-1]},") if len(files) > 1 else f.frame["file_path"] in listed[id(f.head)]
+            for f in own[n].values()
         ]
         if all(tested):
             out.append(n)

@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from posegaussian.storage.formats.joint_files import frame_number
-from posegaussian.storage.importers.cameras import RawCamera
+from posegaussian.storage.importers.cameras import RawCamera, distances
 from posegaussian.storage.importers.common import natural
-from posegaussian.storage.importers.evidence import distances
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 STILL = (0.02, 2.0)
@@ -35,6 +34,8 @@ RIGID = 1e-3
 """By which R R^T may differ from the identity, as in `model/cameras.py`."""
 LONGEST_PART = 250
 """Bytes of the name of a file or folder."""
+MOST_CAMERAS = 1000
+"""Cameras of a rig."""
 FEWEST = 4
 """Pictures that can be a walk; two or three are too few to tell."""
 
@@ -123,7 +124,7 @@ def sorted_by_camera(images: Sequence[PosedImage], moment: bool | None) -> Camer
                 f" {FARTHEST:g} units"
             )
     if moment:
-        return _cameras("moment", {_moment_name(i, images): {0: i} for i in images}, images)
+        return _cameras("moment", _one_each(images), images)
     readings: dict[str, dict[str, dict[int, PosedImage]] | None] = {
         "label": _read(images, lambda i: i.label, lambda i: i.number if i.number is not None else _of(_stem(i))),
         "folder": _read(images, lambda i: _parts(i)[0], _file_number),
@@ -149,7 +150,7 @@ def sorted_by_camera(images: Sequence[PosedImage], moment: bool | None) -> Camer
                 " that stand still are needed; where all are of one instant, say --option moment=true"
             )
         _refuse_walk(images)
-    return _cameras("moment", {_moment_name(i, images): {0: i} for i in images}, images)
+    return _cameras("moment", _one_each(images), images)
 
 
 def still_camera(name: str, images: Mapping[int, PosedImage], scale: float) -> RawCamera:
@@ -157,16 +158,13 @@ def still_camera(name: str, images: Mapping[int, PosedImage], scale: float) -> R
     several calibrations."""
     first = next(iter(images.values()))
     for i in images.values():
-        for a, b in ((first.intrinsics, i.intrinsics), (first.distortion, i.distortion)):
-            if (
-                a.shape != b.shape
-                or not np.allclose(a, b, rtol=SAME, atol=SAME, equal_nan=True)
-                or first.size != i.size
-            ):
-                raise CalibrationError(
-                    f"camera {name}: images {first.name} and {i.name} have different calibrations, but are one"
-                    " camera's; calibrate with one a camera (COLMAP: --ImageReader.single_camera_per_folder 1)"
-                )
+        if not (
+            _same(first.intrinsics, i.intrinsics) and _same(first.distortion, i.distortion) and first.size == i.size
+        ):
+            raise CalibrationError(
+                f"camera {name}: images {first.name} and {i.name} have different calibrations, but are one camera's;"
+                " calibrate with one a camera (COLMAP: --ImageReader.single_camera_per_folder 1)"
+            )
     total = np.sum([i.rotation for i in images.values()], axis=0)
     rotation = first.rotation
     if len(images) > 1 and np.isfinite(total).all():
@@ -174,6 +172,12 @@ def still_camera(name: str, images: Mapping[int, PosedImage], scale: float) -> R
         rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     centre = np.mean([i.centre for i in images.values()], axis=0) * scale
     return RawCamera(name, first.intrinsics, first.distortion, rotation, -rotation @ centre, first.size)
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    if a is b or np.array_equal(a, b, equal_nan=True):
+        return True
+    return a.shape == b.shape and bool(np.allclose(a, b, rtol=SAME, atol=SAME, equal_nan=True))
 
 
 def _parts(image: PosedImage) -> tuple[str, str]:
@@ -217,21 +221,32 @@ def _read(
     return {n: dict(sorted(out[n].items())) for n in sorted(out, key=natural)}
 
 
-def _moment_name(image: PosedImage, images: Sequence[PosedImage]) -> str:
-    """A camera's name of its one picture: the file's, or the folder's where all files are called alike."""
-    stems = {_stem(i) for i in images}
-    if len(stems) == len(images):
-        return _stem(image)
-    folders = {_parts(i)[0] for i in images}
-    if len(folders) == len(images):
-        return _short(_parts(image)[0], sorted(folders))
-    return image.name.rpartition(".")[0].replace("/", "_")
+def _one_each(images: Sequence[PosedImage]) -> dict[str, dict[int, PosedImage]]:
+    """{camera: {0: its one picture}}, named by the files, by the folders where all files are called alike, else by
+    both."""
+    folders, stems = [_parts(i)[0] for i in images], [_stem(i) for i in images]
+    if len(set(stems)) == len(images):
+        names = stems
+    elif len(set(folders)) == len(images):
+        names = list(_shortened(folders).values())
+    else:
+        names = [i.name.rpartition(".")[0].replace("/", "_") for i in images]
+    return {n: {0: i} for n, i in _distinct(names, images).items()}
 
 
-def _short(folder: str, folders: Sequence[str]) -> str:
-    """The last part of a folder's path where that tells it from the others, else all parts."""
-    last = [f.rpartition("/")[2] for f in folders]
-    return folder.rpartition("/")[2] if len(set(last)) == len(folders) else folder.replace("/", "_")
+def _distinct(names: Sequence[str], images: Sequence[PosedImage]) -> dict[str, PosedImage]:
+    out: dict[str, PosedImage] = {}
+    for n, i in zip(names, images, strict=True):
+        if n in out:
+            raise SourceError(f"images {out[n].name} and {i.name} would both be camera {n}; rename one")
+        out[n] = i
+    return out
+
+
+def _shortened(folders: Sequence[str]) -> dict[str, str]:
+    """{folder: the last part of its path where that tells all apart, else all its parts}."""
+    last = {f: f.rpartition("/")[2] for f in folders}
+    return last if len(set(last.values())) == len(last) else {f: f.replace("/", "_") for f in folders}
 
 
 def _spread(group: Mapping[int, PosedImage]) -> tuple[float, float]:
@@ -266,7 +281,7 @@ def _moved(found: Mapping[str, Mapping[int, PosedImage]]) -> str:
     assert name is not None
     far, turned = _spread(found[name])
     return (
-        f"camera {_short(name, list(found))} moves: its {len(found[name])} images lie up to {far:.3g} units and"
+        f"camera {_shortened(list(found))[name]} moves: its {len(found[name])} images lie up to {far:.3g} units and"
         f" {turned:.3g} degrees apart, where the cameras lie up to {_extent(found):.3g} units apart. Cameras must stand"
         " still while people move;"
         " where every image is another camera's, all of one instant, say --option moment=true"
@@ -299,7 +314,11 @@ def _refuse_walk(images: Sequence[PosedImage]) -> None:
 
 
 def _cameras(by: str, found: dict[str, dict[int, PosedImage]], images: Sequence[PosedImage]) -> Cameras:
-    short = {n: _short(n, list(found)) for n in found}
+    if len(found) > MOST_CAMERAS:
+        raise SourceError(f"{len(images)} images of {len(found)} cameras; a rig has at most {MOST_CAMERAS}")
+    short = _shortened(list(found))
+    firsts = [next(iter(g.values())) for g in found.values()]
+    _distinct([short[n] for n in found], firsts)
     sorted_found = {short[n]: found[n] for n in sorted(found, key=natural)}
     told = {
         "label": "cameras: as the file names them",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from posegaussian.storage.formats.colmap_model import MODELS, ColmapCamera, read_model
+from posegaussian.storage.importers import posed_images
 from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.colmap import opencv_camera
 from posegaussian.storage.importers.find import find_capture
@@ -16,6 +17,7 @@ from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_png
 from posegaussian.storage.readers.sources import open_source
 from tests.support import colmap_files, import_capture
+from tests.support.pycolmap_process import ask
 from tests.support.video_clips import counting_clip
 
 
@@ -52,34 +54,49 @@ def test_the_known_point_lands_where_arithmetic_says(tmp_path: Path, form: str, 
 
 def test_pycolmap_reads_the_same_values(tmp_path: Path) -> None:
     """And the other way round: what pycolmap writes, with its files of rigs and frames, is read the same."""
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
     made(tmp_path / "a", "text", at="sparse/0")
-    theirs = pycolmap.Reconstruction(tmp_path / "a" / "sparse" / "0")
-    for form, write in (("text", theirs.write_text), ("binary", theirs.write_binary)):
-        folder = tmp_path / form
-        folder.mkdir()
-        write(str(folder))
-        ours = read_model(folder)
+    first = str(tmp_path / "a" / "sparse" / "0")
+    for form in ("text", "binary"):
+        (tmp_path / form).mkdir()
+    theirs = ask("content", folder=first)
+    ask("written", folder=first, text=str(tmp_path / "text"), binary=str(tmp_path / "binary"))
+    for form in ("text", "binary"):
+        ours = read_model(tmp_path / form)
         assert ours.form == form
-        assert {i.name for i in ours.images} == {i.name for i in theirs.images.values()}
+        assert (tmp_path / form / ("rigs.txt" if form == "text" else "rigs.bin")).is_file()
+        assert {i.name for i in ours.images} == set(theirs["images"])
         for image in ours.images:
-            other = next(i for i in theirs.images.values() if i.name == image.name)
-            pose = other.cam_from_world().matrix()
+            other = theirs["images"][image.name]
+            pose = np.array(other["pose"])
             # text has 17 digits, and pycolmap normalises the quaternion
             np.testing.assert_allclose(image.rotation, pose[:, :3], atol=1e-14)
             np.testing.assert_allclose(image.translation, pose[:, 3], atol=1e-14)
-            np.testing.assert_allclose(ours.cameras[image.camera].params, other.camera.params, rtol=1e-15)
+            np.testing.assert_allclose(ours.cameras[image.camera].params, other["params"], rtol=1e-15)
             assert len(image.pixels) == 40
+        assert len(ours.points) == 40
         for key, place in ours.points.items():
-            np.testing.assert_allclose(place, theirs.points3D[key].xyz, atol=1e-15)
+            np.testing.assert_allclose(place, theirs["points"][str(key)][:3], atol=1e-15)
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_a_rig_of_pycolmap_is_read_by_its_images_poses(tmp_path: Path, form: str) -> None:
+    poses = [
+        np.column_stack([rotation_matrix(import_capture.RODRIGUES[v]), import_capture.TRANSLATION[v]]).tolist()
+        for v in range(3)
+    ]
+    folder = tmp_path / "sparse" / "0"
+    folder.mkdir(parents=True)
+    params = [colmap_files.opencv_params(v) for v in range(3)]
+    ask("rig", folder=str(folder), form=form, names=import_capture.NAMES, params=params, poses=poses)
+    import_capture.pictures(tmp_path / "images")
+    capture = find(tmp_path)
+    np.testing.assert_allclose(  # poses went through two products of float64 motions
+        import_capture.imported_pixels(capture.rig), import_capture.known_pixels() + 0.5, atol=1e-10
+    )
 
 
 def test_every_model_number_is_the_one_pycolmap_has() -> None:
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
-    known = {int(v): n for n, v in pycolmap.CameraModelId.__members__.items() if n != "INVALID"}
-    assert {n: name for n, (name, _) in MODELS.items()} == known
-    for name, count in MODELS.values():
-        assert len(pycolmap.Camera.create(1, getattr(pycolmap.CameraModelId, name), 50.0, 64, 48).params) == count
+    assert {name: [number, count] for number, (name, count) in MODELS.items()} == ask("models")
 
 
 PARAMS = {
@@ -92,16 +109,15 @@ PARAMS = {
 }
 
 
-@pytest.mark.parametrize("model", PARAMS)
-def test_a_camera_model_projects_as_pycolmap_does(model: str) -> None:
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
+def test_camera_models_project_as_pycolmap_does() -> None:
     import cv2
 
-    intrinsics, distortion = opencv_camera(ColmapCamera(model, (64, 48), PARAMS[model]), "here")
     place = np.array([[0.2, -0.15, 1.0], [-0.4, 0.3, 1.0], [0.0, 0.0, 2.0]])
-    ours = cv2.projectPoints(place, np.zeros(3), np.zeros(3), intrinsics, distortion)[0].reshape(-1, 2)
-    theirs = pycolmap.Camera(model=model, width=64, height=48, params=PARAMS[model]).img_from_cam(place)
-    np.testing.assert_allclose(ours, theirs, atol=1e-9)  # the same formula in another order
+    theirs = ask("projected", cameras=PARAMS, points=place.tolist())
+    for model, params in PARAMS.items():
+        intrinsics, distortion = opencv_camera(ColmapCamera(model, (64, 48), params), "here")
+        ours = cv2.projectPoints(place, np.zeros(3), np.zeros(3), intrinsics, distortion)[0].reshape(-1, 2)
+        np.testing.assert_allclose(ours, theirs[model], atol=1e-9)  # the same formula in another order
 
 
 @pytest.mark.parametrize("model", sorted({n for n, _ in MODELS.values()} - set(PARAMS)))
@@ -370,6 +386,18 @@ def test_several_models_and_several_calibrations_of_a_camera(base: Path) -> None
     colmap_files.write_text(base / "sparse" / "1", model)
     with pytest.raises(UserError, match="different calibrations, but are one camera's"):
         find(base, model="sparse/1")
+
+
+def test_images_that_would_be_one_camera_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "images").mkdir()
+    for model in (colmap_files.rig(("a.png", "a.jpg", "b.png")), colmap_files.rig(("a.png", "x/a.png", "x_a.png"))):
+        colmap_files.write_text(tmp_path / "sparse" / "0", model)
+        with pytest.raises(UserError, match="would both be camera"):
+            find(tmp_path, moment=True)
+    monkeypatch.setattr(posed_images, "MOST_CAMERAS", 2)
+    colmap_files.write_text(tmp_path / "sparse" / "0", colmap_files.rig())
+    with pytest.raises(UserError, match="3 images of 3 cameras; a rig has at most 2"):
+        find(tmp_path)
 
 
 def test_cameras_without_pictures_are_left_out_and_said(base: Path) -> None:
