@@ -136,8 +136,7 @@ def read_model(folder: Path) -> ColmapModel:
         wanted = {int(p) for i in images.values() for p in i.points}
         points: dict[int, np.ndarray] = {}
         if points_file.is_file() and wanted:
-            found = (_binary_points if binary else _text_points)(points_file)
-            points = {key: place for key, place in found if key in wanted}
+            points = dict((_binary_points if binary else _text_points)(points_file, wanted))
     except SourceError as e:
         raise CalibrationError(str(e)) from e
     if not images:
@@ -234,12 +233,14 @@ def _text_images(path: Path) -> Iterator[tuple[str, ColmapImage]]:
         yield where, _image(where, _values(float, words[1:8], where), camera, words[9], seen, ids)
 
 
-def _text_points(path: Path) -> Iterator[tuple[int, np.ndarray]]:
+def _text_points(path: Path, wanted: set[int]) -> Iterator[tuple[int, np.ndarray]]:
     for where, line in _content(_lines(path)):
         words = line.split(None, 4)
         if len(words) < 4:
             raise SourceError(f"{where}: expected POINT3D_ID X Y Z R G B ERROR TRACK, got {shortened(line)}")
-        yield _values(whole, words[:1], where)[0], _place(_values(float, words[1:4], where), where)
+        key = _values(whole, words[:1], where)[0]
+        if key in wanted:
+            yield key, _place(_values(float, words[1:4], where), where)
 
 
 def _place(values: Sequence[float], where: str) -> np.ndarray:
@@ -338,11 +339,11 @@ def _binary_images(path: Path) -> Iterator[tuple[str, ColmapImage]]:
         yield where, _image(where, pose, camera, name, seen, ids)
 
 
-def _binary_points(path: Path) -> Iterator[tuple[int, np.ndarray]]:
+def _binary_points(path: Path, wanted: set[int]) -> Iterator[tuple[int, np.ndarray]]:
     data = _Bytes(path)
     for _ in data.entries("points"):
-        where = data.where
-        key, *place = data.take("Q3d3Bd", "a point")[:4]
-        (length,) = data.take("Q", "the length of a track")
-        data.skip(8 * length, f"a track of {length} observations")
-        yield key, _place(place, where)
+        at = data.at
+        key, x, y, z, *_, length = data.take("Q3d3BdQ", "a point")
+        data.skip(8 * length, "a point's track")
+        if key in wanted:
+            yield key, _place((x, y, z), f"{path}, byte {at}")

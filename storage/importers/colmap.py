@@ -198,6 +198,8 @@ def _seen(model: ColmapModel, cameras: Cameras, options: ColmapOptions) -> list[
     out = []
     for image in model.images:
         camera = owner[checked_name(image.name, "")]
+        if not left[camera]:
+            continue
         known = [k for k, p in enumerate(image.points) if int(p) in model.points][: left[camera]]
         if not known:
             continue

@@ -15,6 +15,6 @@ from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 
 IMPORTERS: Mapping[str, Importer] = {
-    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, IMAGES, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN)
+    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, IMAGES)
 }
 """In the order in which sentences name them."""

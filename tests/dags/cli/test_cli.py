@@ -81,7 +81,7 @@ def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
     assert_says(
         posegaussian("import", "unheard", str(capture), cwd=tmp_path),
         "unknown layout 'unheard'",
-        "pose2sim, caliscope, easymocap, images",
+        "pose2sim, caliscope, easymocap, colmap",
     )
 
 
