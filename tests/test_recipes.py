@@ -152,6 +152,22 @@ IMPORTER = Importer(
         "from posegaussian.storage.importers.shots import IMPORTER as SHOTS",
         "IMAGES",
     ),
+    "layout to export": Recipe(
+        "storage/exporters/layouts/listing.py",
+        """
+from posegaussian.storage.exporters.layouts.declaration import Layout
+
+
+def write(folder, recording):
+    (folder / "cameras.txt").write_text("\\n".join(recording.rig.names))
+
+
+LAYOUT = Layout("listing", "images, masks and the names of cameras.", write)
+""",
+        "storage/exporters/layouts/registry.py",
+        "from posegaussian.storage.exporters.layouts.listing import LAYOUT as LISTING",
+        "IMAGES",
+    ),
     "simulator effect": Recipe(
         "stages/simulator/effects/raised_cameras.py",
         '''
@@ -371,6 +387,12 @@ def test_an_importer(copy: Copy, archive: tuple[str, list[str], str]) -> None:
     shown = " ".join(copy.command("import", "--help").split())
     assert "images, shots, or auto for the one that fits." in shown
     assert "shots: A folder with shots.txt and a capture in it." in shown
+
+
+def test_a_layout_to_export(copy: Copy, archive: tuple[str, list[str], str]) -> None:
+    assert "listing" in " ".join(copy.command("export", "--help").split())
+    refused = copy.command("export", "a", *archive[1], "--to", "listings", status=2)
+    assert "export --to listings: unknown layout; known are colmap, nerfstudio, easymocap, images, listing" in refused
 
 
 def test_an_effect_of_the_simulator_and_a_scene(copy: Copy) -> None:

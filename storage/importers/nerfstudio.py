@@ -65,6 +65,9 @@ class NerfstudioOptions(UnitOptions):
     moment: bool | None = Field(
         None, description="Every image is another camera's, all of one instant; by default as names and poses tell."
     )
+    pixel_center: Literal["half", "integer"] = Field(
+        "half", description="Centre of the first pixel in cx and cy, 0.5 as nerfstudio has it, or 0."
+    )
     depth_scale: float | None = Field(
         None,
         gt=0,
@@ -123,7 +126,11 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
     scale, unit = metres(options, tuple(middle), centres, "transforms.json")
     facing = check_direction(tuple(middle), rotations, centres, DIRECTION)
     pictures, rate, rate_notes = picture_streams({n: found[n] for n in names}, options)
-    rig = build_rig([still_camera(n, cameras.images[n], scale) for n in names], [s.size for s in pictures], half=True)
+    rig = build_rig(
+        [still_camera(n, cameras.images[n], scale) for n in names],
+        [s.size for s in pictures],
+        half=options.pixel_center == "half",
+    )
     own = {n: {k: by_name[i.name] for k, i in cameras.images[n].items()} for n in names}
     masks, mask_notes = mask_file_streams(names, [_named(base, own[n], "mask_path") for n in names], pictures)
     if not masks:

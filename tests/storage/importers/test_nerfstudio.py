@@ -70,6 +70,16 @@ def test_the_known_point_lands_where_arithmetic_says(base: Path) -> None:
     assert any("direction: camera to world; all cameras look at one point" in n for n in capture.notes)
 
 
+def test_principal_points_of_the_other_pixel_centre(base: Path) -> None:
+    right = find(base).rig
+    data = transforms()
+    for f in data["frames"]:
+        f["cx"] -= 0.5
+        f["cy"] -= 0.5
+    moved = find(write(base, data), pixel_center="integer").rig
+    np.testing.assert_allclose(moved.intrinsics, right.intrinsics, atol=1e-13)
+
+
 def with_times(data: dict[str, Any], times: list[float]) -> dict[str, Any]:
     for at, f in enumerate(data["frames"]):
         f["time"] = times[at // 3]
