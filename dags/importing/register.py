@@ -109,17 +109,27 @@ def _copied(capture: Capture, folder: Path) -> Capture:
     """The capture with every file copied below a folder."""
 
     def stream(s: Stream | None, kind: str, owner: str) -> Stream | None:
-        return (
-            None if s is None else dataclasses.replace(s, files=tuple(_copy(f, folder / kind / owner) for f in s.files))
-        )
+        if s is None:
+            return None
+        place = folder / kind / owner
+        copies = tuple(_copy(f, place / name) for f, name in zip(s.files, _names_of(s), strict=True))
+        return dataclasses.replace(s, files=copies)
 
     names = capture.rig.names
     kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in PER_VIEW}
     return dataclasses.replace(capture, joints3d=stream(capture.joints3d, "joints3d", "all"), **kinds)  # type: ignore[arg-type]
 
 
-def _copy(file: SourceFile, folder: Path) -> SourceFile:
-    target = folder / Path(file.path).name
+def _names_of(stream: Stream) -> list[str]:
+    """A name for the copy of each of a stream's files: its own, or its frame's number where two are called alike, as in
+    000000/cam1.png and 000001/cam1.png."""
+    names = [Path(f.path).name for f in stream.files]
+    if len(set(names)) == len(names):
+        return names
+    return [f"{n:06d}{Path(name).suffix}" for n, name in zip(stream.numbers, names, strict=True)]
+
+
+def _copy(file: SourceFile, target: Path) -> SourceFile:
     try:
         with whole_file(target, file.size) as partial:
             shutil.copy2(file.path, partial)
