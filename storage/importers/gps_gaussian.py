@@ -24,6 +24,7 @@ from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage, sorted_by_camera, still_camera
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
+from posegaussian.storage.model.cameras import camera_centre
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers.images import picture_size
@@ -160,7 +161,7 @@ def _posed(base: Path, sample: str, picture: Path) -> PosedImage:
             " px; the intrinsics are for pictures of another size, so scale them or the pictures"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        centre = -m[:3, :3].T @ m[:3, 3]
+        centre = camera_centre(m)
     return PosedImage(where, k, np.zeros(DISTORTION), m[:3, :3], centre, size)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from posegaussian.storage.exporters.layouts.declaration import IMAGES, MASKS, Layout, Recording
 from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.model.cameras import camera_centre
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """From OpenCV's camera axes to OpenGL's."""
@@ -52,7 +53,7 @@ def _pose(recording: Recording, v: int) -> list[list[float]]:
     """Camera to world, [4][4]."""
     m = recording.rig.world_to_camera[v]
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = m[:3, :3].T, -m[:3, :3].T @ m[:3, 3]
+    pose[:3, :3], pose[:3, 3] = m[:3, :3].T, camera_centre(m)
     found: list[list[float]] = (pose @ OPENGL).tolist()
     return found
 
