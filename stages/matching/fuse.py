@@ -64,10 +64,10 @@ def fuse(
 
 
 def complete(
-    depth: np.ndarray, confidence: np.ndarray, near: np.ndarray, far: np.ndarray
+    depth: np.ndarray, confidence: np.ndarray, near: np.ndarray, far: np.ndarray, surface: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth and confidence [h, w] with the gaps inside the hull filled: from matched neighbours, else the hull's
-    surface.
+    `surface` [h, w], which is its near end unless given.
 
     `near` and `far` [h, w] are the hull's depths, 0 outside; filled values are clamped to them.
     """
@@ -76,6 +76,6 @@ def complete(
     guessed = fill(inverse, hull)
     gap, reached = hull & (depth == 0), guessed > 0
     filled = np.clip(1 / np.where(reached, guessed, 1), near, far)
-    out = np.where(gap, np.where(reached, filled, near), depth).astype(np.float32)
+    out = np.where(gap, np.where(reached, filled, near if surface is None else surface), depth).astype(np.float32)
     trust = np.where(gap, np.where(reached, FILLED, HULL), confidence).astype(np.float32)
     return out, trust

@@ -16,6 +16,7 @@ from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
 from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
+from posegaussian.stages.silhouettes.rounding import rounded
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
 
@@ -135,11 +136,26 @@ def hulls(geometry: Geometry, frame: Frame) -> Maps:
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:
-    """Depth of the hull's surface by view; its confidence is 1/2 everywhere, since nothing tells good pixels from
-    bad ones."""
+    """Depth of the hull's surface by view, rounded; its confidence is 1/2 everywhere, since nothing tells good pixels
+    from bad ones."""
     return {
-        v: (near, np.where(near > 0, MATCHED, 0).astype(np.float32)) for v, (near, _) in hulls(geometry, frame).items()
+        v: (depth, np.where(depth > 0, MATCHED, 0).astype(np.float32))
+        for v, depth in surfaces(geometry, hulls(geometry, frame)).items()
     }
+
+
+def surfaces(geometry: Geometry, found: Maps) -> dict[int, np.ndarray]:
+    """Depth [h, w] of the hull's surface by view, rounded as its outlines and the other cameras say
+    (`posegaussian.stages.silhouettes.rounding`), from its `hulls`."""
+    rig, out = geometry.rig, {}
+    for v, (near, far) in found.items():
+        (width, height), depth = rig.size[v], near.copy()
+        towards = rig.centres[[u for u in geometry.views if u != v]] - geometry.centre
+        others = towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rig.rotations[v].T
+        focal = float(rig.intrinsics[v, [0, 1], [0, 1]].mean())
+        depth[:height, :width] = rounded(near[:height, :width], far[:height, :width], focal, others)
+        out[v] = depth
+    return out
 
 
 def depth_range(geometry: Geometry, view: int, params: SearchSettings) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, within_hull
 from posegaussian.stages.matching.fuse import complete, fuse, transfer
@@ -28,9 +28,10 @@ def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: 
     colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
     bounds = {v: within_hull(*hull, geometry.inverse_depth(v, IN_FRONT)) for v, hull in found.items()}
     limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
-    first = _completed(_round(geometry, colors, inside, bounds, params, checked), found)
+    unmatched = surfaces(geometry, found)
+    first = _completed(_round(geometry, colors, inside, bounds, params, checked), found, unmatched)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
-    last = _completed(_round(geometry, colors, inside, again, params, checked), found)
+    last = _completed(_round(geometry, colors, inside, again, params, checked), found, unmatched)
     return agreed(geometry, {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}, found)
 
 
@@ -80,5 +81,5 @@ def _errors(
     return np.where(found[view, partner] > 0, 0.0, np.inf).astype(np.float32)
 
 
-def _completed(rounds: Maps, hulls: Maps) -> Maps:
-    return {v: complete(*rounds[v], *hulls[v]) for v in rounds}
+def _completed(rounds: Maps, hulls: Maps, unmatched: dict[int, np.ndarray]) -> Maps:
+    return {v: complete(*rounds[v], *hulls[v], unmatched[v]) for v in rounds}

@@ -8,7 +8,7 @@ import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, between, within_hull
@@ -53,6 +53,7 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
     pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}
     bounds = {v: within_hull(*hull, _motion(geometry, v, IN_FRONT)) for v, hull in found.items()}
     limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
+    unmatched = surfaces(geometry, found)
     maps: Maps = {}
     for stage in PASSES:
         if stage.reach is not None:
@@ -61,7 +62,7 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
                 for v in geometry.views
             }
         matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
-        maps = {v: complete(*matched[v], *found[v]) for v in geometry.views}
+        maps = {v: complete(*matched[v], *found[v], unmatched[v]) for v in geometry.views}
     maps = {v: (even(z, geometry.pixel(v), KEPT), c) for v, (z, c) in maps.items()}
     return agreed(
         geometry, {v: turn_away(geometry.rig, v, *maps[v], *found[v], inside[v]) for v in geometry.views}, found
