@@ -40,3 +40,7 @@ def test_gaps_are_filled_within_the_hull_and_trusted_less():
     alone, trust = complete(np.zeros((1, 4), np.float32), np.zeros((1, 4), np.float32), near, far)
     np.testing.assert_allclose(alone, near)
     np.testing.assert_allclose(trust, np.where(near > 0, HULL, 0).astype(np.float32))
+    surface = np.where(near > 0, 1.95, 0).astype(np.float32)
+    alone, trust = complete(np.zeros((1, 4), np.float32), np.zeros((1, 4), np.float32), near, far, surface)
+    np.testing.assert_array_equal(alone, surface)
+    np.testing.assert_allclose(trust, np.where(near > 0, HULL, 0).astype(np.float32))
