@@ -29,7 +29,6 @@ from posegaussian.storage.importers.common import (
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import (
     Seen,
-    UnitOptions,
     check_direction,
     check_points,
     metres,
@@ -41,7 +40,7 @@ from posegaussian.storage.importers.posed_images import (
     sorted_by_camera,
     still_camera,
 )
-from posegaussian.storage.importers.posed_pictures import picture_files, picture_streams
+from posegaussian.storage.importers.posed_pictures import PosedOptions, picture_files, picture_streams
 from posegaussian.storage.model.cameras import points_to_integer_centres, to_integer_centres
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.errors import CalibrationError
@@ -53,19 +52,13 @@ POINTS_A_CAMERA = 2000
 """Observations of a camera that are compared with the points."""
 
 
-class ColmapOptions(UnitOptions):
+class ColmapOptions(PosedOptions):
     """What to take where several fit; paths are relative to the capture's folder."""
 
     model: str | None = Field(
         None, description="Folder of the model; by default sparse/0, sparse or the folder itself."
     )
     images: str = Field("images", description="Folder that the images' names are relative to.")
-    pictures: Literal["auto", "images", "videos"] = Field(
-        "auto", description="What is filmed; auto takes images, and videos where there is one image a camera."
-    )
-    moment: bool | None = Field(
-        None, description="Every image is another camera's, all of one instant; by default as names and poses tell."
-    )
     pixel_center: Literal["half", "integer"] = Field(
         "half", description="Centre of the first pixel in the principal points, 0.5 as COLMAP has it, or 0."
     )

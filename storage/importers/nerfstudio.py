@@ -22,7 +22,7 @@ from posegaussian.storage.importers.cameras import DISTORTION, build_rig, number
 from posegaussian.storage.importers.common import chosen, folder, mask_file_streams, picture_gaps
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_file_streams
-from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
+from posegaussian.storage.importers.evidence import check_direction, metres
 from posegaussian.storage.importers.posed_images import (
     PosedImage,
     checked_name,
@@ -30,7 +30,7 @@ from posegaussian.storage.importers.posed_images import (
     sorted_by_camera,
     still_camera,
 )
-from posegaussian.storage.importers.posed_pictures import picture_files, picture_streams
+from posegaussian.storage.importers.posed_pictures import PosedOptions, picture_files, picture_streams
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -53,17 +53,11 @@ MILLIMETRE = 1e-3
 """Units of the poses in one of an integer depth map."""
 
 
-class NerfstudioOptions(UnitOptions):
+class NerfstudioOptions(PosedOptions):
     """What to take where several fit."""
 
     transforms: str | None = Field(
         None, description="The file; by default transforms.json, else transforms_train.json and transforms_test.json."
-    )
-    pictures: Literal["auto", "images", "videos"] = Field(
-        "auto", description="What is filmed; auto takes images, and videos where there is one image a camera."
-    )
-    moment: bool | None = Field(
-        None, description="Every image is another camera's, all of one instant; by default as names and poses tell."
     )
     pixel_center: Literal["half", "integer"] = Field(
         "half", description="Centre of the first pixel in cx and cy, 0.5 as nerfstudio has it, or 0."

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
 
 from posegaussian.storage.importers.common import ImportOptions, image_stream, numbered, video_streams, videos_in
+from posegaussian.storage.importers.evidence import UnitOptions
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
@@ -16,6 +20,17 @@ DEFAULT_RATE = 30.0
 
 Files = dict[int, Path] | Path
 """Pictures by source frame number, or a video."""
+
+
+class PosedOptions(UnitOptions):
+    """What to take of posed images where several fit."""
+
+    pictures: Literal["auto", "images", "videos"] = Field(
+        "auto", description="What is filmed; auto takes images, and videos where there is one image a camera."
+    )
+    moment: bool | None = Field(
+        None, description="Every image is another camera's, all of one instant; by default as names and poses tell."
+    )
 
 
 def picture_files(base: Path, root: Path, cameras: Cameras, kind: str) -> tuple[dict[str, Files], list[str]]:
