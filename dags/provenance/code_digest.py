@@ -59,21 +59,22 @@ def module_file(module: str, root: Path = ROOT) -> Path | None:
     """Source file of a module inside `root`, or None when there is none; of our own as of when this process began."""
     if root == ROOT:
         return _own_module(module)
-    return next((f for f in _candidates(module, root) if f.is_file()), None)
+    return next((Path(f) for f in _candidates(module, root) if os.path.isfile(f)), None)
 
 
 @lru_cache(maxsize=4096)
 def _own_module(module: str) -> Path | None:
-    return next((f for f in _candidates(module, ROOT) if f in STARTED), None)
+    return next((f for f in map(Path, _candidates(module, ROOT)) if f in STARTED), None)
 
 
-def _candidates(module: str, root: Path) -> tuple[Path, ...]:
+@lru_cache(maxsize=65536)
+def _candidates(module: str, root: Path) -> tuple[str, ...]:
     """Where the source of a module could be."""
     package, *parts = module.split(".")
     if package != PACKAGE or not parts:
         return ()
-    base = root.joinpath(*parts)
-    return base.with_suffix(".py"), base / "__init__.py"
+    base = os.path.join(root, *parts)
+    return f"{base}.py", os.path.join(base, "__init__.py")
 
 
 def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:

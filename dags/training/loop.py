@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 Say = Callable[[str], None]
 QUIET_SECONDS = 20.0
 """Pause between two lines of progress."""
+DRAWN_SECONDS = 60.0
+"""Pause between two drawings of the curves, which take a second each."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,7 @@ class Training:
         self.first = self.trainer.step
         self.skipped = 0
         self.said_at, self.said_step = time.monotonic(), self.first
+        self.drawn_at = time.monotonic()
 
     def run(self) -> None:
         """All that there is to do, in order; whatever ends it early leaves a checkpoint."""
@@ -145,6 +148,7 @@ class Training:
             self._keep()  # a frame that cannot be made takes no step with it
             raise
         self._keep()
+        self._draw()
         self._say_end()
 
     def close(self) -> None:
@@ -184,8 +188,7 @@ class Training:
         )
 
     def _validate(self) -> bool:
-        """Measure, draw, write weights with their card; False where it was stopped before."""
-        from posegaussian.dags.training.figure import draw
+        """Measure, write weights with their card, draw; False where it was stopped before."""
         from posegaussian.dags.training.weights import save_weights
 
         frames = self.frames.of_validation(self._goes_on)
@@ -196,10 +199,19 @@ class Training:
         row = log_row("validation", step, numbers)
         rows = [*self.folder.rows, row]
         save_weights(self.folder.weights_file, self.trainer.weights(), card(self.config, step, self._machines(), rows))
-        draw(self.folder.picture_file, rows, self.config)
-        self.folder.note(row)  # last: after a kill before this line, all of it is done again
+        self.folder.note(row)  # after a kill before this line, all of it is done again
+        if time.monotonic() - self.drawn_at >= DRAWN_SECONDS:
+            self._draw()
         self.say(f"validation at step {step}: " + ", ".join(f"{k} {v:.4g}" for k, v in numbers.items()))
         return True
+
+    def _draw(self) -> None:
+        """The curves so far, once there is a validation."""
+        from posegaussian.dags.training.figure import draw
+
+        if any(row["kind"] == "validation" for row in self.folder.rows):
+            draw(self.folder.picture_file, self.folder.rows, self.config)
+        self.drawn_at = time.monotonic()
 
     def _keep(self) -> None:
         step = self.trainer.step

@@ -8,7 +8,6 @@ import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.frames.facts import AVERAGED_WITH, NOISE_AVERAGING
-from posegaussian.stages.gaussians.learned import over_prior
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.imaging.averaging import averaged_depth, sameness
@@ -51,6 +50,9 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                 start = prior(depth[i], confidence[i], mask[i], k, params)
                 found: tuple[np.ndarray, ...] = start
                 if said is not None:
+                    # here, because torch takes two seconds to load and nothing else of this stage asks for it
+                    from posegaussian.stages.gaussians.learned import over_prior
+
                     found = over_prior(start, said[0][i], said[1][i], k, None if turn is None else turn[i], single)
                 # the prior alone has neither a share of the learned value nor a twist
                 for name, data in zip(channels, found, strict=False):
