@@ -181,6 +181,17 @@ def closure(module: str, root: Path = ROOT, folders: tuple[str, ...] = FOLDERS) 
 
 def code_digest(run: str, root: Path = ROOT) -> str:
     """Digest of a kernel `module:function`; the Python version counts because syntax trees differ between versions."""
-    parts = sorted(d for _, d in closure(run.partition(":")[0], root))
+    module = run.partition(":")[0]
+    return _own_digest(module) if root == ROOT else _digest(module, root)
+
+
+@lru_cache(maxsize=256)
+def _own_digest(module: str) -> str:
+    """Of our own code as it was when this process began, which stays what it is."""
+    return _digest(module, ROOT)
+
+
+def _digest(module: str, root: Path) -> str:
+    parts = sorted(d for _, d in closure(module, root))
     text = "\n".join([f"{sys.version_info.major}.{sys.version_info.minor}", *parts])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()

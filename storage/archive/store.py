@@ -12,7 +12,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import unquote
@@ -47,6 +47,23 @@ SOURCES = "_sources"
 
 MAX_CHUNK_BYTES = 16 * 2**20
 """Pictures larger than this are tiled into several chunks of one shard."""
+
+
+def _pipeline() -> tuple[Any, ...]:
+    """What of zarr's configuration an array keeps from when it was opened."""
+    import zarr
+
+    return zarr.config.get("codec_pipeline.path"), zarr.config.get("array.write_empty_chunks")
+
+
+@lru_cache(maxsize=256)
+def _opened(folder: Path, mode: Literal["r", "r+"], description: tuple[int, ...], pipeline: tuple[Any, ...]) -> Any:
+    """An array of a folder. A task opens the same ones for every view, at some milliseconds each: an array is opened
+    again when its `description` has another inode, size or time."""
+    import zarr
+
+    read_metadata(folder)
+    return zarr.open_array(folder, mode=mode, zarr_format=3)
 
 
 def codecs(dtype: np.dtype) -> list[Any]:
@@ -266,11 +283,9 @@ class SequenceGroup:
 
         Raises Unsafe for its place, ForeignArray for its description, FileNotFoundError where there is none.
         """
-        import zarr
-
         folder = self.place(name)
-        read_metadata(folder)
-        return zarr.open_array(folder, mode=mode, zarr_format=3)
+        stat = (folder / FILE).lstat()
+        return _opened(folder, mode, (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns), _pipeline())
 
     def put(
         self,

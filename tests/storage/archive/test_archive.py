@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import store as module
+from posegaussian.storage.archive.array_metadata import ForeignArray
 from posegaussian.storage.archive.records import ATTRIBUTES
 from posegaussian.storage.archive.store import FORMAT, MAX_CHUNK_BYTES, Archive, SequenceGroup, layout, local_path
+from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ArchiveError
 from posegaussian.storage.model.spec import ArraySpec
 from tests.support.sample_captures import make_capture, make_rig, make_sequence
@@ -163,6 +165,25 @@ def test_any_other_change_replaces_the_array(tmp_path: Path, change: str) -> Non
         "meaning": "Depth.",
         "keep": "always",
     }
+
+
+def test_an_array_is_opened_once_until_its_description_changes(tmp_path: Path) -> None:
+    sequence = make_sequence(tmp_path)
+    sequence.ensure_array(DEPTH, shape_of(6, 8, frames=10))
+    first = sequence.open_array(DEPTH.name)
+    assert sequence.open_array(DEPTH.name) is first
+    assert sequence.open_array(DEPTH.name, "r+") is not first, "one may write"
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        assert sequence.open_array(DEPTH.name) is not first, "it writes otherwise"
+    # another process makes it longer: the file is another one
+    file = sequence.root / DEPTH.name / "zarr.json"
+    text = file.read_text()
+    array = zarr.open_array(file.parent, mode="r+")
+    array.resize((21, *array.shape[1:]))
+    with pytest.raises(ForeignArray):
+        sequence.open_array(DEPTH.name)
+    write_atomically(file, text.encode())
+    assert sequence.open_array(DEPTH.name).shape == first.shape
 
 
 def test_a_camera_path_fills_the_name(tmp_path: Path) -> None:
