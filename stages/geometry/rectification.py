@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.subject import up_direction
@@ -103,7 +104,9 @@ class RectifiedPair:
     def seen(self, which: int, pixels: np.ndarray) -> np.ndarray:
         """[...] bool: which rectified pixels [..., 2] a source picture shows."""
         source, ratio = self.source_pixels(which, pixels)
-        return (ratio > 0) & (source >= 0).all(axis=-1) & (source <= self.source_size[which]).all(axis=-1)
+        width, height = self.source_size[which]
+        x, y = source[..., 0], source[..., 1]
+        return (ratio > 0) & (x >= 0) & (y >= 0) & (x <= width) & (y <= height)
 
     def comparable(self, which: int, ratio: np.ndarray) -> np.ndarray:
         """[...] bool: source pixels with that rectified depth per source depth that are drawn out by at most STRETCH.
@@ -123,9 +126,23 @@ class RectifiedPair:
 
 
 def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    image = np.asarray(pixels, dtype=np.float64) @ homography[:, :2].T + homography[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return image[..., :2] / image[..., 2:], image[..., 2]
+    """Pixels [..., 2] -> where the homography [3, 3] takes them [..., 2], and the third row's value [...]; float64."""
+    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
+    image, ratio = _applied(np.ascontiguousarray(homography), flat)
+    return image.reshape(pixels.shape), ratio.reshape(pixels.shape[:-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _applied(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`_apply` of pixels [N, 2]; dividing by 0 gives what is not finite."""
+    h, image, ratio = homography, np.empty_like(pixels), np.empty(len(pixels))
+    for n in range(len(pixels)):
+        x, y = pixels[n]
+        w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+        image[n, 0] = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w
+        image[n, 1] = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
+        ratio[n] = w
+    return image, ratio
 
 
 def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:

@@ -12,7 +12,7 @@ from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, within_hull
 from posegaussian.stages.matching.fuse import complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
-from posegaussian.stages.matching.sgbm import match
+from posegaussian.stages.matching.sgbm import NARROW, WIDE, match
 
 RESIDUAL = 0.012
 """Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
@@ -29,9 +29,9 @@ def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: 
     bounds = {v: within_hull(*hull, geometry.inverse_depth(v, IN_FRONT)) for v, hull in found.items()}
     limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
     unmatched = surfaces(geometry, found)
-    first = _completed(_round(geometry, colors, inside, bounds, params, checked), found, unmatched)
+    first = _completed(_round(geometry, colors, inside, bounds, params, checked, WIDE), found, unmatched)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
-    last = _completed(_round(geometry, colors, inside, again, params, checked), found, unmatched)
+    last = _completed(_round(geometry, colors, inside, again, params, checked, NARROW), found, unmatched)
     return agreed(geometry, {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}, found)
 
 
@@ -46,7 +46,7 @@ def estimate_open(geometry: Geometry, frame: Frame, params: SearchSettings, chec
         near, far = depth_range(geometry, v, params)
         # The windows stand upright at the middle of the range.
         bounds[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
-    return _round(geometry, frame.colors, inside, bounds, params, checked)
+    return _round(geometry, frame.colors, inside, bounds, params, checked, WIDE)
 
 
 def _round(
@@ -56,9 +56,13 @@ def _round(
     bounds: dict[int, Bounds],
     params: SearchSettings,
     checked: bool,
+    paths: int,
 ) -> Maps:
     """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""
-    found = {(a, b): match(pair, colors[a], colors[b], inside[a], bounds[a]) for (a, b), pair in geometry.pairs.items()}
+    found = {
+        (a, b): match(pair, colors[a], colors[b], inside[a], bounds[a], paths)
+        for (a, b), pair in geometry.pairs.items()
+    }
     out = {}
     for v in geometry.views:
         partners = geometry.partners(v)
