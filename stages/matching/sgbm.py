@@ -146,6 +146,7 @@ def _residual(
     """Disparity [h, w] over the window and whether it was found; `search` is the smallest residual, px, and their
     number."""
     (x0, y0, w, h), (smallest, count) = window, search
+    first, second = (p[:high, :wide] for p, (wide, high) in zip((first, second), pair.source_size, strict=True))
     # OpenCV leaves out columns whose search would leave the picture, so the picture is made wider by the search.
     left, right = max(smallest + count, 0), max(-smallest, 0)
     wide = (x0 - left, y0, w + left + right, h)

@@ -7,12 +7,13 @@ import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.rows import in_rows
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, within_hull
-from posegaussian.stages.matching.fuse import complete, fuse, transfer
-from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
-from posegaussian.stages.matching.sgbm import NARROW, WIDE, match
+from posegaussian.stages.matching.fuse import complete
+from posegaussian.stages.matching.sampling import beyond_silhouette
+from posegaussian.stages.matching.sgbm import NARROW, WIDE
 
 RESIDUAL = 0.012
 """Half width of the second round's search, px over the picture's longer side: 6 px at 512."""
@@ -29,9 +30,9 @@ def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: 
     bounds = {v: within_hull(*hull, geometry.inverse_depth(v, IN_FRONT)) for v, hull in found.items()}
     limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
     unmatched = surfaces(geometry, found)
-    first = _completed(_round(geometry, colors, inside, bounds, params, checked, WIDE), found, unmatched)
+    first = _completed(in_rows(geometry, colors, inside, bounds, params, checked, WIDE), found, unmatched)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
-    last = _completed(_round(geometry, colors, inside, again, params, checked, NARROW), found, unmatched)
+    last = _completed(in_rows(geometry, colors, inside, again, params, checked, NARROW), found, unmatched)
     return agreed(geometry, {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}, found)
 
 
@@ -46,43 +47,7 @@ def estimate_open(geometry: Geometry, frame: Frame, params: SearchSettings, chec
         near, far = depth_range(geometry, v, params)
         # The windows stand upright at the middle of the range.
         bounds[v] = Bounds(*(np.where(inside[v], z, 0).astype(np.float32) for z in ((near * far) ** 0.5, near, far)))
-    return _round(geometry, frame.colors, inside, bounds, params, checked, WIDE)
-
-
-def _round(
-    geometry: Geometry,
-    colors: dict[int, np.ndarray],
-    inside: dict[int, np.ndarray],
-    bounds: dict[int, Bounds],
-    params: SearchSettings,
-    checked: bool,
-    paths: int,
-) -> Maps:
-    """One round of matching all pairs in both directions: what holds in both (unless `checked`, all), fused by view."""
-    found = {
-        (a, b): match(pair, colors[a], colors[b], inside[a], bounds[a], paths)
-        for (a, b), pair in geometry.pairs.items()
-    }
-    out = {}
-    for v in geometry.views:
-        partners = geometry.partners(v)
-        if not partners:
-            out[v] = (np.zeros_like(bounds[v].guide), np.zeros_like(bounds[v].guide))
-            continue
-        scales = np.array([geometry.pairs[v, b].sensitivity for b in partners])
-        errors = [_errors(geometry, found, v, b, s, checked) for b, s in zip(partners, scales, strict=True)]
-        out[v] = fuse(np.stack([found[v, b] for b in partners]), np.stack(errors), scales, params.consistency)
-    return out
-
-
-def _errors(
-    geometry: Geometry, found: dict[tuple[int, int], np.ndarray], view: int, partner: int, scale: float, checked: bool
-) -> np.ndarray:
-    """[h, w] px by which the partner contradicts a view's matches, infinite without one; 0 for every match unless
-    `checked`."""
-    if checked:
-        return disagreement(found[view, partner], found[partner, view], transfer(geometry.rig, view, partner), scale)
-    return np.where(found[view, partner] > 0, 0.0, np.inf).astype(np.float32)
+    return in_rows(geometry, frame.colors, inside, bounds, params, checked, WIDE)
 
 
 def _completed(rounds: Maps, hulls: Maps, unmatched: dict[int, np.ndarray]) -> Maps:

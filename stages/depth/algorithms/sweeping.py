@@ -1,4 +1,5 @@
-"""Depth of all source views of one frame by offset sweeps: around the hull, then around what the views agreed upon."""
+"""Depth of all source views of one frame by offset sweeps: around the hull, then around what the views agreed upon, in
+between along the rows of rectified pairs."""
 
 from __future__ import annotations
 
@@ -8,12 +9,14 @@ import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.rows import in_rows
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, between, within_hull
 from posegaussian.stages.matching.fuse import MATCHED, complete, fuse, transfer
 from posegaussian.stages.matching.sampling import beyond_silhouette, disagreement
+from posegaussian.stages.matching.sgbm import WIDE
 from posegaussian.stages.matching.sweep import sweep
 
 
@@ -28,12 +31,16 @@ class Pass:
     reach: float | None
     """Motion to both sides of the last pass's result that is searched, px over the picture's longer side; None: the
     bounds' whole range."""
+    in_rows: bool = False
+    """Within the hull, views with a rectified pair are matched along its rows instead: what was found from many places
+    is made smooth where nothing holds it, and its edges sharp, by costs added up along paths."""
 
 
-PASSES = (Pass(2, 1.0, None), Pass(2, 0.5, 0.012), Pass(1, 0.5, 0.005))
+PASSES = (Pass(2, 1.0, None), Pass(2, 0.5, 0.012, in_rows=True), Pass(1, 0.5, 0.005))
 """The first finds the surface, the second follows it, the third sharpens it. Analytic person at 512 px, 8 and 6
-views, EPE: 0.68 and 1.50 px; a first window of 7 px 0.72 and 1.65, a last one of 5 px 0.74 and 1.87; a fourth pass
-changes less than 1 %."""
+views, all passes swept, EPE: 0.68 and 1.50 px; a first window of 7 px 0.72 and 1.65, a last one of 5 px 0.74 and 1.87;
+a fourth pass changes less than 1 %. Four simulated people at 512 px, the second pass in rows: box PSNR +0.4 dB on the
+mean of all, +0.1 at least, mean EPE down by 7 to 16 %, in 1.4 times the time."""
 FOLLOWED, KEPT = 1.0, 0.5
 """Px of disparity of noise that is evened out in a guide and in the result: a rough guide roughens the windows.
 Simulated people at 512 px, 8 and 16 cameras, EPE: 1.25 and 0.49 px as matched, 1.19 and 0.47 with the result evened,
@@ -50,7 +57,8 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
     `posegaussian.stages.depth.algorithms.occluding_contour`.
     """
     inside, found = frame.inside, hulls(geometry, frame)
-    pictures = {v: _picture(beyond_silhouette(c, inside[v])) for v, c in frame.colors.items()}
+    colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
+    pictures = {v: _picture(c) for v, c in colors.items()}
     bounds = {v: within_hull(*hull, _motion(geometry, v, IN_FRONT)) for v, hull in found.items()}
     limits = {v: (bounds[v].near, far) for v, (_, far) in found.items()}
     unmatched = surfaces(geometry, found)
@@ -61,7 +69,14 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
                 v: around(even(maps[v][0], geometry.pixel(v), FOLLOWED), _motion(geometry, v, stage.reach), *limits[v])
                 for v in geometry.views
             }
-        matched = _pass(geometry, pictures, bounds, stage, params.consistency, checked)
+        paired = [v for v in geometry.views if stage.in_rows and geometry.partners(v)]
+        rows = in_rows(geometry, colors, inside, bounds, params, checked, WIDE) if paired else {}
+        swept = (
+            {}
+            if len(paired) == len(geometry.views)
+            else _pass(geometry, pictures, bounds, stage, params.consistency, checked)
+        )
+        matched = {v: rows[v] if v in paired else swept[v] for v in geometry.views}
         maps = {v: complete(*matched[v], *found[v], unmatched[v]) for v in geometry.views}
     maps = {v: (even(z, geometry.pixel(v), KEPT), c) for v, (z, c) in maps.items()}
     return agreed(

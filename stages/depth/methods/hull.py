@@ -17,4 +17,4 @@ def _maps(geometry: Geometry, frame: Frame, params: SearchSettings, checked: boo
     return hull_only(geometry, frame)
 
 
-METHOD = DepthMethod("hull", "the hull's surface alone", of_frame=_maps, several=True, quality=1, seconds=0.45)
+METHOD = DepthMethod("hull", "the hull's surface alone", of_frame=_maps, several=True, quality=1, seconds=0.3)

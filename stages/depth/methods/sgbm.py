@@ -26,5 +26,5 @@ METHOD = DepthMethod(
     matches=True,
     rectifies=True,
     quality=2,
-    seconds=1.7,
+    seconds=1.5,
 )

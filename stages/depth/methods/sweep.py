@@ -29,12 +29,12 @@ def _auto(facts: Facts) -> str | None:
 
 METHOD = DepthMethod(
     "sweep",
-    "offsets from the visual hull, compared with several neighbours at once",
+    "offsets from the visual hull, compared with several neighbours at once and along the rows of rectified pairs",
     of_frame=_maps,
     reads=("frames/color",),
     auto=_auto,
     several=True,
     matches=True,
     quality=3,
-    seconds=0.96,
+    seconds=0.9,
 )
