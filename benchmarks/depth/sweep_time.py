@@ -35,6 +35,7 @@ PHASES = (
     (sweep, "cost_volume"),
     (sweep, "aggregate"),
     (sweep, "minimum"),
+    (sweeping, "in_rows"),
     (sweeping, "disagreement"),
     (sweeping, "fuse"),
     (sweeping, "complete"),

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.subject import up_direction
@@ -127,22 +126,11 @@ class RectifiedPair:
 
 def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels [..., 2] -> where the homography [3, 3] takes them [..., 2], and the third row's value [...]; float64."""
+    from posegaussian.stages.geometry.homography import applied  # plans rectify, and import no compiler
+
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
-    image, ratio = _applied(np.ascontiguousarray(homography), flat)
+    image, ratio = applied(np.ascontiguousarray(homography), flat)
     return image.reshape(pixels.shape), ratio.reshape(pixels.shape[:-1])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _applied(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`_apply` of pixels [N, 2]; dividing by 0 gives what is not finite."""
-    h, image, ratio = homography, np.empty_like(pixels), np.empty(len(pixels))
-    for n in range(len(pixels)):
-        x, y = pixels[n]
-        w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
-        image[n, 0] = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w
-        image[n, 1] = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
-        ratio[n] = w
-    return image, ratio
 
 
 def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:

@@ -338,7 +338,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.outline_offsets"),
         ("pose_heatmaps", "posegaussian.stages.pose.run.draw"),
         ("temporal_smoothing", "posegaussian.stages.smoothing.run.blend"),
-        ("left_right_check", "posegaussian.stages.depth.algorithms.stereo.disagreement"),
+        ("left_right_check", "posegaussian.stages.depth.algorithms.rows.disagreement"),
         ("limb_bounds", "posegaussian.stages.depth.run.limbs_of"),
         ("limb_bounds", "posegaussian.stages.survey.algorithms.joints.fit_of_view"),
         ("view_dependent_color", "posegaussian.stages.rendering.frame.color_towards"),
