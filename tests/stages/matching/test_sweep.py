@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from benchmarks.depth.plain_cost_volume import cost_volume as plain
+from posegaussian.stages.depth.algorithms import sweeping
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only
 from posegaussian.stages.depth.algorithms.sweeping import doubted, sweep_hull
@@ -207,6 +208,21 @@ def test_padding_is_never_looked_at() -> None:
     for v in range(8):
         np.testing.assert_array_equal(padded[v][0][:72, :72], plain_maps[v][0])
         assert not padded[v][0][72:].any()
+
+
+def test_a_view_without_a_rectified_pair_is_swept_in_every_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    c = capture_person(views=8, size=72, frames=1, held_out=0)
+    params, frame = DepthParams(method="sweep"), Frame(dict(enumerate(c.color[0])), dict(enumerate(c.mask[0])))
+    paired, unpaired, some = (Geometry.of(c.rig, tuple(range(8)), params) for _ in range(3))
+    unpaired.__dict__["pairs"] = {}
+    some.__dict__["pairs"] = {order: pair for order, pair in paired.pairs.items() if 0 not in order}
+    rows, without, mixed = (sweep_hull(g, frame, params) for g in (paired, unpaired, some))
+    monkeypatch.setattr(sweeping, "PASSES", tuple(replace(p, in_rows=False) for p in sweeping.PASSES))
+    swept = sweep_hull(paired, frame, params)
+    for v in range(8):
+        np.testing.assert_array_equal(without[v][0], swept[v][0])
+        assert (rows[v][0] != swept[v][0]).any(), "pairs are matched along their rows"
+        np.testing.assert_array_equal(mixed[v][0] > 0, rows[v][0] > 0)
 
 
 def test_nothing_wanted_and_no_neighbour_give_nothing() -> None:
