@@ -20,11 +20,12 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.stages.refinement.judging import Filmed
 from posegaussian.stages.refinement.optimise import STRUCTURE
 from posegaussian.stages.refinement.structure import dissimilarity
-from posegaussian.stages.rendering.clipping import retouched, silhouettes_of
+from posegaussian.stages.rendering.clipping import retouched
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import unrefined_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
 from posegaussian.stages.splatting.quaternions import rotations
 from posegaussian.stages.splatting.rasterizer import rasterize
@@ -173,7 +174,7 @@ class Scene:
         masks = {v: results.read("frames/mask", frame, v)[0] for v in cameras}
         arrays = unrefined_arrays(context.facts)
         maps = {v: GaussianMaps(*(results.read(a, frame, v)[0] for a in arrays)) for v in views.sources}
-        return cls(results, cameras, masks, maps, silhouettes_of(rig, {v: masks[v] for v in views.sources}))
+        return cls(results, cameras, masks, maps, agreed(rig, {v: masks[v] for v in views.sources}))
 
     @property
     def extent(self) -> float:

@@ -162,6 +162,7 @@ def selected_views(context: Context, read: Read, task: Task) -> tuple[int, ...]:
     return {
         "sources": views.sources,
         "held_out": views.held_out,
+        "compared": (*views.sources, *views.held_out),
         "all": tuple(range(len(context.rig))),
     }[read.views]
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from posegaussian.storage.model.capture import Capture
 
 Axis = Literal["sequence", "time", "view", "path"]
-ViewSelection = Literal["own", "sources", "held_out", "all"]
+ViewSelection = Literal["own", "sources", "held_out", "compared", "all"]
+"""`compared`: sources and held-out views, not those that have no part in a run."""
 Looked = TypeVar("Looked")
 """What an effect's decision may look at: `Evidence` of a stage's, a scene's own of the simulator's."""
 

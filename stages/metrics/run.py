@@ -11,10 +11,12 @@ from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.metrics.measures.declaration import Metric, Pictures, Unavailable, Value
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
+from posegaussian.stages.silhouettes.hidden import Witnesses
 from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
 BOX = f"; box = bounding box of the view's own mask > {FOREGROUND}"
+LEFT_OUT = "; pixels in which the subject stands behind something left out"
 DATA_RANGE = 255.0
 UNAVAILABLE = "not available: "
 """How the definition of a row without a value begins."""
@@ -31,7 +33,8 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     is the same in both and carries no error. A box value of a map is the mean of the full picture's map over the box;
     a change is that from the previous frame of the sequence. Frames that a camera does not serve
     or that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has
-    rows without a value, whose definition says what.
+    rows without a value, whose definition says what. Pixels in which the subject stands behind something, as the source
+    views say, do not count (`posegaussian.stages.silhouettes.hidden`); the rows' definition and a note tell.
     """
     path = inputs.path
     assert path is not None, "metrics run over a camera path"
@@ -39,31 +42,62 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     halo = inputs.partition.start - span.start
     rendered = inputs.read("rendering/{path}/color")
     table: dict[str, list[Any]] = {name: [] for name in COLUMNS}
+    notes, witnesses = [], _witnesses(inputs, span)
     for c, view in enumerate(inputs.views.held_out):
         truth, mask = inputs.read("frames/color", view), inputs.read("frames/mask", view)
         width, height = (int(n) for n in path.size[c])
         before: Values = {}
+        shares = []
         for j, frame in enumerate(span):
             crop = (j, slice(0, height), slice(0, width))
             usable = bool(path.served[j, c]) and (j < halo or bool(inputs.valid[j - halo, view]))
-            now: Values = {}
+            now, visible = Values(), None
             if usable:
                 wanted = params if j >= halo else params.before  # a frame of the halo is compared with alone
-                now = measure(rendered[:, c][crop], truth[crop], mask[crop], wanted)
+                visible, share = _visible(witnesses[j], view, mask[j], crop[1:])
+                shares += [share] if j >= halo else []
+                now = measure(rendered[:, c][crop], truth[crop], mask[crop], wanted, visible)
             if j >= halo:
-                _append(table, path.names[c], frame, now, before, params)
+                _append(table, path.names[c], frame, now, before, params, visible is not None)
             # whether a frame of the halo had a picture is not known here; an empty mask says that it had none
             before = now if mask[crop].any() else {}
-    yield Block("metrics/{path}", table)
+        if any(shares):
+            notes.append(
+                f"{path.names[c]}: the subject stands behind something in {np.count_nonzero(shares)} of"
+                f" {len(span) - halo} frames, up to {max(shares):.0%} of it; what is hidden there is left out of the"
+                " measures"
+            )
+    yield Block("metrics/{path}", table, notes=tuple(notes))
 
 
-def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: MetricsParams) -> Values:
+def _witnesses(inputs: Inputs, span: range) -> list[Witnesses]:
+    """What the source views know of the subject, frame by frame."""
+    masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
+    return [Witnesses(inputs.rig, {v: m[j] for v, m in masks.items()}) for j in range(len(span))]
+
+
+def _visible(
+    witnesses: Witnesses, view: int, mask: np.ndarray, crop: tuple[slice, slice]
+) -> tuple[np.ndarray | None, float]:
+    """[h, w] bool, pixels of the picture that count, and the share of the subject that is hidden; None and 0 where
+    nothing is."""
+    hidden = witnesses.hidden(view, mask)[crop]
+    return (~hidden, float(hidden.sum() / (hidden | foreground(mask[crop])).sum())) if hidden.any() else (None, 0.0)
+
+
+def measure(
+    rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: MetricsParams, visible: np.ndarray | None = None
+) -> Values:
     """{(region, measure): value} of one picture; a change, which takes two, is there as what changes.
 
-    rendered [h, w, 3] uint8 premultiplied on black; truth [h, w, 3] uint8 as filmed; mask [h, w] uint8 0..255.
+    rendered [h, w, 3] uint8 premultiplied on black; truth [h, w, 3] uint8 as filmed; mask [h, w] uint8 0..255;
+    visible: [h, w] bool, pixels that count, all by default: PSNR is of them alone, maps are black beyond them in both
+    and their mean is taken over them, a region that is measured as a whole is black there in both.
     """
     picture = rendered.astype(np.float64)
     reference = truth.astype(np.float64) * (mask[..., None].astype(np.float64) / 255)
+    if visible is not None:
+        picture, reference = picture * visible[..., None], reference * visible[..., None]
     regions: Regions = {"full": (slice(None), slice(None))}
     rows, columns = (np.nonzero(foreground(mask).any(axis=a))[0] for a in (1, 0))
     if rows.size:
@@ -71,7 +105,7 @@ def measure(rendered: np.ndarray, truth: np.ndarray, mask: np.ndarray, params: M
             **regions,
             "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)),
         }
-    pictures = Pictures(picture, reference, DATA_RANGE)
+    pictures = Pictures(picture, reference, DATA_RANGE, visible)
     values: Values = {}
     for metric in dict.fromkeys(METRICS[METRICS[m].change_of or m] for m in params.measures):
         values |= {(region, metric.name): v for region, v in _by_region(metric, pictures, regions, params).items()}
@@ -82,18 +116,25 @@ def _by_region(metric: Metric, pictures: Pictures, regions: Regions, params: Met
     """{region: value} of one metric."""
     if metric.of_pixels is not None:
         seen = metric.of_pixels(pictures, params)
-        return {name: float(seen[at].astype(np.float64, copy=False).mean()) for name, at in regions.items()}
+        counted = (slice(None) if pictures.visible is None else pictures.visible[at] for at in regions.values())
+        return {
+            name: float(seen[at][some].astype(np.float64, copy=False).mean())
+            for (name, at), some in zip(regions.items(), counted, strict=True)
+        }
     assert metric.of_region is not None, f"metric {metric.name} measures nothing"
-    picture, truth, data_range = pictures
-    return {
-        name: metric.of_region(Pictures(picture[at], truth[at], data_range), params) for name, at in regions.items()
-    }
+    return {name: metric.of_region(pictures.region(at), params) for name, at in regions.items()}
 
 
 def _append(
-    table: dict[str, list[Any]], camera: str, frame: int, now: Values, before: Values, params: MetricsParams
+    table: dict[str, list[Any]],
+    camera: str,
+    frame: int,
+    now: Values,
+    before: Values,
+    params: MetricsParams,
+    partly: bool,
 ) -> None:
-    """Add the rows of one picture."""
+    """Add the rows of one picture; `partly`: something was left out."""
     rows: Values = {}
     for metric in (METRICS[m] for m in params.measures):
         for region, name in [key for key in now if key[1] == (metric.change_of or metric.name)]:
@@ -106,7 +147,8 @@ def _append(
         if isinstance(value, Unavailable):
             number, definition = None, UNAVAILABLE + value.reason
         else:
-            number, definition = float(value), METRICS[name].definition(params) + (BOX if region == "box" else "")
+            region_of = (BOX if region == "box" else "") + (LEFT_OUT if partly else "")
+            number, definition = float(value), METRICS[name].definition(params) + region_of
         for column, entry in zip(COLUMNS, (camera, int(frame), region, name, number, "black", definition), strict=True):
             table[column].append(entry)
 

@@ -8,23 +8,18 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.evening import REACH, Outlines
-from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import (
     MOST_POINTS,
     WITNESSES,
     Silhouettes,
     beside,
     clip_ray,
-    foreground,
     in_sphere,
     into_views,
-    searched_radius,
 )
-from posegaussian.stages.silhouettes.places import reconciled
 from posegaussian.stages.splatting.definition.scene import Camera
-from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
+from posegaussian.storage.model.cameras import points_from_integer_centres
 
 HOLE = 3 / 512
 """Half the root of the area of the largest hole that is filled, over the longer side of the picture: 36 px at 512.
@@ -177,17 +172,3 @@ def retouched(
     if outlines is not None:
         color, alpha = outlines.evened(color, alpha)
     return clipped(color, alpha, covered) if clip else (color.astype(np.float32), alpha.astype(np.float32))
-
-
-def silhouettes_of(rig: Rig, masks: dict[int, np.ndarray]) -> Silhouettes:
-    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it alone
-    contradicts them, and of none where no mask has a background."""
-    views = sorted(masks)
-    if not views:
-        return Silhouettes.of(rig, {}, np.zeros(3), 0.0)
-    centre = look_at_point(rig.subset(views))
-    radius = searched_radius(rig, views, centre)
-    if all(foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items()):
-        return Silhouettes.of(rig, {}, centre, radius)
-    found = Silhouettes.of(rig, masks, centre, radius)
-    return reconciled(rig, masks, found.kept(set(agreement(rig, masks, found).carving)))

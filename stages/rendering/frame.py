@@ -10,7 +10,7 @@ import torch
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import cover, retouched, silhouettes_of
+from posegaussian.stages.rendering.clipping import cover, retouched
 from posegaussian.stages.rendering.closing import Body, closed
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.facts import (
@@ -34,6 +34,7 @@ from posegaussian.stages.rendering.sources import (
 )
 from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.joint_sets import to_set
@@ -94,7 +95,7 @@ class FrameRenderer:
         """Share of the picture of the refined Gaussians, and of the others; none that is 0."""
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
-        self.silhouettes = silhouettes_of(inputs.rig, reader.masks(i)) if self.retouches else None
+        self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._photos: dict[int, Photo] = {}

@@ -126,6 +126,14 @@ class Silhouettes:
         }
         return replace(self, views=tuple(self.views[i] for i in chosen), **parts)
 
+    def joined(self, other: Silhouettes) -> Silhouettes:
+        """These and those of other views, prepared around the same centre."""
+        parts: dict[str, Any] = {
+            n: np.concatenate([getattr(self, n), getattr(other, n)])
+            for n in ("distance", "projections", "boxes", "sizes", "focals", "pixels")
+        }
+        return replace(self, views=(*self.views, *other.views), **parts)
+
     def ends(
         self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True
     ) -> np.ndarray:

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import (
     MOST_POINTS,
     OUTVOTED,
@@ -27,6 +29,7 @@ from posegaussian.stages.silhouettes.hull import (
     foreground,
     in_sphere,
     into_views,
+    searched_radius,
 )
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
@@ -34,51 +37,97 @@ STRIDE = 5
 """Px from one foreground pixel that is asked to the next; every pixel of a rim is."""
 TOLERANCE = 0.5
 """Px by which a silhouette may be wider than drawn: exact masks then explain every pixel."""
+SAMPLE = 400
+"""Rays of a view that are asked first; of most views all are explained."""
+BELIEVED = 0.3
+"""Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
 AROUND = 4.0
 """Px around a place that are given up: more than half the diagonal of a stride."""
 
 
-def reconciled(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes) -> Silhouettes:
+def reconciled(
+    rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes, unexplained: Mapping[int, float]
+) -> Silhouettes:
     """The silhouettes of masks [h, w] uint8 by view, each without a say where it alone contradicts the others.
 
-    Of fewer than four views nobody can be overruled: they stay as they are.
+    unexplained: share of each view's foreground that the others contradict
+    (`posegaussian.stages.silhouettes.agreement`): of a mask of which most is, nothing is asked. Of fewer than four
+    views nobody can be overruled: they stay as they are.
     """
-    views = silhouettes.views
-    if len(views) < OUTVOTED:
+    places = contradicting(rig, masks, silhouettes, unexplained)
+    return without_say(
+        silhouettes, np.stack([cv2.dilate(p, disc(AROUND)) for p in places]) > 0 if len(places) else places
+    )
+
+
+def contradicting(
+    rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes, unexplained: Mapping[int, float]
+) -> np.ndarray:
+    """[S, h, w] uint8: 1 where a silhouette alone carves foreground rays of the others, see `reconciled`."""
+    out, views = np.zeros(silhouettes.distance.shape, np.uint8), silhouettes.views
+    for view in views if len(views) >= OUTVOTED else ():
+        if unexplained[view] >= BELIEVED:
+            continue
+        for most in (SAMPLE, None):
+            origin, directions = foreground_rays(rig, view, masks[view], most)
+            lost = directions[missed(silhouettes, view, origin, directions)]
+            if not len(lost):
+                break
+        else:
+            out |= single_carvers(silhouettes, view, origin, lost)
+    return out
+
+
+def without_say(silhouettes: Silhouettes, places: np.ndarray) -> Silhouettes:
+    """The silhouettes, none of which carves anything in its `places` [S, h, w] bool."""
+    if not places.any():
         return silhouettes
-    given_up = np.zeros(silhouettes.distance.shape, np.uint8)
-    for own, view in enumerate(views):
-        pixels = points_from_integer_centres(_asked(foreground(masks[view][: rig.size[view, 1], : rig.size[view, 0]])))
-        origin, directions = rays(pixels, rig.intrinsics[view], rig.world_to_camera[view])
-        left = silhouettes.kept({*views} - {view}).ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)
-        _give_up(
-            origin,
-            directions[left[:, 0] == 0],
-            own,
-            silhouettes.distance,
-            silhouettes.projections,
-            silhouettes.sizes,
-            silhouettes.centre,
-            silhouettes.radius,
-            silhouettes.pixel,
-            given_up,
-        )
-    if not given_up.any():
-        return silhouettes
-    size = 2 * int(np.ceil(AROUND)) + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    around = np.stack([cv2.dilate(g, disc) for g in given_up]) > 0
     # A box around the foreground clips rays before any pixel is asked: it must not say what the pixels do not.
     boxes = silhouettes.boxes.copy()
-    for i, place in enumerate(around):
+    for i, place in enumerate(places):
         if place.any():
             rows, columns = np.nonzero(place)
             boxes[i, :2] = np.maximum(np.minimum(boxes[i, :2], [columns.min() - 1, rows.min() - 1]), 0)
             boxes[i, 2:] = np.minimum(
                 np.maximum(boxes[i, 2:], [columns.max() + 1, rows.max() + 1]), silhouettes.sizes[i] - 1
             )
-    distance = np.where(around, np.minimum(silhouettes.distance, -TOLERANCE), silhouettes.distance)
+    distance = np.where(places, np.minimum(silhouettes.distance, -TOLERANCE), silhouettes.distance)
     return replace(silhouettes, distance=distance.astype(np.float32), boxes=boxes)
+
+
+def agreed(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
+    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it alone
+    contradicts them, and of none where no mask has a background."""
+    views = sorted(masks)
+    if not views:
+        return Silhouettes.of(rig, {}, np.zeros(3), 0.0)
+    centre = look_at_point(rig.subset(views))
+    radius = searched_radius(rig, views, centre)
+    if all(foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items()):
+        return Silhouettes.of(rig, {}, centre, radius)
+    silhouettes = Silhouettes.of(rig, masks, centre, radius)
+    found = agreement(rig, masks, silhouettes)
+    return reconciled(rig, masks, silhouettes.kept(set(found.carving)), found.unexplained)
+
+
+def foreground_rays(rig: Rig, view: int, mask: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Origin [3] and directions [N, 3] of rays through a mask's foreground: a grid of it and its rim, or about so many
+    of those at most."""
+    pixels = _asked(foreground(mask[: rig.size[view, 1], : rig.size[view, 0]]))
+    some = pixels if most is None else pixels[:: max(1, len(pixels) // most)]
+    return rays(points_from_integer_centres(some), rig.intrinsics[view], rig.world_to_camera[view])
+
+
+def missed(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """[N] bool: rays of a view of which the other silhouettes leave nothing."""
+    others = silhouettes.kept({*silhouettes.views} - {view})
+    return others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] == 0
+
+
+def disc(radius: float) -> np.ndarray:
+    """A disc of so many px, rounded up, to dilate by."""
+    size = 2 * int(np.ceil(radius)) + 1
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
 
 
 def _asked(inside: np.ndarray) -> np.ndarray:
@@ -87,6 +136,25 @@ def _asked(inside: np.ndarray) -> np.ndarray:
     chosen[::STRIDE, ::STRIDE] |= inside[::STRIDE, ::STRIDE]
     rows, columns = np.nonzero(chosen)
     return np.stack([columns, rows], axis=-1)
+
+
+def single_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """[S, h, w] uint8: 1 in the picture of the one silhouette that carves a ray [N, 3] of `view`, where it sees the
+    point that it carves the least; nothing of a ray that nobody carves alone."""
+    out = np.zeros(silhouettes.distance.shape, np.uint8)
+    _give_up(
+        origin,
+        directions,
+        silhouettes.views.index(view),
+        silhouettes.distance,
+        silhouettes.projections,
+        silhouettes.sizes,
+        silhouettes.centre,
+        silhouettes.radius,
+        silhouettes.pixel,
+        out,
+    )
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -125,7 +125,7 @@ def test_a_run_leaves_it_out_says_so_and_loses_nothing_by_it(capture: Path, tmp_
     assert believed == pytest.approx(psnr(without), abs=0.05)
     everyone = p.with_settings("views.trust=all")
     everyone.run()
-    assert psnr(everyone) < believed - 0.5
+    assert psnr(everyone) > believed - 0.1, "believed, its silhouette alone carves nothing"
 
 
 def test_the_default_path_leads_along_believed_cameras(capture: Path, tmp_path: Path) -> None:

@@ -15,7 +15,9 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
 from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.hidden import without_hidden
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
+from posegaussian.stages.silhouettes.places import BELIEVED
 from posegaussian.stages.silhouettes.rounding import rounded
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
@@ -25,8 +27,6 @@ FINE, FINEST = 768, 1.5
 residuals, narrower windows."""
 RANGE = (0.6, 2.0)
 """Depths searched without masks, over the distance of the point the cameras look at."""
-BELIEVED = 0.3
-"""Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
 Maps = dict[int, tuple[np.ndarray, np.ndarray]]
 """Two maps [h, w] float32 by view."""
 
@@ -122,12 +122,12 @@ def hulls(geometry: Geometry, frame: Frame) -> Maps:
     """Nearest and farthest depth of the hull by view, 0 where there is none; the nearest moved on to the limbs, where
     there are any.
 
-    A silhouette that contradicts all others carves nothing; one vote is overruled only for views that are explained by
-    the others.
+    A silhouette that contradicts all others carves nothing, and none does where something hides the subject; one vote
+    is overruled only for views that are explained by the others.
     """
     silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
     found = agreement(geometry.rig, frame.masks, silhouettes)
-    carving = silhouettes.kept(set(found.carving))
+    carving = without_hidden(geometry.rig, frame.masks, silhouettes.kept(set(found.carving)), found.unexplained)
     ends = {
         v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED)
         for v in geometry.views

@@ -43,6 +43,14 @@ class Pictures(NamedTuple):
     truth: np.ndarray
     """[h, w, 3] float64: as filmed, on black as well."""
     data_range: float
+    visible: np.ndarray | None = None
+    """[h, w] bool: pixels that count, where the subject stands partly behind something; both pictures are black in the
+    others. None: all."""
+
+    def region(self, at: tuple[slice, slice]) -> Pictures:
+        """Rows and columns of it."""
+        visible = None if self.visible is None else self.visible[at]
+        return Pictures(self.picture[at], self.truth[at], self.data_range, visible)
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ Value = float | Unavailable
 OfRegion = Callable[[Pictures, MetricSettings], Value]
 """One number of the pictures of one region, cut out."""
 OfPixels = Callable[[Pictures, MetricSettings], np.ndarray]
-"""[h, w] of the full pictures; a region's value is the mean over it."""
+"""[h, w] of the full pictures; a region's value is the mean over its visible pixels."""
 
 
 def nothing(settings: MetricSettings) -> str | None:

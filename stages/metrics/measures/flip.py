@@ -49,7 +49,7 @@ def flip_map(picture: np.ndarray, truth: np.ndarray, data_range: float, pixels_p
 
 
 def _of_pixels(pictures: Pictures, settings: MetricSettings) -> np.ndarray:
-    return flip_map(*pictures, settings.flip_pixels_per_degree)
+    return flip_map(*pictures[:3], settings.flip_pixels_per_degree)
 
 
 METRIC = Metric(

@@ -40,7 +40,7 @@ def _distance(name: str, pictures: Pictures, settings: MetricSettings) -> Value:
     if small:
         return small
     files = [part for file in FILES[name] for part in (settings.lpips_weights[file], settings.lpips_sha256[file])]
-    return load_network(name, *files).distance(*pictures)
+    return load_network(name, *files).distance(*pictures[:3])
 
 
 def _metric(name: str, network: str, bytes_a_pixel: int, weights: int) -> Metric:

@@ -70,7 +70,7 @@ def _halved(p: np.ndarray) -> np.ndarray:
 
 
 def _of_region(pictures: Pictures, settings: MetricSettings) -> Value:
-    return too_small(pictures.picture, SMALLEST) or ms_ssim(*pictures)
+    return too_small(pictures.picture, SMALLEST) or ms_ssim(*pictures[:3])
 
 
 METRIC = Metric(

@@ -25,7 +25,10 @@ def psnr(picture: np.ndarray, truth: np.ndarray, data_range: float, cap: float) 
 
 
 def _of_region(pictures: Pictures, settings: MetricSettings) -> float:
-    return psnr(*pictures, settings.psnr_cap)
+    picture, truth, data_range, visible = pictures
+    if visible is not None and visible.any():
+        picture, truth = picture[visible], truth[visible]
+    return psnr(picture, truth, data_range, settings.psnr_cap)
 
 
 METRIC = Metric(

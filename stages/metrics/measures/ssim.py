@@ -52,6 +52,6 @@ METRIC = Metric(
     "higher",
     lambda settings: DEFINITION,
     bytes_a_pixel=288,
-    of_pixels=lambda pictures, settings: ssim_map(*pictures),
+    of_pixels=lambda pictures, settings: ssim_map(*pictures[:3]),
     traded=True,
 )

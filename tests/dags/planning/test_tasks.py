@@ -129,12 +129,12 @@ def test_pictures_of_held_out_views_are_read_by_metrics_alone(context: Context) 
                 assert not held_out & set(i.views), f"{task} reads {i.name} of a held-out view"
 
 
-def test_metrics_compare_with_the_held_out_pictures(tmp_path: Path) -> None:
+def test_metrics_compare_with_the_held_out_pictures_and_ask_the_sources_what_is_hidden(tmp_path: Path) -> None:
     context = make(tmp_path, held_out=("cam02", "cam04"))
     first, *_ = [t for t in tasks(context) if t.stage == "metrics"]
     assert {i.name: i.views for i in inputs(context, first) if i.spec.per_view} == {
         "frames/color": (1, 3),
-        "frames/mask": (1, 3),
+        "frames/mask": (0, 2, 1, 3),
     }
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.rendering.clipping import clipped, cover, filled, silhouettes_of
+from posegaussian.stages.rendering.clipping import clipped, cover, filled
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring, sphere_mask
@@ -16,7 +17,7 @@ def seen_by(rig: Rig, view: int) -> Camera:
 def test_the_cover_of_a_sphere_is_its_soft_silhouette() -> None:
     rig = ring(24, (96, 96), 90.0)
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(1, 24)}
-    found = cover(silhouettes_of(rig, masks), seen_by(rig, 0), np.ones((96, 96), bool))
+    found = cover(agreed(rig, masks), seen_by(rig, 0), np.ones((96, 96), bool))
     truth = sphere_mask(rig, 0, CENTRE, RADIUS) / 255
     assert (found[truth == 1] > 0.5).all()
     # The rim of a sphere seen from above and below is bounded by no camera of a ring: a pixel or two remain.
@@ -27,23 +28,20 @@ def test_the_cover_of_a_sphere_is_its_soft_silhouette() -> None:
 def test_without_silhouettes_all_is_covered() -> None:
     rig = ring(4)
     wanted = np.ones((64, 64), bool)
-    assert (cover(silhouettes_of(rig, {}), seen_by(rig, 0), wanted) == 1).all()
+    assert (cover(agreed(rig, {}), seen_by(rig, 0), wanted) == 1).all()
     assert (
-        cover(silhouettes_of(rig, {v: np.full((64, 64), 255, np.uint8) for v in range(4)}), seen_by(rig, 0), wanted)
-        == 1
+        cover(agreed(rig, {v: np.full((64, 64), 255, np.uint8) for v in range(4)}), seen_by(rig, 0), wanted) == 1
     ).all()
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(4)}
-    assert (cover(silhouettes_of(rig, masks), seen_by(rig, 0), ~wanted) == 1).all()
+    assert (cover(agreed(rig, masks), seen_by(rig, 0), ~wanted) == 1).all()
 
 
 def test_a_mask_that_contradicts_the_others_clips_nothing() -> None:
     rig = ring(8, (64, 64))
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(8)}
-    without = cover(
-        silhouettes_of(rig, {v: m for v, m in masks.items() if v != 3}), seen_by(rig, 0), np.ones((64, 64), bool)
-    )
+    without = cover(agreed(rig, {v: m for v, m in masks.items() if v != 3}), seen_by(rig, 0), np.ones((64, 64), bool))
     masks[3] = np.roll(masks[3], 25, axis=1)
-    found = cover(silhouettes_of(rig, masks), seen_by(rig, 0), np.ones((64, 64), bool))
+    found = cover(agreed(rig, masks), seen_by(rig, 0), np.ones((64, 64), bool))
     np.testing.assert_allclose(found, without, atol=0.05)
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
 from posegaussian.stages.geometry.projection import pixel_centres, rays
-from posegaussian.stages.rendering.clipping import cover, silhouettes_of
+from posegaussian.stages.rendering.clipping import cover
 from posegaussian.stages.rendering.closing import OPAQUE, Body, closed
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring
@@ -41,7 +42,7 @@ CAMERA = Camera(RIG.intrinsics[TARGET], RIG.world_to_camera[TARGET], SIZE, SIZE)
 def body(depth: dict[int, np.ndarray], limbs: np.ndarray = LIMBS) -> Body:
     masks = {v: (DEPTH[v] > 0).astype(np.uint8) * 255 for v in SOURCES}
     color = {v: np.broadcast_to(COLOR, (SIZE, SIZE, 3)) for v in SOURCES}
-    return Body.of(RIG, silhouettes_of(RIG, masks), limbs, {v: depth[v] for v in SOURCES}, color, masks)
+    return Body.of(RIG, agreed(RIG, masks), limbs, {v: depth[v] for v in SOURCES}, color, masks)
 
 
 def picture(alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.rendering.clipping import silhouettes_of
 from posegaussian.stages.rendering.evening import Outlines, outlines_for
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring, sphere_mask
@@ -106,7 +106,7 @@ def sphere_seen_from(rig: Rig, away: float) -> Camera:
 def test_a_frayed_sphere_is_given_back_by_its_source_camera_with_the_masks_outline() -> None:
     rig = ring(6, (SIZE, SIZE), 180.0)
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)}
-    outlines = outlines_for(sphere_seen_from(rig, 1.0), rig, silhouettes_of(rig, masks), masks)
+    outlines = outlines_for(sphere_seen_from(rig, 1.0), rig, agreed(rig, masks), masks)
     assert outlines is not None
     truth = (masks[0] / 255).astype(np.float32)
     rough = frayed(truth)
@@ -117,10 +117,10 @@ def test_a_frayed_sphere_is_given_back_by_its_source_camera_with_the_masks_outli
 def test_masks_are_looked_at_in_the_size_of_the_picture() -> None:
     rig = ring(6, (SIZE, SIZE), 180.0)
     masks = {v: np.maximum(sphere_mask(rig, v, CENTRE, RADIUS), as_mask(strands())) for v in range(6)}
-    silhouettes = silhouettes_of(rig, {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)})
+    silhouettes = agreed(rig, {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)})
     near, far = (outlines_for(sphere_seen_from(rig, a), rig, silhouettes, masks) for a in (0.5, 1.0))
     assert near is not None
     assert far is not None
     assert near.shape < far.shape, "hairs of 2 px are easier to follow than of 1 px"
-    none = silhouettes_of(rig, {v: np.full((SIZE, SIZE), 255, np.uint8) for v in range(6)})
+    none = agreed(rig, {v: np.full((SIZE, SIZE), 255, np.uint8) for v in range(6)})
     assert outlines_for(sphere_seen_from(rig, 1.0), rig, none, masks) is None

@@ -7,6 +7,7 @@ import pytest
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.places import AROUND, reconciled
 from posegaussian.stages.silhouettes.tangents import outline, touching
@@ -32,7 +33,10 @@ def given(person: PersonCapture) -> dict[int, np.ndarray]:
 def test_exact_silhouettes_stay_as_they_are(person: PersonCapture) -> None:
     masks = given(person)
     before = prepared(person, masks)
-    assert (reconciled(person.rig, masks, before).distance == before.distance).all()
+    assert (
+        reconciled(person.rig, masks, before, agreement(person.rig, masks, before).unexplained).distance
+        == before.distance
+    ).all()
 
 
 def test_what_one_mask_lacks_is_given_back_there_alone(person: PersonCapture) -> None:
@@ -43,7 +47,9 @@ def test_what_one_mask_lacks_is_given_back_there_alone(person: PersonCapture) ->
     lacking = masks[3].copy()
     lacking[cut:] = 0
     before = prepared(person, masks | {3: lacking})
-    after = reconciled(person.rig, masks | {3: lacking}, before)
+    after = reconciled(
+        person.rig, masks | {3: lacking}, before, agreement(person.rig, masks | {3: lacking}, before).unexplained
+    )
     changed = after.distance < before.distance
     others = changed[[v for v in VIEWS if v != 3]].sum()
     assert 2 * others < changed[3].sum(), "a ray may leave the hull nearer to another outline: a few discs of theirs"
@@ -57,7 +63,7 @@ def test_what_one_mask_has_too_much_is_carved_by_the_others(person: PersonCaptur
     masks = given(person)
     masks[3][5:25, 5:25] = 255
     before = prepared(person, masks)
-    after = reconciled(person.rig, masks, before)
+    after = reconciled(person.rig, masks, before, agreement(person.rig, masks, before).unexplained)
     assert (after.distance == before.distance).mean() > 0.999
 
 
@@ -65,7 +71,7 @@ def test_fewer_than_four_masks_overrule_nobody(person: PersonCapture) -> None:
     masks = {v: m for v, m in given(person).items() if v < 3}
     masks[1][60:] = 0
     before = prepared(person, masks)
-    assert reconciled(person.rig, masks, before) is before
+    assert reconciled(person.rig, masks, before, agreement(person.rig, masks, before).unexplained) is before
 
 
 def test_outermost_points_of_outlines_lie_on_each_others_lines(person: PersonCapture) -> None:
