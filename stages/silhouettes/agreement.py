@@ -94,8 +94,20 @@ def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes)
     )
     others = np.array([i for i, v in enumerate(silhouettes.views) if v != view], np.int64)
     s = silhouettes
-    found = _explained(
-        origin, directions, others, s.distance, s.projections, s.sizes, s.focals, s.centre, s.radius, STEP * s.pixel
+    # Most rays are explained by all, which the hull's march, from silhouette to silhouette, finds ten times sooner.
+    by_all = s.kept({*s.views} - {view}).ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 1] > 0
+    found = np.ones((len(directions), len(s.views) + 1), bool)
+    found[~by_all] = _explained(
+        origin,
+        directions[~by_all],
+        others,
+        s.distance,
+        s.projections,
+        s.sizes,
+        s.focals,
+        s.centre,
+        s.radius,
+        STEP * s.pixel,
     )
     return 1 - found.mean(axis=0)
 
