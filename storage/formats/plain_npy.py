@@ -32,8 +32,8 @@ def read_numbers(path: str | Path, what: str, largest: int = 16 * MEGABYTE) -> n
     longer than its header says.
     """
     raw = read_bytes(path, what, largest)
-    header, start = _header(raw, f"{what} {path}")
-    kind, shape = header["kind"], header["shape"]
+    found, start = header(raw, f"{what} {path}")
+    kind, shape = found["kind"], found["shape"]
     if kind[1] not in "fiu":
         raise SourceError(
             f"cannot read {what} {path}: it holds {kind}, numbers are expected; arrays of objects are pickles, which"
@@ -51,12 +51,13 @@ def read_numbers(path: str | Path, what: str, largest: int = 16 * MEGABYTE) -> n
             f"cannot read {what} {path}: its header says ({shape}) of {kind}, {len(raw) - start} bytes follow; it is"
             " damaged or cut off"
         )
-    order = "F" if header["columns"] == "True" else "C"
+    order = "F" if found["columns"] == "True" else "C"
     return np.frombuffer(raw, dtype, count, start).reshape(axes, order=order).astype(np.float64)  # type: ignore[call-overload]
 
 
-def _header(raw: bytes, where: str) -> tuple[re.Match[str], int]:
-    """(the header's parts, where the numbers begin)."""
+def header(raw: bytes, where: str) -> tuple[re.Match[str], int]:
+    """(the parts of a .npy file's header, where what it describes begins); `where` is for the sentence. Raises
+    SourceError."""
     size = LENGTHS.get(raw[6], 0) if raw.startswith(MAGIC) and len(raw) > 12 else 0
     if not size:
         raise SourceError(f"cannot read {where}: it does not begin as a .npy file of version 1 to 3")
