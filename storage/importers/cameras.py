@@ -16,6 +16,8 @@ DISTORTION = 8
 """Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""
 _FAR = 100.0
 """Metres between cameras above which the translations are probably not in metres."""
+_OTHER_SIZE = 1.6
+"""Principal point over the middle of the picture, in both axes, from which the intrinsics are for another size."""
 
 
 class RawCamera(NamedTuple):
@@ -98,6 +100,18 @@ def _check_model(c: RawCamera) -> None:
             f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3"
             " k4 k5 k6) are read"
         )
+
+
+def check_principal_point(where: str, intrinsics: np.ndarray, size: tuple[int, int]) -> None:
+    """Raise CalibrationError for intrinsics [3, 3] px that are for pictures of another size (width, height) px."""
+    with np.errstate(invalid="ignore"):
+        halves = intrinsics[[0, 1], 2] / (np.array(size) / 2)
+        if (halves > _OTHER_SIZE).all() or (halves < 1 / _OTHER_SIZE).all():
+            raise CalibrationError(
+                f"{where}: the principal point {intrinsics[:2, 2].tolist()} px is not near the middle of"
+                f" {size[0]}x{size[1]} px; the intrinsics are for pictures of another size, so scale them or the"
+                " pictures"
+            )
 
 
 def distances(places: np.ndarray) -> np.ndarray:

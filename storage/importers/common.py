@@ -238,8 +238,10 @@ def mask_file_streams(
     files: Sequence[Mapping[int, Path]],
     pictures: Sequence[Stream],
     folders: Sequence[Path] | None = None,
+    labels: bool = False,
 ) -> tuple[tuple[Stream, ...], list[str]]:
-    """`mask_streams` of files {source frame number: mask} a camera; `folders` are where more would lie."""
+    """`mask_streams` of files {source frame number: mask} a camera; `folders` are where more would lie. With `labels`
+    masks hold labels of parts, and whatever is not 0 is the subject."""
     if not any(files):
         return (), []
     lacking = [n for n, f in zip(names, files, strict=True) if not f]
@@ -259,7 +261,10 @@ def mask_file_streams(
                 )
         streams.append(file_stream("images", found, stream.size))
     notes = gap_notes(names, streams, [s.numbers for s in pictures], "masks")
-    if _zero_one(streams):
+    if labels:
+        streams = [Stream(s.kind, s.files, s.numbers, s.size, {"labels": True}) for s in streams]
+        notes.append("masks hold labels of body parts; whatever is not 0 is the subject")
+    elif _zero_one(streams):
         streams = [Stream(s.kind, s.files, s.numbers, s.size, {"zero_one": True}) for s in streams]
         notes.append("masks hold only 0 and 1; they are read as 0 and 255")
     return tuple(streams), notes

@@ -113,7 +113,8 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
             " backward)"
         )
     if off <= TOWARDS:
-        return [f"direction: {direction}; all cameras look at one point to {off:.0f} degrees"]
+        either = " (inverted they would, too, so this alone does not tell)" if inverted <= TOWARDS else ""
+        return [f"direction: {direction}; all cameras look at one point to {off:.0f} degrees{either}"]
     return [
         f"direction: {direction}, as the format has it; the cameras look at no common point ({off:.0f} degrees off)"
     ]

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.plain_npy import read_numbers
-from posegaussian.storage.importers.cameras import DISTORTION, build_rig, rig_notes
+from posegaussian.storage.importers.cameras import DISTORTION, build_rig, check_principal_point, rig_notes
 from posegaussian.storage.importers.common import ImportOptions, folder, mask_file_streams, natural, subfolders
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.depth_streams import depth_file_streams
@@ -33,8 +33,6 @@ INVERSE_UNIT = 2.0**-15
 """Inverse metres in a unit of the depth files."""
 TARGETS = ("2", "3", "4")
 """Views of a rendered sample that are compared with."""
-OTHER_SIZE = 1.6
-"""Principal point over the middle of the picture from which the intrinsics are for another size."""
 DIRECTION = "world to camera"
 
 
@@ -154,12 +152,7 @@ def _posed(base: Path, sample: str, picture: Path) -> PosedImage:
             f"image {where}: intrinsics {k.shape} and extrinsics {m.shape}; [3, 3] and [3, 4] expected"
         )
     size = picture_size(picture)
-    halves = k[[0, 1], 2] / (np.array(size) / 2)
-    if (halves > OTHER_SIZE).all() or (halves < 1 / OTHER_SIZE).all():
-        raise CalibrationError(
-            f"image {where}: the principal point {k[:2, 2].tolist()} px is not near the middle of {size[0]}x{size[1]}"
-            " px; the intrinsics are for pictures of another size, so scale them or the pictures"
-        )
+    check_principal_point(f"image {where}", k, size)
     with np.errstate(over="ignore", invalid="ignore"):
         centre = camera_centre(m)
     return PosedImage(where, k, np.zeros(DISTORTION), m[:3, :3], centre, size)

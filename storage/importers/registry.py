@@ -13,8 +13,9 @@ from posegaussian.storage.importers.images import IMPORTER as IMAGES
 from posegaussian.storage.importers.llff import IMPORTER as LLFF
 from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
+from posegaussian.storage.importers.zju_mocap import IMPORTER as ZJU_MOCAP
 
 IMPORTERS: Mapping[str, Importer] = {
-    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, IMAGES)
+    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, ZJU_MOCAP, IMAGES)
 }
 """In the order in which sentences name them."""

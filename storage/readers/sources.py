@@ -116,11 +116,12 @@ class Masks(_Source):
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number;
-        masks of 0 and 1 are spread to 0 and 255. Raises SourceError."""
+        masks of 0 and 1 are spread to 0 and 255, of labels of parts all but 0 are 255. Raises SourceError."""
         options = self._stream(view).options
-        factor = np.uint8(255 if options.get("zero_one") else 1)
+        factor = np.uint8(255 if options.get("zero_one") or options.get("labels") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            yield self._sized(view, int(n), images.read_mask(path, bool(options.get("alpha")))) * factor
+            mask = self._sized(view, int(n), images.read_mask(path, bool(options.get("alpha"))))
+            yield (mask > 0 if options.get("labels") else mask) * factor
 
 
 class Depth(_Source):

@@ -18,6 +18,7 @@ from tests.storage.importers import (
     test_nerfstudio,
     test_pose2sim,
     test_qualisys,
+    test_zju_mocap,
 )
 from tests.support import colmap_files, import_capture
 from tests.support.video_clips import counting_clip, planes
@@ -128,6 +129,11 @@ def llff(base: Path) -> None:
 def gps_gaussian(base: Path) -> None:
     """One sample of five views."""
     test_gps_gaussian.write_sample(base, "0000_000", 0.0)
+
+
+def zju_mocap(base: Path) -> None:
+    """A capture of the data set's."""
+    test_zju_mocap.write(base)
 
 
 def millimetres(path: Path) -> None:

@@ -184,6 +184,7 @@ def capture_formats() -> list[Format]:
         Format("gps_gaussian: parm", captures.gps_gaussian, "parm/*/*.npy", "binary", gps_gaussian),
         Format("gps_gaussian: depth", captures.gps_gaussian, "depth/*/*.png", "binary", gps_gaussian),
         Format("gps_gaussian: names", captures.gps_gaussian, "", "binary", gps_gaussian),
+        Format("zju_mocap: annots.npy", captures.zju_mocap, "annots.npy", "binary", partial(imported, "zju_mocap")),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

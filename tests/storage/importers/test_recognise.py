@@ -17,6 +17,7 @@ from tests.storage.importers.test_images import base as images
 from tests.storage.importers.test_llff import base as llff
 from tests.storage.importers.test_nerfstudio import base as nerfstudio
 from tests.storage.importers.test_pose2sim import base as pose2sim
+from tests.storage.importers.test_zju_mocap import base as zju_mocap
 
 FIXTURES = {
     "caliscope": caliscope,
@@ -27,6 +28,7 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "zju_mocap": zju_mocap,
 }
 
 
