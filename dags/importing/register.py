@@ -108,12 +108,18 @@ def _copied_whole(capture: Capture, root: Path) -> Capture:
 def _copied(capture: Capture, folder: Path) -> Capture:
     """The capture with every file copied below a folder."""
 
+    shared: dict[str, SourceFile] = {}  # one file may hold all cameras
+
     def stream(s: Stream | None, kind: str, owner: str) -> Stream | None:
         if s is None:
             return None
         place = folder / kind / owner
-        copies = tuple(_copy(f, place / name) for f, name in zip(s.files, _names_of(s), strict=True))
-        return dataclasses.replace(s, files=copies)
+        copies = []
+        for f, name in zip(s.files, _names_of(s), strict=True):
+            if f.path not in shared:
+                shared[f.path] = _copy(f, place / name)
+            copies.append(shared[f.path])
+        return dataclasses.replace(s, files=tuple(copies))
 
     names = capture.rig.names
     kinds = {k: tuple(stream(s, k, n) for s, n in zip(capture.streams(k), names, strict=False)) for k in PER_VIEW}

@@ -38,7 +38,7 @@ MOST_SIDE = 65536
 MOST_NUMBER = 2**31
 """Size of a frame's number, of either sign."""
 
-KINDS = ("video", "images", "openpose", "coco", "easymocap", "caliscope", "trc")
+KINDS = ("video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5")
 """Kinds of streams."""
 
 
@@ -155,6 +155,8 @@ def _stream_fault(stream: Stream) -> str | None:
         return "indices of a stream are not whole numbers"
     if not isinstance(options.get("joint_set", ""), str):
         return "a joint set without a name"
+    if stream.kind == "hdf5" and not isinstance(options.get("data"), str):
+        return "a stream of an HDF5 file without a path in it"
     return next((why for f in stream.files if (why := _file_fault(f)) is not None), None)
 
 

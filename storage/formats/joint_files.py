@@ -43,9 +43,12 @@ def frame_number(path: str | Path) -> int | None:
     return int(digits[-1]) if digits else None
 
 
-def _joints(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
-    """[J, 3] from 3 J numbers or J triples; values that are not finite make the joint missing.
-    Scores are clipped to 0..1."""
+def joint_rows(flat: Any, path: str | Path, what: str, half: bool) -> np.ndarray:
+    """[J, 3] float64 (u, v, score) px, our centres, from 3 J numbers or J triples, whose centres are ours with `half`.
+
+    Values that are not finite make the joint missing, scores are clipped to 0..1. Raises SourceError, naming `path` and
+    `what`.
+    """
     try:
         values = np.array(flat, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
@@ -101,7 +104,7 @@ def _items(value: Any, what: str, path: str | Path) -> Sequence[Any]:
 def read_openpose(path: str | Path) -> Detections:
     """One picture's OpenPose JSON; a person without `pose_keypoints_2d` is no person. Raises SourceError."""
     flats = [p.get("pose_keypoints_2d") for p in _list(read_json(path), "people", path)]
-    people = [_joints(f, path, "pose_keypoints_2d", False) for f in flats if f]
+    people = [joint_rows(f, path, "pose_keypoints_2d", False) for f in flats if f]
     return _gather(people, [np.zeros(5) for _ in people], path)
 
 
@@ -111,7 +114,7 @@ def read_easymocap(path: str | Path) -> Detections:
     annots = [a for a in _list(read_json(path), "annots", path) if a.get("keypoints")]
     given = [[*_items(a.get("bbox") or (), "bbox", path), 1.0] for a in annots]
     boxes = [_box(b[:4], b[4], path, half=False) if len(b) > 4 else np.zeros(5) for b in given]
-    return _gather([_joints(a["keypoints"], path, "keypoints", False) for a in annots], boxes, path)
+    return _gather([joint_rows(a["keypoints"], path, "keypoints", False) for a in annots], boxes, path)
 
 
 def read_coco(path: str | Path, view: str | None = None) -> dict[int, Detections]:
@@ -146,14 +149,14 @@ def _id(value: Any, path: str | Path) -> Any:
 
 
 def _coco_people(found: list[dict[str, Any]], path: str | Path, half: bool) -> Detections:
-    people = [_joints(a["keypoints"], path, "keypoints", half) for a in found]
+    people = [joint_rows(a["keypoints"], path, "keypoints", half) for a in found]
     for a, joints in zip(found, people, strict=True):
         scores = a.get("keypoint_scores")
         if scores is None:
             continue
         if len(_items(scores, "keypoint_scores", path)) != len(joints):
             raise SourceError(f"{path}: keypoint_scores has {len(scores)} values for {len(joints)} joints")
-        joints[:, 2] = _joints([(0, 0, s) for s in scores], path, "keypoint_scores", half)[:, 2]
+        joints[:, 2] = joint_rows([(0, 0, s) for s in scores], path, "keypoint_scores", half)[:, 2]
     return _gather(people, [_coco_box(a, path, half) for a in found], path)
 
 
@@ -214,7 +217,7 @@ def read_caliscope(path: str | Path, camera: int, joints: int) -> dict[int, Dete
     out = {}
     for sync, frame in read_tracked(path).get(camera, {}).items():
         flat = [(*frame.points[j], 1.0) if j in frame.points else (np.nan, np.nan, 0.0) for j in range(joints)]
-        people = _joints(flat, path, "landmarks", half=False)[None]
+        people = joint_rows(flat, path, "landmarks", half=False)[None]
         out[sync] = Detections(people, np.zeros((1, 5))) if people[..., 2].any() else no_people(joints)
     return out
 

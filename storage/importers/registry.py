@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
 from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
+from posegaussian.storage.importers.dna_rendering import IMPORTER as DNA_RENDERING
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
 from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
@@ -16,6 +17,7 @@ from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 from posegaussian.storage.importers.zju_mocap import IMPORTER as ZJU_MOCAP
 
 IMPORTERS: Mapping[str, Importer] = {
-    i.name: i for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, ZJU_MOCAP, IMAGES)
+    i.name: i
+    for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, ZJU_MOCAP, DNA_RENDERING, IMAGES)
 }
 """In the order in which sentences name them."""

@@ -88,7 +88,7 @@ class SourceFile:
             )
 
 
-ONE_FILE = ("video", "coco", "caliscope", "trc")
+ONE_FILE = ("video", "coco", "caliscope", "trc", "hdf5")
 """Kinds of streams whose one file holds all frames."""
 
 
@@ -96,10 +96,11 @@ ONE_FILE = ("video", "coco", "caliscope", "trc")
 class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
-    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc"]
-    """video: one file, frames by 0-based index; images: one file a frame number; the others: joint formats."""
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5"]
+    """video: one file, frames by 0-based index; images: one file a frame number; hdf5: one file with pictures, masks or
+    joints, `options["data"]` is the path in it; the others: joint formats."""
     files: tuple[SourceFile, ...]
-    """One file for video, coco, caliscope and trc; else one for every number."""
+    """One file for the kinds of `ONE_FILE`; else one for every number."""
     numbers: tuple[int, ...]
     """Source frame numbers, ascending."""
     size: tuple[int, int] = (0, 0)

@@ -20,10 +20,11 @@ from posegaussian.storage.formats.joint_files import (
     read_openpose,
     read_trc,
 )
+from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
-from posegaussian.storage.readers import images
+from posegaussian.storage.readers import hdf5, images
 from posegaussian.storage.readers.video import VideoFile
 
 
@@ -35,6 +36,7 @@ class _Source:
         self._kind = kind.replace("_", " ")
         self._streams = capture.streams(kind)
         self._verified: set[str] = set()
+        self._opened: dict[str, Hdf5File] = {}
 
     def _path(self, file: SourceFile) -> str:
         if file.path not in self._verified:
@@ -60,6 +62,25 @@ class _Source:
                     " add the file and import the capture again"
                 )
             yield self._path(files[int(n)])
+
+    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """What a view's one file calls the given source frames."""
+        indices = []
+        for n in numbers:
+            index = self._stream(view).index_of(int(n))
+            if index is None:
+                raise SourceError(
+                    f"camera {self._names[view]} has no {self._kind} of frame {int(n)}: its file lacks that instant;"
+                    " leave the frame out with frames.range"
+                )
+            indices.append(index)
+        return indices
+
+    def _hdf5(self, file: SourceFile) -> Hdf5File:
+        path = self._path(file)
+        if path not in self._opened:
+            self._opened[path] = Hdf5File(path, "file")
+        return self._opened[path]
 
     def _sized(self, view: int, number: int, picture: np.ndarray) -> np.ndarray:
         size = self._stream(view).size
@@ -92,23 +113,13 @@ class Pictures(_Source):
         stream = self._stream(view)
         if stream.kind == "video":
             pictures = VideoFile(self._path(stream.files[0])).read(self._indices(view, numbers))
+        elif stream.kind == "hdf5":
+            file = self._hdf5(stream.files[0])
+            pictures = (hdf5.read_picture(file, stream.options["data"], i) for i in self._indices(view, numbers))
         else:
             pictures = (images.read_picture(p) for p in self._files(view, numbers))
         for n, picture in zip(numbers, pictures, strict=True):
             yield self._sized(view, int(n), picture)
-
-    def _indices(self, view: int, numbers: Sequence[int]) -> list[int]:
-        """Frames of a view's video that are the given source frames."""
-        indices = []
-        for n in numbers:
-            index = self._stream(view).index_of(int(n))
-            if index is None:
-                raise SourceError(
-                    f"camera {self._names[view]} has no picture of frame {int(n)}: its video lacks that instant; leave"
-                    " the frame out with frames.range"
-                )
-            indices.append(index)
-        return indices
 
 
 class Masks(_Source):
@@ -117,7 +128,13 @@ class Masks(_Source):
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number;
         masks of 0 and 1 are spread to 0 and 255, of labels of parts all but 0 are 255. Raises SourceError."""
-        options = self._stream(view).options
+        stream = self._stream(view)
+        if stream.kind == "hdf5":
+            file = self._hdf5(stream.files[0])
+            for n, index in zip(numbers, self._indices(view, numbers), strict=True):
+                yield self._sized(view, int(n), hdf5.read_mask(file, stream.options["data"], index))
+            return
+        options = stream.options
         factor = np.uint8(255 if options.get("zero_one") or options.get("labels") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
             mask = self._sized(view, int(n), images.read_mask(path, bool(options.get("alpha"))))
@@ -184,6 +201,9 @@ class Joints(_Source):
                     else read_caliscope(path, stream.options["camera"], self._count)
                 )
             path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
+        elif stream.kind == "hdf5":
+            path, (index,) = stream.files[0].path, self._indices(view, [number])
+            found = hdf5.read_joints(self._hdf5(stream.files[0]), stream.options["data"], index, self._count)
         else:
             path = next(self._files(view, [number]))
             found = _ONE_PICTURE[stream.kind](path)

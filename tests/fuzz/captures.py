@@ -11,6 +11,7 @@ from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import (
     test_caliscope,
+    test_dna_rendering,
     test_easymocap,
     test_gps_gaussian,
     test_images,
@@ -134,6 +135,11 @@ def gps_gaussian(base: Path) -> None:
 def zju_mocap(base: Path) -> None:
     """A capture of the data set's."""
     test_zju_mocap.write(base)
+
+
+def dna_rendering(base: Path) -> None:
+    """A capture of the data set's."""
+    test_dna_rendering.write(base)
 
 
 def millimetres(path: Path) -> None:

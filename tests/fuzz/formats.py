@@ -185,6 +185,10 @@ def capture_formats() -> list[Format]:
         Format("gps_gaussian: depth", captures.gps_gaussian, "depth/*/*.png", "binary", gps_gaussian),
         Format("gps_gaussian: names", captures.gps_gaussian, "", "binary", gps_gaussian),
         Format("zju_mocap: annots.npy", captures.zju_mocap, "annots.npy", "binary", partial(imported, "zju_mocap")),
+        *(
+            Format(f"dna_rendering: {f}", captures.dna_rendering, f, "binary", partial(imported, "dna_rendering"))
+            for f in ("0012_01.smc", "0012_01_annots.smc")
+        ),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

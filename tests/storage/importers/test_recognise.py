@@ -11,6 +11,7 @@ from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.model.errors import SourceError, UserError
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
+from tests.storage.importers.test_dna_rendering import base as dna_rendering
 from tests.storage.importers.test_easymocap import base as easymocap
 from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
 from tests.storage.importers.test_images import base as images
@@ -28,6 +29,7 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "dna_rendering": dna_rendering,
     "zju_mocap": zju_mocap,
 }
 
