@@ -157,6 +157,8 @@ def _stream_fault(stream: Stream) -> str | None:
         return "a joint set without a name"
     if stream.kind == "hdf5" and not isinstance(options.get("data"), str):
         return "a stream of an HDF5 file without a path in it"
+    if not all(type(n) is int and 0 <= n < MOST_NUMBER for n in options.get("picked", ())):
+        return "joints picked by other than whole numbers"
     return next((why for f in stream.files if (why := _file_fault(f)) is not None), None)
 
 

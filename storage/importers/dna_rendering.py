@@ -166,9 +166,8 @@ def _joints(
         place = f"Keypoints_2D/{name}"
         count = _rows(annots, place)
         frames = [n for n in stream.numbers if n < count]
-        streams.append(
-            Stream("hdf5", (file,), tuple(frames), options={"data": place, "joint_set": "coco17"}) if frames else None
-        )
+        options = {"data": place, "joint_set": "coco17", "picked": list(range(BODY))}
+        streams.append(Stream("hdf5", (file,), tuple(frames), options=options) if frames else None)
     if not any(streams):
         return (), []
     told = [f"camera {n} has no 2D joints" for n, s in zip(names, streams, strict=True) if s is None]

@@ -13,11 +13,24 @@ from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
 from posegaussian.storage.importers.llff import IMPORTER as LLFF
 from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
+from posegaussian.storage.importers.people_snapshot import IMPORTER as PEOPLE_SNAPSHOT
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 from posegaussian.storage.importers.zju_mocap import IMPORTER as ZJU_MOCAP
 
 IMPORTERS: Mapping[str, Importer] = {
     i.name: i
-    for i in (POSE2SIM, CALISCOPE, EASYMOCAP, COLMAP, NERFSTUDIO, LLFF, GPS_GAUSSIAN, ZJU_MOCAP, DNA_RENDERING, IMAGES)
+    for i in (
+        POSE2SIM,
+        CALISCOPE,
+        EASYMOCAP,
+        COLMAP,
+        NERFSTUDIO,
+        LLFF,
+        GPS_GAUSSIAN,
+        ZJU_MOCAP,
+        DNA_RENDERING,
+        PEOPLE_SNAPSHOT,
+        IMAGES,
+    )
 }
 """In the order in which sentences name them."""

@@ -6,6 +6,8 @@ first axis is the frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from posegaussian.storage.formats.joint_files import Detections, joint_rows
@@ -37,8 +39,10 @@ def read_mask(file: Hdf5File, data: str, index: int) -> np.ndarray:
     return np.where(found != 0, np.uint8(255), np.uint8(0))
 
 
-def read_joints(file: Hdf5File, data: str, index: int, joints: int) -> Detections:
-    """The one person of a frame, its first `joints` joints, of an array [frame, J, 3] or [frame, 3 J] (x, y, score)
-    with pixel centres at integers. Raises SourceError."""
-    found = joint_rows(file.row(data, index), file.path, data, half=False)[:joints]
-    return Detections(found[None], np.zeros((1, 5)))
+def read_joints(file: Hdf5File, data: str, index: int, picked: Sequence[int]) -> Detections:
+    """The one person of a frame, of an array [frame, J, 3] or [frame, 3 J] (x, y, score) with pixel centres at
+    integers: the joints `picked` of its J, in that order. Raises SourceError."""
+    found = joint_rows(file.row(data, index), file.path, data, half=False)
+    if any(not 0 <= j < len(found) for j in picked):
+        raise SourceError(f"{file.path}: {data} has {len(found)} joints a frame, of which {max(picked)} is none")
+    return Detections(found[list(picked)][None], np.zeros((1, 5)))

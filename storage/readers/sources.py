@@ -203,7 +203,8 @@ class Joints(_Source):
             path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
         elif stream.kind == "hdf5":
             path, (index,) = stream.files[0].path, self._indices(view, [number])
-            found = hdf5.read_joints(self._hdf5(stream.files[0]), stream.options["data"], index, self._count)
+            options = stream.options
+            found = hdf5.read_joints(self._hdf5(stream.files[0]), options["data"], index, options["picked"])
         else:
             path = next(self._files(view, [number]))
             found = _ONE_PICTURE[stream.kind](path)

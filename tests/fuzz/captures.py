@@ -17,6 +17,7 @@ from tests.storage.importers import (
     test_images,
     test_llff,
     test_nerfstudio,
+    test_people_snapshot,
     test_pose2sim,
     test_qualisys,
     test_zju_mocap,
@@ -140,6 +141,11 @@ def zju_mocap(base: Path) -> None:
 def dna_rendering(base: Path) -> None:
     """A capture of the data set's."""
     test_dna_rendering.write(base)
+
+
+def people_snapshot(base: Path) -> None:
+    """A capture of the data set's."""
+    test_people_snapshot.write(base)
 
 
 def millimetres(path: Path) -> None:

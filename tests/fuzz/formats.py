@@ -189,6 +189,10 @@ def capture_formats() -> list[Format]:
             Format(f"dna_rendering: {f}", captures.dna_rendering, f, "binary", partial(imported, "dna_rendering"))
             for f in ("0012_01.smc", "0012_01_annots.smc")
         ),
+        *(
+            Format(f"people_snapshot: {f}", captures.people_snapshot, f, "binary", partial(imported, "people_snapshot"))
+            for f in ("camera.pkl", "*.hdf5")
+        ),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

@@ -12,8 +12,9 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_png
 from posegaussian.storage.readers.sources import open_source
+from tests.storage.importers import test_dna_rendering
 from tests.storage.importers.test_colmap import many_frames
-from tests.support import colmap_files, import_capture
+from tests.support import colmap_files, import_capture, ring
 
 
 def test_a_copy_keeps_files_that_are_called_alike_apart(tmp_path: Path) -> None:
@@ -29,3 +30,17 @@ def test_a_copy_keeps_files_that_are_called_alike_apart(tmp_path: Path) -> None:
     made, _ = register(archive, "a", find_capture("colmap", tmp_path / "in", {}), settings, copy=True)
     copied = open_source(made.capture, "pictures")
     assert [int(p[0, 0, 0]) for p in copied.read(1, [0, 1, 2])] == [1, 11, 21]
+
+
+def test_a_file_that_holds_all_cameras_is_copied_once(tmp_path: Path) -> None:
+    test_dna_rendering.write(tmp_path / "in")
+    archive = Archive.open(str(tmp_path / "archive"), create=True)
+    settings = load_configuration(folder=tmp_path).default
+    register(archive, "a", find_capture("dna_rendering", tmp_path / "in", {}), settings, copy=True)
+    copies = sorted(p.name for p in (tmp_path / "archive").rglob("*.smc"))
+    assert copies == ["0012_01.smc", "0012_01_annots.smc"]
+    for p in (tmp_path / "in").iterdir():
+        p.unlink()
+    kept = Archive.open(str(tmp_path / "archive")).sequence("a").capture
+    ring.check_pictures(kept, (0, 1, 2), {2: 2})
+    ring.check_masks(kept, (0, 1, 2), {2: 2})

@@ -17,6 +17,7 @@ from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
 from tests.storage.importers.test_images import base as images
 from tests.storage.importers.test_llff import base as llff
 from tests.storage.importers.test_nerfstudio import base as nerfstudio
+from tests.storage.importers.test_people_snapshot import base as people_snapshot
 from tests.storage.importers.test_pose2sim import base as pose2sim
 from tests.storage.importers.test_zju_mocap import base as zju_mocap
 
@@ -29,6 +30,7 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "people_snapshot": people_snapshot,
     "dna_rendering": dna_rendering,
     "zju_mocap": zju_mocap,
 }
