@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from posegaussian.storage.importers.actorshq import IMPORTER as ACTORSHQ
 from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
 from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.dna_rendering import IMPORTER as DNA_RENDERING
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
 from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
+from posegaussian.storage.importers.humman import IMPORTER as HUMMAN
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
 from posegaussian.storage.importers.llff import IMPORTER as LLFF
 from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
@@ -30,6 +32,8 @@ IMPORTERS: Mapping[str, Importer] = {
         ZJU_MOCAP,
         DNA_RENDERING,
         PEOPLE_SNAPSHOT,
+        HUMMAN,
+        ACTORSHQ,
         IMAGES,
     )
 }

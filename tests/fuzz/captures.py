@@ -10,10 +10,12 @@ from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import (
+    test_actorshq,
     test_caliscope,
     test_dna_rendering,
     test_easymocap,
     test_gps_gaussian,
+    test_humman,
     test_images,
     test_llff,
     test_nerfstudio,
@@ -146,6 +148,16 @@ def dna_rendering(base: Path) -> None:
 def people_snapshot(base: Path) -> None:
     """A capture of the data set's."""
     test_people_snapshot.write(base)
+
+
+def humman(base: Path) -> None:
+    """A capture of the data set's."""
+    test_humman.write(base)
+
+
+def actorshq(base: Path) -> None:
+    """A capture of the data set's."""
+    test_actorshq.write(base)
 
 
 def millimetres(path: Path) -> None:

@@ -193,6 +193,8 @@ def capture_formats() -> list[Format]:
             Format(f"people_snapshot: {f}", captures.people_snapshot, f, "binary", partial(imported, "people_snapshot"))
             for f in ("camera.pkl", "*.hdf5")
         ),
+        Format("humman: cameras.json", captures.humman, "cameras.json", "json", partial(imported, "humman")),
+        Format("actorshq: calibration.csv", captures.actorshq, "*.csv", "table", partial(imported, "actorshq")),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

@@ -9,11 +9,13 @@ import pytest
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.model.errors import SourceError, UserError
+from tests.storage.importers.test_actorshq import base as actorshq
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
 from tests.storage.importers.test_dna_rendering import base as dna_rendering
 from tests.storage.importers.test_easymocap import base as easymocap
 from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
+from tests.storage.importers.test_humman import base as humman
 from tests.storage.importers.test_images import base as images
 from tests.storage.importers.test_llff import base as llff
 from tests.storage.importers.test_nerfstudio import base as nerfstudio
@@ -30,6 +32,8 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "actorshq": actorshq,
+    "humman": humman,
     "people_snapshot": people_snapshot,
     "dna_rendering": dna_rendering,
     "zju_mocap": zju_mocap,
