@@ -10,11 +10,14 @@ from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.dna_rendering import IMPORTER as DNA_RENDERING
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
+from posegaussian.storage.importers.genebody import IMPORTER as GENEBODY
 from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
 from posegaussian.storage.importers.humman import IMPORTER as HUMMAN
 from posegaussian.storage.importers.images import IMPORTER as IMAGES
 from posegaussian.storage.importers.llff import IMPORTER as LLFF
+from posegaussian.storage.importers.mvhumannet import IMPORTER as MVHUMANNET
 from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
+from posegaussian.storage.importers.panoptic import IMPORTER as PANOPTIC
 from posegaussian.storage.importers.people_snapshot import IMPORTER as PEOPLE_SNAPSHOT
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
 from posegaussian.storage.importers.zju_mocap import IMPORTER as ZJU_MOCAP
@@ -34,6 +37,9 @@ IMPORTERS: Mapping[str, Importer] = {
         PEOPLE_SNAPSHOT,
         HUMMAN,
         ACTORSHQ,
+        GENEBODY,
+        MVHUMANNET,
+        PANOPTIC,
         IMAGES,
     )
 }

@@ -14,11 +14,14 @@ from tests.storage.importers import (
     test_caliscope,
     test_dna_rendering,
     test_easymocap,
+    test_genebody,
     test_gps_gaussian,
     test_humman,
     test_images,
     test_llff,
+    test_mvhumannet,
     test_nerfstudio,
+    test_panoptic,
     test_people_snapshot,
     test_pose2sim,
     test_qualisys,
@@ -158,6 +161,21 @@ def humman(base: Path) -> None:
 def actorshq(base: Path) -> None:
     """A capture of the data set's."""
     test_actorshq.write(base)
+
+
+def genebody(base: Path) -> None:
+    """A capture of the data set's."""
+    test_genebody.write(base)
+
+
+def mvhumannet(base: Path) -> None:
+    """A capture of the data set's."""
+    test_mvhumannet.write(base)
+
+
+def panoptic(base: Path) -> None:
+    """A capture of the data set's."""
+    test_panoptic.write(base)
 
 
 def millimetres(path: Path) -> None:

@@ -14,11 +14,14 @@ from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
 from tests.storage.importers.test_dna_rendering import base as dna_rendering
 from tests.storage.importers.test_easymocap import base as easymocap
+from tests.storage.importers.test_genebody import base as genebody
 from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
 from tests.storage.importers.test_humman import base as humman
 from tests.storage.importers.test_images import base as images
 from tests.storage.importers.test_llff import base as llff
+from tests.storage.importers.test_mvhumannet import base as mvhumannet
 from tests.storage.importers.test_nerfstudio import base as nerfstudio
+from tests.storage.importers.test_panoptic import base as panoptic
 from tests.storage.importers.test_people_snapshot import base as people_snapshot
 from tests.storage.importers.test_pose2sim import base as pose2sim
 from tests.storage.importers.test_zju_mocap import base as zju_mocap
@@ -32,6 +35,9 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "panoptic": panoptic,
+    "mvhumannet": mvhumannet,
+    "genebody": genebody,
     "actorshq": actorshq,
     "humman": humman,
     "people_snapshot": people_snapshot,
