@@ -70,8 +70,8 @@ class _Source:
             index = self._stream(view).index_of(int(n))
             if index is None:
                 raise SourceError(
-                    f"camera {self._names[view]} has no {self._kind.removesuffix('s')} of frame {int(n)}: its file lacks"
-                    " that instant; leave the frame out with frames.range"
+                    f"camera {self._names[view]} has no {self._kind.removesuffix('s')} of frame {int(n)}: its file"
+                    " lacks that instant; leave the frame out with frames.range"
                 )
             indices.append(index)
         return indices

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posegaussian.storage.formats.plain_pickle import MOST_STEPS, read_object, read_pickle
+from posegaussian.storage.formats import plain_pickle
+from posegaussian.storage.formats.plain_pickle import read_object, read_pickle
 from posegaussian.storage.model.errors import SourceError
 
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)
@@ -137,13 +138,17 @@ def test_nothing_is_called(tmp_path: Path, protocol: int) -> None:
         (b"}(]K\x01u.", "holds the key 'list'"),
         (b"\x80\x02\x8bX\x00\x00\x00" + bytes(87) + b"\x01.", "whole number of more than 18 digits"),
         (b"I" + b"9" * 5000 + b"\n.", "damaged or cut off"),
-        (b"\x80\x02" + b"N" * (MOST_STEPS + 5) + b".", f"over {MOST_STEPS} instructions"),
+        (b"\x80\x02" + b"N" * 200_005 + b".", "over 200000 instructions"),
         (b")" + b"\x85" * 100_000 + b".", "nested more than 32 deep"),
         (b"]\x94]\x94h\x00a" + b"h\x00a" * 3 + b"h\x01h\x00ah\x00h\x01a.", "nested more than 32 deep"),
-        (b"]\x94" + b"".join(b"](" + bytes([104, n]) * 9 + b"e\x94" for n in range(20)) + b".", "more than 16000000"),
+        (b"]\x94" + b"".join(b"](" + bytes([104, n]) * 9 + b"e\x94" for n in range(20)) + b".", "than 200000 values"),
     ],
 )  # fmt: skip
-def test_hostile_instructions_get_a_sentence(tmp_path: Path, raw: bytes, said: str) -> None:
+def test_hostile_instructions_get_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raw: bytes, said: str
+) -> None:
+    monkeypatch.setattr(plain_pickle, "MOST_STEPS", 200_000)
+    monkeypatch.setattr(plain_pickle, "MOST_VALUES", 200_000)
     with pytest.raises(SourceError, match=said):
         read_pickle(write(tmp_path / "bad.pkl", raw), "cameras")
 
