@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -57,6 +58,10 @@ def export(
         Path | None,
         typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each."),
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", help="Write one HTML file that plays the Gaussians in any browser, without a server."),
+    ] = None,
     splats_as: Annotated[
         str,
         typer.Option(
@@ -67,7 +72,9 @@ def export(
     ] = "ply",
     view: Annotated[
         list[str] | None,
-        typer.Option("--view", help="Source view whose Gaussians --splats writes (may be repeated). Default: all."),
+        typer.Option(
+            "--view", help="Source view whose Gaussians --splats and --page write (may be repeated). Default: all."
+        ),
     ] = None,
     to: Annotated[
         str | None,
@@ -90,8 +97,8 @@ def export(
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Run what is missing for a camera path, then write video, pictures, a contact sheet, the Gaussians themselves, or
-    the capture in another tool's layout.
+    """Run what is missing for a camera path, then write video, pictures, a contact sheet, the Gaussians themselves, a
+    page that plays them, or the capture in another tool's layout.
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
@@ -99,13 +106,15 @@ def export(
 
     folder = output or Path(f"{sequence}-{to}")
     order = ExportOrder.of(
-        video, frames, sheet, splats, tuple(view or ()), alpha, background, splats_as, to, folder, frame
+        video, frames, sheet, splats, tuple(view or ()), alpha, background, splats_as, to, folder, frame, page, path
     )
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
-    p = session.plan(
-        session.one_name(sequence), Selection(), (path,) if path is not None and order.renders else (), order.needed
-    )
+    name = session.one_name(sequence)
+    if page and path is None and not order.renders:  # what is not rendered is still the way the page flies
+        configured = open_session(config, assignments, archive).configuration.for_sequence(name).rendering.paths
+        order = replace(order, path=next(iter(configured or ()), None))
+    p = session.plan(name, Selection(), (path,) if path is not None and order.renders else (), order.needed)
     order.check(p.context)
     outcome = session.run_and_report([p], Selection())
     if outcome:

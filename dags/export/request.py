@@ -8,6 +8,7 @@ from pathlib import Path
 
 from posegaussian.dags.export import background as backdrop
 from posegaussian.dags.export import layouts, pictures
+from posegaussian.dags.export import page as exporting_page
 from posegaussian.dags.export import splats as exporting_splats
 from posegaussian.dags.export.background import Backdrop
 from posegaussian.dags.export.output_paths import output_file, output_folder
@@ -31,7 +32,7 @@ class ExportOrder:
     splats: Path | None
     """Folder of 3DGS PLY files."""
     views: tuple[str, ...]
-    """Source views whose Gaussians become splats; empty for all."""
+    """Source views whose Gaussians become splats or a page; empty for all."""
     alpha: bool
     """Whether pictures keep their coverage."""
     backdrop: Backdrop
@@ -44,6 +45,10 @@ class ExportOrder:
     """Where that goes."""
     frame: int | None = None
     """Source frame number of the one instant that is written so; None for all."""
+    page: Path | None = None
+    """HTML page that plays the Gaussians."""
+    path: str | None = None
+    """Camera path that the page flies along; None for the default one."""
 
     @classmethod
     def of(
@@ -59,16 +64,18 @@ class ExportOrder:
         layout: str | None = None,
         folder: Path = Path(),
         frame: int | None = None,
+        page: Path | None = None,
+        path: str | None = None,
     ) -> ExportOrder:
         """From the command's options.
 
         Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where
         it is named.
         """
-        if not (video or frames or sheet or splats or layout):
+        if not (video or frames or sheet or splats or layout or page):
             raise ConfigError(
-                "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE, --splats FOLDER or --to"
-                " LAYOUT"
+                "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE, --splats FOLDER, --page"
+                " FILE or --to LAYOUT"
             )
         exporting_splats.chosen_files(splats_as)
         if layout:
@@ -77,26 +84,26 @@ class ExportOrder:
         elif frame is not None:
             raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
         behind = backdrop.parse(background)
-        if behind.kind != "none" and not (video or frames):
+        if behind.kind != "none" and not (video or frames or (page and behind.kind == "color")):
             raise ConfigError(
-                f"export --background {background}: contact sheets and splats have none;"
+                f"export --background {background}: contact sheets and splats have none, and a page has a colour;"
                 " write --video FILE or --frames FOLDER"
             )
         if behind.kind != "none" and alpha:
             raise ConfigError(
                 f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out"
             )
-        for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png")):
+        for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png"), ("--page", page, ".html")):
             if file is not None:
                 output_file(f"export {option}", file, (ending,))
         for option, place in (("--frames", frames), ("--splats", splats)):
             if place is not None:
                 output_folder(f"export {option}", place)
-        return cls(video, frames, sheet, splats, views, alpha, behind, splats_as, layout, folder, frame)
+        return cls(video, frames, sheet, splats, views, alpha, behind, splats_as, layout, folder, frame, page, path)
 
     @property
     def renders(self) -> bool:
-        """Whether pictures of camera paths are needed: splats and captures in a layout need none."""
+        """Whether pictures of camera paths are needed: splats, pages and captures in a layout need none."""
         return bool(self.video or self.frames or self.sheet)
 
     def needed(self, context: Context) -> frozenset[Product]:
@@ -106,6 +113,8 @@ class ExportOrder:
         )
         if self.splats:
             found |= exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views))
+        if self.page:
+            found |= exporting_page.needed(context, exporting_splats.chosen_views(context, self.views))
         return found | layouts.needed(context, self.frame) if self.layout else found
 
     def check(self, context: Context) -> None:
@@ -118,6 +127,8 @@ class ExportOrder:
                 refuse_strangers(self.frames, path.names, context.source_frames)
         if self.splats:
             exporting_splats.refuse_strangers(context, self.splats, self.splats_as)
+        if self.page:
+            exporting_page.check(context, self.views, self.path)
         if self.layout:
             layouts.check(context, self.folder, self.frame)
 
@@ -126,6 +137,8 @@ class ExportOrder:
         said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
         if self.splats:
             said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats, self.splats_as)
+        if self.page:
+            said += exporting_page.export_page(Results(plan.context), self.views, self.page, self.path, self.backdrop)
         if self.layout:
             said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame)
         return said

@@ -1,0 +1,233 @@
+"""From the finished Gaussians of a sequence to one HTML file that plays them.
+
+The file holds the maps that rendering lifts Gaussians from, view by view, so that the browser shows to every camera
+what the renderer would: the nearest source views, each Gaussian as opaque as it is from there. What rendering does to
+finished pictures (closing of gaps, evening of outlines) needs the masks and is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posegaussian.dags.export.background import Backdrop
+from posegaussian.dags.export.splats import chosen_views, frame_gaussians
+from posegaussian.dags.export.splats import needed as needed_by_splats
+from posegaussian.dags.humanize.text import number
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.tasks import Product
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.stages.registry import PATHS
+from posegaussian.stages.rendering.effects import ANTI_ALIASING
+from posegaussian.stages.rendering.sources import REFINEMENT, map_arrays
+from posegaussian.storage.exporters.page import maps as coding
+from posegaussian.storage.exporters.page.document import write_page
+from posegaussian.storage.exporters.page.maps import CodedView, ViewMaps, coded
+from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.errors import ConfigError
+
+MOST_VIEWS = 128
+"""Source views of a page: the shader holds a weight for each."""
+THUMBNAIL, QUALITY = 240, 70
+"""Longest side in px of the small pictures of source cameras, and their WebP quality."""
+BEHIND = "#101418"
+"""What the person stands before unless a colour was asked for."""
+LARGE = 50e6
+"""Bytes above which an export says how to get a smaller page."""
+STANDING = ("held_out", "still", "file")
+"""Kinds of paths whose cameras are places, not the steps of a move."""
+
+
+def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
+    """What an export reads: it must be there when the run is over, whatever `keep` says."""
+    pictures = {Product("frames/color", p, v) for p in context.grid.partitions for v in views}
+    return needed_by_splats(context, views) | pictures
+
+
+def check(context: Context, names: Sequence[str], path: str | None) -> None:
+    """Raise UserError for views without Gaussians, more views than a page takes, and a text that is no camera path."""
+    views = chosen_views(context, names)
+    if len(views) > MOST_VIEWS:
+        raise ConfigError(
+            f"export --page: {len(views)} source views, a page takes {MOST_VIEWS}; choose some with --view CAMERA"
+        )
+    _path(context, path)
+
+
+def export_page(results: Results, names: Sequence[str], file: Path, path: str | None, backdrop: Backdrop) -> list[str]:
+    """Write the page of some source views; returns sentences. `path` is the text of the camera path it flies along,
+    None for the default one. Raises UserError as `check` does, and NotWritten."""
+    context = results.context
+    check(context, names, path)
+    views = chosen_views(context, names)
+    counts: list[int] = []
+    size = write_page(
+        file, context.sequence.name, _frames(results, views, counts), _head(results, views, counts, path, backdrop)
+    )
+    frames = f"{number(len(counts), 'frame')} of {min(counts)} to {max(counts)} Gaussians"
+    told = [f"page: {file}, {size / 1e6:.1f} MB, {frames}; open it in any browser"]
+    if size > LARGE:
+        told.append(
+            "fewer frames (--set frames.range=START:STOP:STRIDE), smaller pictures (--set frames.size=PX) or some of"
+            " the views (--view CAMERA) make a smaller page"
+        )
+    return told
+
+
+def _frames(results: Results, views: Sequence[int], counts: list[int]) -> Iterator[tuple[list[CodedView], list[bytes]]]:
+    """Coded views and small pictures, frame by frame; appends every frame's number of Gaussians to `counts`."""
+    valid = results.context.valid
+    for frame in range(len(results.context.source_frames)):
+        found = [coded(view_maps(results, frame, v)) for v in views]
+        counts.append(sum(c.count for c in found))
+        yield found, [_thumbnail(results, frame, v) if valid[frame, v] else b"" for v in views]
+
+
+def view_maps(results: Results, frame: int, view: int) -> ViewMaps:
+    """What rendering lifts Gaussians from, of one frame of a source view."""
+    rig = results.context.rig
+    width, height = (int(n) for n in rig.size[view])
+    color, *maps = (results.read(a, range(frame, frame + 1), view)[0] for a in map_arrays(results.context.facts))
+    depth, scale, normal, opacity, *twist = (m[..., :height, :width] for m in maps)
+    focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
+    return ViewMaps(color[:height, :width], depth, scale, normal, opacity, twist[0] if twist else None, focal)
+
+
+def _thumbnail(results: Results, frame: int, view: int) -> bytes:
+    """A small picture of what the camera filmed, as WebP."""
+    import cv2
+
+    width, height = (int(n) for n in results.context.rig.size[view])
+    picture = results.read("frames/color", range(frame, frame + 1), view)[0][:height, :width]
+    scale = min(1.0, THUMBNAIL / max(width, height))
+    small = cv2.resize(picture, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
+    done, data = cv2.imencode(".webp", small[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    assert done, "OpenCV writes WebP"
+    return data.tobytes()
+
+
+def _head(
+    results: Results, views: Sequence[int], counts: list[int], path: str | None, backdrop: Backdrop
+) -> Callable[[], dict[str, Any]]:
+    """What the page knows besides frames, to be asked for when all frames are counted."""
+    context = results.context
+    sources = context.rig.subset(context.views.sources)
+    cameras, steps = _cameras(context, _path(context, path))
+    stride = np.diff(context.source_frames)
+
+    def head() -> dict[str, Any]:
+        import torch
+
+        from posegaussian.stages.splatting.definition.scene import Cutoffs
+
+        cutoffs = asdict(Cutoffs())
+        means = frame_gaussians(results, len(counts) // 2, views, torch.float32).mean
+        middle = means.median(dim=0).values.tolist() if len(means) else look_at_point(sources).tolist()
+        return {
+            "title": context.sequence.name,
+            "frames": [int(n) for n in context.source_frames],
+            "rate": float(context.capture.frame_rate / (np.median(stride) if len(stride) else 1)),
+            "steps": steps,
+            "views": [_camera(context, v) for v in views],
+            "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(counts))],
+            "sources": context.settings.rendering.sources,
+            "allSides": REFINEMENT in context.facts,
+            "subject": look_at_point(sources).tolist(),
+            "target": middle,
+            "up": up_direction(sources).tolist(),
+            "coarse": 1.0 if ANTI_ALIASING.name in context.facts else ANTI_ALIASING.threshold,
+            "cutoffs": {name: cutoffs[key] for name, key in SHADER_CUTOFFS.items()},
+            "coding": {
+                "normalSteps": coding.NORMAL_STEPS,
+                "scaleSteps": coding.SCALE_STEPS,
+                "scaleZero": coding.SCALE_ZERO,
+                "turnSteps": coding.TURN_STEPS,
+                "turns": len(map_arrays(context.facts)) > 5,
+            },
+            "cameras": cameras,
+            "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,
+            "info": _info(context, views, counts),
+        }
+
+    return head
+
+
+SHADER_CUTOFFS = {
+    "near": "near",
+    "frustumMargin": "frustum_margin",
+    "varianceMin": "variance_min",
+    "compensationMin": "compensation_min",
+    "alphaMin": "alpha_min",
+    "alphaMax": "alpha_max",
+}
+"""Uniforms of the page's shaders, and the cut-off of the renderer that each is."""
+
+
+def _path(context: Context, text: str | None) -> CameraPath:
+    """The cameras of a path, of the first that is rendered where none is named. Raises UserError for a text that names
+    none."""
+    given = context.rig, context.views
+    text = text or next(iter(context.path_texts), None) or PATHS.default(*given, context.settings)
+    return PATHS.make(text, *given, context.source_frames, context.settings)
+
+
+def _cameras(context: Context, path: CameraPath) -> tuple[list[dict[str, Any]], int]:
+    """The cameras to look through, those of the path first, and how many steps of time there are."""
+    frames = len(path.served)
+    moves = frames == 1 and path.kind not in STANDING
+    found = []
+    for at, name in [(range(len(path.names)), path.kind)] if moves else [([c], n) for c, n in enumerate(path.names)]:
+        k, pose = (a[0, at] if moves else a[:, at[0]] for a in (path.intrinsics, path.world_to_camera))
+        stands = bool((k == k[:1]).all() and (pose == pose[:1]).all())
+        found.append(
+            {
+                "name": name if len(path.names) > 1 and not moves else path.kind,
+                "group": f"path {path.kind}",
+                "size": [int(n) for n in path.size[at[0]]],
+                "lens": [_lens(i) for i in (k[:1] if stands else k)],
+                "pose": [_pose(p) for p in (pose[:1] if stands else pose)],
+            }
+        )
+    for view in context.active_views:
+        group = "held-out cameras" if view in context.views.held_out else "source cameras"
+        camera = _camera(context, view)
+        found.append({**camera, "group": group, "lens": [camera["lens"]], "pose": [camera["pose"]]})
+    return found, len(path.names) if moves else frames
+
+
+def _camera(context: Context, view: int) -> dict[str, Any]:
+    rig = context.rig
+    return {
+        "name": rig.names[view],
+        "size": [int(n) for n in rig.size[view]],
+        "lens": _lens(rig.intrinsics[view]),
+        "pose": _pose(rig.world_to_camera[view]),
+    }
+
+
+def _lens(k: np.ndarray) -> list[float]:
+    return [float(n) for n in (k[0, 0], k[0, 1], k[0, 2], k[1, 1], k[1, 2])]
+
+
+def _pose(world_to_camera: np.ndarray) -> list[float]:
+    return [float(n) for n in world_to_camera[:3].ravel()]
+
+
+def _info(context: Context, views: Sequence[int], counts: Sequence[int]) -> list[tuple[str, str]]:
+    """Rows of the page's information, as it stands for the whole sequence."""
+    numbers, settings = context.source_frames, context.settings
+    sizes = sorted({tuple(int(n) for n in context.rig.size[v]) for v in views})
+    effects = [name for name, verdict in context.effects.items() if verdict.state == "on"]
+    return [
+        ("Frames", f"{len(numbers)}, {numbers[0]} to {numbers[-1]} of {context.capture.frame_rate:g} a second"),
+        ("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame"),
+        ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
+        ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes)),
+        ("Depth", f"depth.method {settings.depth.method}, refinement.steps {settings.refinement.steps}"),
+        ("Effects", ", ".join(effects) or "none"),
+    ]

@@ -1,0 +1,90 @@
+"""One HTML file out of a description, coded frames and small pictures; whatever names it holds, it stays one document.
+
+Everything that comes from a capture is data: JSON and base64 in script elements that no browser runs, with `<` written
+as an escape, so that no name can end its element. The policy in the document's head forbids every request.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from posegaussian.storage.exporters.page.maps import CodedView
+from posegaussian.storage.files.write import whole_file
+
+HERE = Path(__file__).parent
+SCRIPTS = ("cameras.js", "renderer.js", "sequence.js", "movement.js", "controls.js", "player.js")
+"""What the page runs, in this order."""
+WORKER = ("decode.js", "sorter.js")
+"""What its worker runs."""
+SHADERS = ("splat.vert", "splat.frag")
+
+
+Frames: TypeAlias = Iterable[tuple[Sequence[CodedView], Sequence[bytes]]]
+"""Of every frame the coded source views, and a small picture of each (WebP), empty for none."""
+
+
+def write_page(file: str | Path, title: str, frames: Frames, head: Callable[[], Mapping[str, Any]]) -> int:
+    """Write a page and return its size in bytes.
+
+    Args:
+        file: where to.
+        title: of the document.
+        frames: taken one after the other, so that a page is never in memory as a whole.
+        head: asked for when all frames are written: what `player.js` reads, numbers and text as JSON has them.
+
+    Raises:
+        NotWritten: when the disk does not take it.
+    """
+    size = 0
+    with whole_file(file) as partial, open(partial, "wb") as out:
+        for part in _parts(title, frames, head):
+            size += out.write(part.encode())
+    return size
+
+
+def _parts(title: str, frames: Frames, head: Callable[[], Mapping[str, Any]]) -> Iterable[str]:
+    before, after = _asset("page.html").split("<!-- data -->")
+    yield before.replace("<!-- STYLE -->", _asset("page.css")).replace("<!-- TITLE -->", html.escape(title))
+    for name in SHADERS:
+        yield _data(name.replace(".", "-"), _asset(name))
+    yield _data("worker", "".join(map(_asset, WORKER)))
+    for number, (views, pictures) in enumerate(frames):
+        yield _data(f"frame-{number}", base64.b64encode(packed(views)).decode())
+        yield _data(f"pictures-{number}", ",".join(base64.b64encode(p).decode() for p in pictures))
+    yield _data("head", _json(head()))
+    yield f'<script>\n"use strict";\n{"".join(map(_asset, SCRIPTS))}</script>\n'
+    yield after
+
+
+def packed(views: Sequence[CodedView]) -> bytes:
+    """A frame: heads of all views, then their presence, then plane by plane what differs, as one zlib stream.
+
+    Every plane starts a block of its own, because each has its own frequent numbers.
+    """
+    pieces = [b"".join(v.head for v in views), b"".join(v.present for v in views)]
+    pieces += [b"".join(of_views) for of_views in zip(*(v.planes for v in views), strict=True)]
+    stream = zlib.compressobj(9, zlib.DEFLATED, 15, 9)
+    out = []
+    for piece in pieces:
+        out += [stream.compress(piece), stream.flush(zlib.Z_SYNC_FLUSH)]
+    return b"".join([*out, stream.flush()])
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    """JSON that no HTML parser finds a tag in. Raises ValueError for a number that is not finite."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _data(name: str, text: str) -> str:
+    """An element that holds text without running it."""
+    return f'<script type="text/plain" id="{name}">{text}</script>\n'
+
+
+def _asset(name: str) -> str:
+    return (HERE / name).read_text(encoding="utf-8")

@@ -1,0 +1,47 @@
+// What the document holds: the description, coded frames, and the worker that decodes and sorts them.
+
+const textOf = (id) => document.getElementById(id).textContent;
+
+class Sequence {
+  constructor() {
+    this.head = JSON.parse(textOf("head"));
+    for (const view of this.head.views) view.centre = centreOf(view.pose);
+    this.bytes = 0;
+    const coded = this.head.frames.map((_, f) => this.taken(`frame-${f}`));
+    this.pictures = this.head.frames.map((_, f) => this.taken(`pictures-${f}`).split(","));
+    const code = new Blob([textOf("worker")], { type: "text/javascript" });
+    this.worker = new Worker(URL.createObjectURL(code));
+    this.worker.onmessage = ({ data }) => this.arrived(data);
+    this.worker.postMessage({ head: this.head, coded });
+    this.waiting = new Map();
+    this.asked = 0;
+  }
+
+  // Text of an element, which is taken out of the document: memory holds it once.
+  taken(id) {
+    const element = document.getElementById(id), text = element.textContent;
+    element.remove();
+    this.bytes += text.length;
+    return text;
+  }
+
+  arrived(answer) {
+    const { resolve, reject } = this.waiting.get(answer.id);
+    this.waiting.delete(answer.id);
+    if (answer.error) reject(new Error(answer.error));
+    else resolve(answer);
+  }
+
+  // {count, order, data}: Gaussians of a frame, in what order a camera draws those of some views, and texels if wanted.
+  order(frame, pose, drawn, texels, next) {
+    const id = this.asked++;
+    this.worker.postMessage({ id, frame, axis: pose.slice(8, 12), drawn, texels, next });
+    return new Promise((resolve, reject) => this.waiting.set(id, { resolve, reject }));
+  }
+
+  // Address of the small picture that a source camera took of a frame; empty where it took none.
+  picture(frame, view) {
+    const coded = this.pictures[frame][view];
+    return coded ? `data:image/webp;base64,${coded}` : "";
+  }
+}

@@ -1,0 +1,185 @@
+"""The page in a real browser: it plays, it is steered, and its pictures are our renderer's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posegaussian.dags.export import page
+from posegaussian.dags.export.background import parse
+from posegaussian.dags.planning.results import Results
+from posegaussian.stages.splatting.definition.scene import Camera
+from tests.storage.exporters.test_page import HOSTILE
+from tests.support.browser import Browser, decoded
+from tests.support.drawn import drawn, person_psnr
+from tests.support.pipeline import Pipeline, film
+
+SIDE = 128
+LEAST = 38.0
+"""dB over the person; 42 to 48 are measured."""
+
+
+@dataclass
+class Made:
+    results: Results
+    file: Path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser(800, 700) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def made(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    folder = tmp_path_factory.mktemp("page")
+    film(folder / "capture", views=4, size=SIDE, frames=4)
+    pipeline = Pipeline(folder / "archive", folder / "capture", ["depth.method=truth", "rendering.paths=[]"])
+    pipeline.register()
+    pipeline.run()
+    results = Results(pipeline.context())
+    said = page.export_page(results, (), folder / "person.html", "orbit", parse("#000000"))
+    assert "4 frames" in said[0]
+    return Made(results, folder / "person.html")
+
+
+@pytest.fixture
+def opened(browser: Browser, made: Made) -> Browser:
+    start(browser, made.file)
+    return browser
+
+
+def start(browser: Browser, file: Path) -> None:
+    browser.resize(800, 700)
+    browser.open(file)
+    browser.wait("document.getElementById('message').hidden")
+
+
+def shown(browser: Browser) -> np.ndarray:
+    """The canvas, when everything asked for is on it."""
+    browser.run("posegaussian.settled()")
+    return decoded(browser.run("posegaussian.picture()"))
+
+
+def ours(browser: Browser, made: Made) -> np.ndarray:
+    """Our renderer's picture of the page's camera and frame."""
+    said = browser.run(
+        "({...fitted(posegaussian.camera, ...[posegaussian.canvas].flatMap((c) => [c.width, c.height]))})"
+    )
+    fx, skew, cx, fy, cy = said["lens"]
+    pose = np.concatenate([np.reshape(said["pose"], (3, 4)), [[0, 0, 0, 1]]])
+    camera = Camera(np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]]), pose, *said["size"])
+    return drawn(made.results, browser.run("posegaussian.frame"), camera)
+
+
+def silent(browser: Browser) -> None:
+    """Nothing went wrong, and nothing was asked for but the file and its own worker."""
+    assert browser.complaints == []
+    assert {address.partition(":")[0] for address in browser.requests} <= {"file", "blob", "data"}
+    assert len([address for address in browser.requests if address.startswith("file:")]) == 1
+
+
+def test_pictures_are_our_renderers(opened: Browser, made: Made) -> None:
+    assert opened.run("posegaussian.renderer.gl.isContextLost()") is False
+    opened.run(f"document.getElementById('canvas').style.cssText = 'flex: none; width: {SIDE}px; height: {SIDE}px'")
+    opened.wait(f"posegaussian.canvas.width === {SIDE} && posegaussian.canvas.height === {SIDE}")
+    for step, code in (
+        (0, "0"),
+        (1, "posegaussian.choose(2)"),  # a source camera
+        (2, "posegaussian.move(orbited(posegaussian.camera, posegaussian.target, posegaussian.head.up, 0.3, -0.2))"),
+        (3, "posegaussian.move(dollied(posegaussian.camera, posegaussian.target, 2))"),  # averaged down
+        (3, "posegaussian.move(dollied(posegaussian.camera, posegaussian.target, 0.5))"),
+    ):
+        opened.run(f"posegaussian.choose(0), posegaussian.seek({step}), {code}")
+        picture, reference = shown(opened), ours(opened, made)
+        assert picture.shape == reference.shape
+        assert (reference > 20).any(axis=-1).mean() > 0.02, "somebody is there"
+        assert person_psnr(picture, reference) > LEAST, (step, code)
+    silent(opened)
+
+
+def test_it_plays_and_is_scrubbed(opened: Browser) -> None:
+    first = shown(opened)
+    opened.run("document.getElementById('play').click()")
+    for step in (1, 2, 3, 0):
+        opened.wait(f"posegaussian.step === {step}")
+    opened.key(" ")
+    assert opened.run("posegaussian.playing") is False
+    opened.run("const bar = document.getElementById('scrub'); bar.value = 2; bar.dispatchEvent(new Event('input'))")
+    second = shown(opened)
+    assert opened.run("document.getElementById('time').textContent").startswith("frame 2 ")
+    assert (first != second).any(axis=-1).mean() > 0.01
+    opened.key("Home")
+    np.testing.assert_array_equal(shown(opened), first)
+    opened.key("ArrowLeft")
+    assert opened.run("posegaussian.step") == 3
+    opened.key("]")
+    assert opened.run("posegaussian.speed") == 2
+    silent(opened)
+
+
+def test_mouse_and_touch_steer(opened: Browser) -> None:
+    before = shown(opened)
+    opened.pointer("mousePressed", 300, 300, button="left", buttons=1, clickCount=1)
+    opened.pointer("mouseMoved", 420, 280, button="left", buttons=1)
+    opened.pointer("mouseReleased", 420, 280, button="left")
+    turned = shown(opened)
+    assert (before != turned).any(axis=-1).mean() > 0.01
+    assert opened.run("document.getElementById('camera').value") == "free"
+    away = "Math.hypot(...minus(centreOf(posegaussian.camera.pose), posegaussian.target))"
+    far = opened.run(away)
+    assert far == pytest.approx(opened.run("posegaussian.distance"))  # an orbit keeps it
+    opened.pointer("mouseWheel", 300, 300, deltaX=0, deltaY=-200)
+    near = opened.run(away)
+    assert near < 0.9 * far
+    for kind, x in (("touchStart", 100), ("touchMove", 40), ("touchEnd", None)):
+        points = [] if x is None else [{"x": 300 - x, "y": 300, "id": 0}, {"x": 300 + x, "y": 300, "id": 1}]
+        opened.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+    assert opened.run(away) > 1.5 * near
+    opened.key("r")
+    np.testing.assert_array_equal(shown(opened), before)
+    silent(opened)
+
+
+def test_source_pictures_background_and_information(opened: Browser, made: Made) -> None:
+    opened.key("p")
+    assert opened.run("document.getElementById('source-name').textContent") == "cam00"
+    opened.wait("document.getElementById('source-picture').naturalWidth > 0")
+    opened.run("posegaussian.paint('#30a040')")
+    np.testing.assert_array_equal(shown(opened)[0, 0], [0x30, 0xA0, 0x40])
+    opened.key("i")
+    told = opened.run("document.getElementById('info').innerText")
+    for text in ("person", "4, 0 to 3", "128 × 128 px", "cam03", "depth.method truth", "MB of coded"):
+        assert text in told
+    opened.resize(390, 780, mobile=True)
+    assert opened.run("document.documentElement.scrollWidth") <= 390
+    silent(opened)
+
+
+def test_hostile_names_are_shown_as_they_are(
+    browser: Browser, made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hostile(head: Mapping[str, Any]) -> dict[str, Any]:
+        named = {key: [{**c, "name": HOSTILE} for c in head[key]] for key in ("views", "cameras")}
+        return {**head, **named, "title": HOSTILE, "info": [(HOSTILE, HOSTILE)]}
+
+    write = page.write_page
+    monkeypatch.setattr(
+        page, "write_page", lambda file, _, frames, head: write(file, HOSTILE, frames, lambda: hostile(head()))
+    )
+    page.export_page(made.results, (), tmp_path / "a b 'ü.html", "orbit", parse("none"))
+    start(browser, tmp_path / "a b 'ü.html")
+    assert browser.run("document.title") == HOSTILE
+    for key in "ip":
+        browser.key(key)
+    assert browser.run("document.querySelector('#info h1').textContent") == HOSTILE
+    assert browser.run("document.getElementById('source-name').textContent") == HOSTILE
+    assert browser.run("document.getElementById('camera').options[0].textContent") == HOSTILE
+    assert browser.run("document.querySelectorAll('b').length") == 0
+    silent(browser)
