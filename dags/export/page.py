@@ -23,8 +23,11 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.registry import PATHS
-from posegaussian.stages.rendering.effects import ANTI_ALIASING
+from posegaussian.stages.rendering.clipping import silhouettes_of
+from posegaussian.stages.rendering.effects import ANTI_ALIASING, SILHOUETTE_CLIPPING
 from posegaussian.stages.rendering.sources import REFINEMENT, map_arrays
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.points import within
 from posegaussian.storage.exporters.page import maps as coding
 from posegaussian.storage.exporters.page.document import write_page
 from posegaussian.storage.exporters.page.maps import CodedView, ViewMaps, coded
@@ -45,8 +48,10 @@ STANDING = ("held_out", "still", "file")
 
 def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     """What an export reads: it must be there when the run is over, whatever `keep` says."""
-    pictures = {Product("frames/color", p, v) for p in context.grid.partitions for v in views}
-    return needed_by_splats(context, views) | pictures
+    filmed = {Product("frames/color", p, v) for p in context.grid.partitions for v in views}
+    masks = {Product("frames/mask", p, v) for p in context.grid.partitions for v in context.views.sources}
+    clipped = SILHOUETTE_CLIPPING.name in context.facts
+    return needed_by_splats(context, views) | filmed | (masks if clipped else set())
 
 
 def check(context: Context, names: Sequence[str], path: str | None) -> None:
@@ -83,18 +88,37 @@ def _frames(results: Results, views: Sequence[int], counts: list[int]) -> Iterat
     """Coded views and small pictures, frame by frame; appends every frame's number of Gaussians to `counts`."""
     valid = results.context.valid
     for frame in range(len(results.context.source_frames)):
-        found = [coded(view_maps(results, frame, v)) for v in views]
+        silhouettes = silhouettes_at(results, frame)
+        found = [coded(view_maps(results, frame, v, silhouettes)) for v in views]
         counts.append(sum(c.count for c in found))
         yield found, [_thumbnail(results, frame, v) if valid[frame, v] else b"" for v in views]
 
 
-def view_maps(results: Results, frame: int, view: int) -> ViewMaps:
-    """What rendering lifts Gaussians from, of one frame of a source view."""
+def silhouettes_at(results: Results, frame: int) -> Silhouettes | None:
+    """What the masks of a frame say about where the subject is; None where pictures are not clipped by them."""
+    context = results.context
+    if SILHOUETTE_CLIPPING.name not in context.facts:
+        return None
+    views = [v for v in context.views.sources if context.valid[frame, v]]
+    return silhouettes_of(context.rig, {v: results.read("frames/mask", range(frame, frame + 1), v)[0] for v in views})
+
+
+def view_maps(results: Results, frame: int, view: int, silhouettes: Silhouettes | None) -> ViewMaps:
+    """What rendering lifts Gaussians from, of one frame of a source view.
+
+    With silhouettes, a Gaussian outside their hull is moved into it along its own camera's ray: rendering takes it away
+    from every picture that shows it beside the person, and leaves it in those that show it before the person, where it
+    would be a hole without it. One whose ray meets no hull is left out.
+    """
     rig = results.context.rig
     width, height = (int(n) for n in rig.size[view])
     color, *maps = (results.read(a, range(frame, frame + 1), view)[0] for a in map_arrays(results.context.facts))
     depth, scale, normal, opacity, *twist = (m[..., :height, :width] for m in maps)
     focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
+    if silhouettes is not None:
+        moved = within(silhouettes, depth, rig, view)
+        scale = scale * (moved / np.where(depth > 0, depth, 1))
+        depth = moved
     return ViewMaps(color[:height, :width], depth, scale, normal, opacity, twist[0] if twist else None, focal)
 
 
@@ -146,6 +170,7 @@ def _head(
                 "normalSteps": coding.NORMAL_STEPS,
                 "scaleSteps": coding.SCALE_STEPS,
                 "scaleZero": coding.SCALE_ZERO,
+                "opacitySteps": coding.OPACITY_STEPS,
                 "turnSteps": coding.TURN_STEPS,
                 "turns": len(map_arrays(context.facts)) > 5,
             },
@@ -224,7 +249,7 @@ def _info(context: Context, views: Sequence[int], counts: Sequence[int]) -> list
     sizes = sorted({tuple(int(n) for n in context.rig.size[v]) for v in views})
     effects = [name for name, verdict in context.effects.items() if verdict.state == "on"]
     return [
-        ("Frames", f"{len(numbers)}, {numbers[0]} to {numbers[-1]} of {context.capture.frame_rate:g} a second"),
+        ("Frames", f"{len(numbers)} (source {numbers[0]} to {numbers[-1]}, {context.capture.frame_rate:g} a second)"),
         ("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame"),
         ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
         ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes)),

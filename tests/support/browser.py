@@ -170,6 +170,13 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyUp", key=name, **more)
 
 
+def sized(browser: Browser, width: int, height: int) -> None:
+    """Give the canvas of an exported page a size in px, whatever the window's."""
+    style = f"flex: none; width: {width}px; height: {height}px"
+    browser.run(f"document.getElementById('canvas').style.cssText = '{style}'")
+    browser.wait(f"posegaussian.canvas.width === {width} && posegaussian.canvas.height === {height}")
+
+
 def decoded(address: str) -> np.ndarray:
     """[h, w, 3] uint8 sRGB of a picture as a data address."""
     data = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)

@@ -1,4 +1,5 @@
-"""What our renderer draws of the Gaussians that a page holds: the pipeline's own functions, without its retouches."""
+"""What an exported page shows, and what our renderer draws of the Gaussians in it: the pipeline's own functions,
+without its retouches."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from posegaussian.dags.export.page import view_maps
+from posegaussian.dags.export.page import silhouettes_at, view_maps
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.effects import ANTI_ALIASING
@@ -16,11 +17,12 @@ from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.sources import angles_at, choose
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
+from tests.support.browser import Browser, decoded
 
 
 def lifted(results: Results, frame: int, view: int) -> Lifted:
     """The Gaussians of one frame of a source view."""
-    rig, m = results.context.rig, view_maps(results, frame, view)
+    rig, m = results.context.rig, view_maps(results, frame, view, silhouettes_at(results, frame))
     maps = GaussianMaps(m.color, m.depth, m.scale, m.normal, m.opacity, m.twist)
     return lift(maps, rig.intrinsics[view], rig.world_to_camera[view], torch.float32, torch.device("cpu"))
 
@@ -42,6 +44,20 @@ def drawn(results: Results, frame: int, camera: Camera) -> np.ndarray:
     cutoffs = filtered if wide > coarse else Cutoffs()
     picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
     return (picture.color[0].clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+
+
+def decoded_picture(browser: Browser) -> np.ndarray:
+    """[h, w, 3] uint8 sRGB of an exported page's canvas, when everything asked for is on it."""
+    browser.run("posegaussian.settled()")
+    return decoded(browser.run("posegaussian.picture()"))
+
+
+def camera_of(browser: Browser) -> Camera:
+    """The camera that an exported page draws for."""
+    said = browser.run("posegaussian.seen")
+    fx, skew, cx, fy, cy = said["lens"]
+    pose = np.concatenate([np.reshape(said["pose"], (3, 4)), [[0, 0, 0, 1]]])
+    return Camera(np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]]), pose, *said["size"])
 
 
 def person_psnr(a: np.ndarray, b: np.ndarray) -> float:

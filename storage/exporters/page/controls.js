@@ -155,9 +155,9 @@ class Controls {
   }
 
   showSource() {
-    const { player, head } = this, wanted = element("pip").value;
+    const { player, head } = this, wanted = player.shown < 0 ? "off" : element("pip").value;
     const view = wanted === "off" ? -1 : wanted === "nearest" ? player.nearest() : Number(wanted);
-    const address = view < 0 ? "" : player.sequence.picture(player.frame, view);
+    const address = view < 0 ? "" : player.sequence.picture(player.shown, view);
     element("source").hidden = !address;
     if (!address || address === this.address) return;
     this.address = address;

@@ -93,6 +93,7 @@ function lift(out, n, v, head, { present, planes }, view, coding) {
   const [qw, qx, qy, qz] = towardsWorld(pose), { mean, views, data } = out;
   const [depth, nx, ny, s0, s1, s2, green, red, blue, face, grazing, turn] = planes;
   const lengths = (code, z) => Math.round(((code - coding.scaleZero) / coding.scaleSteps + z) * 1024) + 32768;
+  const opaque = Array.from({ length: coding.opacitySteps + 1 }, (_, k) => Math.round((k * 255) / coding.opacitySteps));
   for (let y = 0, i = 0; y < head.height; y++) {
     for (let x = 0; x < head.width; x++, i++) {
       if (!(present[i >> 3] & (128 >> (i & 7)))) continue;
@@ -129,7 +130,7 @@ function lift(out, n, v, head, { present, planes }, view, coding) {
       data[at + 4] = signed(qa) | (signed(qb) << 16);
       data[at + 5] = signed(qc) | (signed(qd) << 16);
       data[at + 6] = lengths(s0[i], octave) | (lengths(s1[i], octave) << 16);
-      data[at + 7] = lengths(s2[i], octave) | (face[i] << 16) | (grazing[i] << 24);
+      data[at + 7] = lengths(s2[i], octave) | (opaque[face[i]] << 16) | (opaque[grazing[i]] << 24);
       n++;
     }
   }

@@ -2,8 +2,8 @@
 
 A Gaussian of the pipeline is a pixel of a camera: where it lies follows from its depth, and its neighbours in the
 picture are its neighbours in space. So every attribute is kept as a picture, quantised, and of every pixel the
-difference to what its left, upper and upper left neighbours foretell; that is 6 to 7 bytes a Gaussian after deflate,
-where the same values as a list of points in space take 15.
+difference to what its left, upper and upper left neighbours foretell. How finely, was chosen by what is seen: places
+decide, everything else may be coarse.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DEPTH_STEPS = 8
-"""Steps of depth in the width of a pixel, so that a Gaussian lies within a sixteenth of a pixel of its place as seen
-from the side."""
+DEPTH_STEPS = 16
+"""Steps of depth in the width of a pixel. The demo at 256 px, beside unquantised Gaussians: 46.2 dB with 16, 44.2 with
+8, 42 with 4; each doubling costs 0.1 byte a Gaussian."""
 MOST_DEPTH = 2**16 - 1
 """Largest number of depth steps."""
-NORMAL_STEPS = 255
-"""Steps of each of the two numbers of an octahedral normal: half a degree."""
-SCALE_STEPS = 12
-"""Steps of a scale in an octave: 3 % at most."""
+NORMAL_STEPS = 63
+"""Steps of each of the two numbers of an octahedral normal, two degrees: 255 cost 0.5 bytes and bring 0.4 dB."""
+SCALE_STEPS = 6
+"""Steps of a scale in an octave, 6 % at most: 12 cost 0.3 bytes and bring 0.5 dB."""
 SCALE_ZERO = 128
 """Number of a scale that is as long as a pixel is wide."""
-OPACITY_STEPS = 255
-"""Steps of an opacity."""
+OPACITY_STEPS = 31
+"""Steps of an opacity: 255 cost 0.6 bytes and bring nothing."""
 TURN_STEPS = 256
 """Steps of a full turn about the normal."""
 HEAD = struct.Struct("<4HffI")

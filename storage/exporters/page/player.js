@@ -14,7 +14,8 @@ class Player {
     this.count = 0;
     this.rate = 0;
     this.marks = [];
-    this.shown = -1;
+    this.shown = -1;  // the frame on the canvas
+    this.seen = null;  // the camera that it is drawn for
     this.idle = Promise.resolve();
     this.reset();
     new ResizeObserver(() => this.resized()).observe(canvas);
@@ -107,14 +108,13 @@ class Player {
     this.busy = true;
     this.stale = false;
     const { frame, head, renderer } = this, { pose } = this.camera;
-    if (this.shown === frame) this.draw();  // the camera moves at once, in the order of before
     const weights = weightsFor(head, frame, centreOf(pose)), next = (frame + 1) % head.frames.length;
     const texels = !renderer.has(frame), drawn = weights.map((w) => w > 0);
     try {
       const ahead = this.playing ? next : undefined;
-      const { count, order, data } = await this.sequence.order(frame, pose, drawn, texels, ahead);
+      const { count, order, total, data } = await this.sequence.order(frame, pose, drawn, texels, ahead);
       if (data) renderer.keep(frame, data);
-      renderer.sort(order);
+      renderer.sort(order, total);
       this.count = count;
       this.shown = frame;
       this.draw();
@@ -131,6 +131,7 @@ class Player {
     const weights = weightsFor(head, this.frame, centreOf(camera.pose)), n = parseInt(this.background.slice(1), 16);
     const color = [n >> 16, (n >> 8) & 255, n & 255].map((c) => c / 255);
     this.renderer.draw(this.shown, camera, weights, lowPassFor(head, weights, camera), head.allSides, color);
+    this.seen = camera;
     this.drawn++;
   }
 
@@ -141,10 +142,10 @@ class Player {
     this.rate = this.marks.length;
   }
 
-  // The camera's source view, nearest in angle among those that have a picture of this frame; -1 for none.
+  // The source view nearest in angle to what is shown, among those that have a picture of the frame; -1 for none.
   nearest() {
-    const { head, frame } = this, angles = anglesAt(head.subject, head.views, centreOf(this.camera.pose));
-    const seen = angles.map((a, v) => (this.sequence.picture(frame, v) ? a : Infinity));
+    const { head, shown } = this, angles = anglesAt(head.subject, head.views, centreOf(this.seen.pose));
+    const seen = angles.map((a, v) => (this.sequence.picture(shown, v) ? a : Infinity));
     const best = seen.indexOf(Math.min(...seen));
     return seen[best] < Infinity ? best : -1;
   }

@@ -26,14 +26,10 @@ class Renderer {
     this.gl = gl;
     this.program = linked(gl, vertex, fragment);
     this.textures = new Map();  // by frame, the latest used last
-    this.order = gl.createBuffer();
-    this.count = 0;
+    this.count = this.cornered = 0;
     gl.useProgram(this.program);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    const which = gl.getAttribLocation(this.program, "which");
-    gl.enableVertexAttribArray(which);
-    gl.vertexAttribIPointer(which, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(which, 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.uniform1i(this.at("order"), 1);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     for (const [name, value] of Object.entries(cutoffs)) gl.uniform1f(this.at(name), value);
@@ -49,7 +45,7 @@ class Renderer {
 
   // Takes a frame's texels; the frames that were drawn longest ago make room.
   keep(frame, data) {
-    const { gl } = this, rows = data.length / 4 / TEXELS;
+    const { gl } = this;
     let held = data.byteLength;
     for (const t of this.textures.values()) held += t.bytes;
     for (const [old, t] of this.textures) {
@@ -58,19 +54,41 @@ class Renderer {
       this.textures.delete(old);
       held -= t.bytes;
     }
-    const texture = gl.createTexture();
+    const texture = this.table(gl.RGBA32UI, gl.RGBA_INTEGER, data, 4);
+    this.textures.set(frame, { texture, bytes: data.byteLength });
+  }
+
+  // Takes an order of drawing: whole rows, of which the first `count` numbers are meant.
+  sort(order, count) {
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE1);
+    gl.deleteTexture(this.order);
+    this.order = this.table(gl.R32UI, gl.RED_INTEGER, order, 1);
+    gl.activeTexture(gl.TEXTURE0);
+    this.count = count;
+    if (count > this.cornered) this.corner(count);
+  }
+
+  // Two triangles for each of `count` Gaussians.
+  corner(count) {
+    const corners = new Uint32Array(6 * count);
+    for (let i = 0, k = 0, v = 0; i < count; i++, v += 4) {
+      for (const c of [0, 1, 2, 2, 1, 3]) corners[k++] = v + c;
+    }
+    this.gl.bufferData(this.gl.ELEMENT_ARRAY_BUFFER, corners, this.gl.STATIC_DRAW);
+    this.cornered = count;
+  }
+
+  // A texture of whole rows of whole numbers, `channels` a texel.
+  table(inside, format, data, channels) {
+    const { gl } = this, texture = gl.createTexture(), rows = data.length / channels / TEXELS;
     gl.bindTexture(gl.TEXTURE_2D, texture);
     for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {  // whole numbers have no other
       gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
     }
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, TEXELS, rows);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXELS, rows, gl.RGBA_INTEGER, gl.UNSIGNED_INT, data);
-    this.textures.set(frame, { texture, bytes: data.byteLength });
-  }
-
-  sort(order) {
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, order, this.gl.STREAM_DRAW);
-    this.count = order.length;
+    gl.texStorage2D(gl.TEXTURE_2D, 1, inside, TEXELS, rows);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXELS, rows, format, gl.UNSIGNED_INT, data);
+    return texture;
   }
 
   // A frame before a colour [r, g, b] 0..1; a frame that is not there yet leaves the background.
@@ -92,6 +110,6 @@ class Renderer {
     gl.uniform1fv(this.at("weights"), weights);
     gl.uniform1f(this.at("lowPass"), lowPass);
     gl.uniform1i(this.at("allSides"), Number(allSides));
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.drawElements(gl.TRIANGLES, 6 * this.count, gl.UNSIGNED_INT, 0);
   }
 }

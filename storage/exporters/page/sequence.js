@@ -32,7 +32,8 @@ class Sequence {
     else resolve(answer);
   }
 
-  // {count, order, data}: Gaussians of a frame, in what order a camera draws those of some views, and texels if wanted.
+  // {count, order, total, data}: Gaussians of a frame, in what order a camera draws those of some views, how many these
+  // are, and texels if wanted.
   order(frame, pose, drawn, texels, next) {
     const id = this.asked++;
     this.worker.postMessage({ id, frame, axis: pose.slice(8, 12), drawn, texels, next });

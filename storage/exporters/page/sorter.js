@@ -1,6 +1,6 @@
 // The worker: frames come in coded, and go out as texels and as an order of drawing, farthest first.
 
-const KEYS = 65536, MOST_BYTES = 1 << 29;
+const KEYS = 65536, TURNS = 2048, MOST_BYTES = 1 << 29;
 let head, coded = [];
 const frames = new Map();  // decoded, the latest used last
 
@@ -19,7 +19,7 @@ async function frameOf(number) {
 }
 
 // The Gaussians of the views that are drawn, in front of the camera, farthest first, by a counting sort of depth;
-// `axis` is the third row of the camera's pose. Of equal depth the one that is later in the file is drawn first, so
+// `axis` is the third row of the camera's pose. {order: whole rows of the texture, total: how many of it are meant}. Of equal depth the one that is later in the file is drawn first, so
 // that the earlier one ends up in front, as in the renderer.
 function ordered({ count, mean, views }, axis, drawn) {
   const depth = new Float32Array(count), keys = new Uint16Array(count), [x, y, z, t] = axis;
@@ -40,9 +40,9 @@ function ordered({ count, mean, views }, axis, drawn) {
     starts[keys[i] + 1]++;
   }
   for (let k = 0; k < KEYS; k++) starts[k + 1] += starts[k];
-  const order = new Uint32Array(total);
+  const order = new Uint32Array(Math.max(1, Math.ceil(total / TURNS)) * TURNS);
   for (let i = 0; i < count; i++) if (depth[i] > head.cutoffs.near) order[total - 1 - starts[keys[i]]++] = i;
-  return order;
+  return { order, total };
 }
 
 async function answer(message) {
@@ -50,10 +50,10 @@ async function answer(message) {
     ({ head, coded } = message);
     return;
   }
-  const frame = await frameOf(message.frame), order = ordered(frame, message.axis, message.drawn);
+  const frame = await frameOf(message.frame), { order, total } = ordered(frame, message.axis, message.drawn);
   const data = message.texels ? frame.data.slice() : null;
   postMessage(
-    { id: message.id, frame: message.frame, count: frame.count, order, data },
+    { id: message.id, frame: message.frame, count: frame.count, order, total, data },
     data ? [order.buffer, data.buffer] : [order.buffer],
   );
   if (message.next !== undefined) await frameOf(message.next);  // while the page draws

@@ -4,7 +4,8 @@ precision highp float;
 precision highp int;
 precision highp usampler2D;
 
-uniform usampler2D splats;    // two texels a Gaussian: see pack() in decode.js
+uniform usampler2D splats;    // two texels a Gaussian, 1024 a row: see lift() in decode.js
+uniform usampler2D order;     // which Gaussian is drawn when, 2048 a row
 uniform mat4 pose;            // world to camera, metres; x right, y down, z forward
 uniform vec3 centre;          // of the camera in the world
 uniform vec4 lens;            // fx, fy, cx, cy in px; the centre of the first pixel is (0.5, 0.5)
@@ -19,7 +20,6 @@ uniform float varianceMin;
 uniform float compensationMin;
 uniform float alphaMin;
 
-in uint which;                // of the Gaussians, in the order of drawing
 out vec3 color;
 out float opacity;
 out vec2 whitened;            // the place in standard deviations: alpha falls by exp(-|whitened|^2 / 2)
@@ -42,6 +42,8 @@ float shown(float faceOn, float grazing, vec3 normal, vec3 mean) {
 }
 
 void main() {
+  int turn = gl_VertexID >> 2;  // four corners each; instances would take a draw each where there is no GPU
+  uint which = texelFetch(order, ivec2(turn & 2047, turn >> 11), 0).r;
   ivec2 at = ivec2(int(which & 1023u) * 2, int(which >> 10u));
   uvec4 place = texelFetch(splats, at, 0);
   uvec4 shape = texelFetch(splats, at + ivec2(1, 0), 0);
@@ -70,7 +72,7 @@ void main() {
   if (lowPass > 0.0) opacity *= sqrt(max(sharp / det, compensationMin * compensationMin));
   if (opacity < alphaMin) return;
 
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2.0 - 1.0;
   whitened = corner * sqrt(2.0 * log(opacity / alphaMin));
   // the root of the covariance, with the larger axis as pivot
   float pivot = sqrt(max(a, d)), rest = sqrt(det) / pivot;

@@ -13,10 +13,9 @@ import pytest
 from posegaussian.dags.export import page
 from posegaussian.dags.export.background import parse
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.splatting.definition.scene import Camera
 from tests.storage.exporters.test_page import HOSTILE
-from tests.support.browser import Browser, decoded
-from tests.support.drawn import drawn, person_psnr
+from tests.support.browser import Browser, sized
+from tests.support.drawn import camera_of, decoded_picture, drawn, person_psnr
 from tests.support.pipeline import Pipeline, film
 
 SIDE = 128
@@ -61,23 +60,6 @@ def start(browser: Browser, file: Path) -> None:
     browser.wait("document.getElementById('message').hidden")
 
 
-def shown(browser: Browser) -> np.ndarray:
-    """The canvas, when everything asked for is on it."""
-    browser.run("posegaussian.settled()")
-    return decoded(browser.run("posegaussian.picture()"))
-
-
-def ours(browser: Browser, made: Made) -> np.ndarray:
-    """Our renderer's picture of the page's camera and frame."""
-    said = browser.run(
-        "({...fitted(posegaussian.camera, ...[posegaussian.canvas].flatMap((c) => [c.width, c.height]))})"
-    )
-    fx, skew, cx, fy, cy = said["lens"]
-    pose = np.concatenate([np.reshape(said["pose"], (3, 4)), [[0, 0, 0, 1]]])
-    camera = Camera(np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]]), pose, *said["size"])
-    return drawn(made.results, browser.run("posegaussian.frame"), camera)
-
-
 def silent(browser: Browser) -> None:
     """Nothing went wrong, and nothing was asked for but the file and its own worker."""
     assert browser.complaints == []
@@ -87,8 +69,7 @@ def silent(browser: Browser) -> None:
 
 def test_pictures_are_our_renderers(opened: Browser, made: Made) -> None:
     assert opened.run("posegaussian.renderer.gl.isContextLost()") is False
-    opened.run(f"document.getElementById('canvas').style.cssText = 'flex: none; width: {SIDE}px; height: {SIDE}px'")
-    opened.wait(f"posegaussian.canvas.width === {SIDE} && posegaussian.canvas.height === {SIDE}")
+    sized(opened, SIDE, SIDE)
     for step, code in (
         (0, "0"),
         (1, "posegaussian.choose(2)"),  # a source camera
@@ -97,7 +78,8 @@ def test_pictures_are_our_renderers(opened: Browser, made: Made) -> None:
         (3, "posegaussian.move(dollied(posegaussian.camera, posegaussian.target, 0.5))"),
     ):
         opened.run(f"posegaussian.choose(0), posegaussian.seek({step}), {code}")
-        picture, reference = shown(opened), ours(opened, made)
+        picture = decoded_picture(opened)
+        reference = drawn(made.results, opened.run("posegaussian.frame"), camera_of(opened))
         assert picture.shape == reference.shape
         assert (reference > 20).any(axis=-1).mean() > 0.02, "somebody is there"
         assert person_psnr(picture, reference) > LEAST, (step, code)
@@ -105,18 +87,18 @@ def test_pictures_are_our_renderers(opened: Browser, made: Made) -> None:
 
 
 def test_it_plays_and_is_scrubbed(opened: Browser) -> None:
-    first = shown(opened)
+    first = decoded_picture(opened)
     opened.run("document.getElementById('play').click()")
     for step in (1, 2, 3, 0):
         opened.wait(f"posegaussian.step === {step}")
     opened.key(" ")
     assert opened.run("posegaussian.playing") is False
     opened.run("const bar = document.getElementById('scrub'); bar.value = 2; bar.dispatchEvent(new Event('input'))")
-    second = shown(opened)
+    second = decoded_picture(opened)
     assert opened.run("document.getElementById('time').textContent").startswith("frame 2 ")
     assert (first != second).any(axis=-1).mean() > 0.01
     opened.key("Home")
-    np.testing.assert_array_equal(shown(opened), first)
+    np.testing.assert_array_equal(decoded_picture(opened), first)
     opened.key("ArrowLeft")
     assert opened.run("posegaussian.step") == 3
     opened.key("]")
@@ -125,11 +107,11 @@ def test_it_plays_and_is_scrubbed(opened: Browser) -> None:
 
 
 def test_mouse_and_touch_steer(opened: Browser) -> None:
-    before = shown(opened)
+    before = decoded_picture(opened)
     opened.pointer("mousePressed", 300, 300, button="left", buttons=1, clickCount=1)
     opened.pointer("mouseMoved", 420, 280, button="left", buttons=1)
     opened.pointer("mouseReleased", 420, 280, button="left")
-    turned = shown(opened)
+    turned = decoded_picture(opened)
     assert (before != turned).any(axis=-1).mean() > 0.01
     assert opened.run("document.getElementById('camera').value") == "free"
     away = "Math.hypot(...minus(centreOf(posegaussian.camera.pose), posegaussian.target))"
@@ -143,7 +125,7 @@ def test_mouse_and_touch_steer(opened: Browser) -> None:
         opened.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
     assert opened.run(away) > 1.5 * near
     opened.key("r")
-    np.testing.assert_array_equal(shown(opened), before)
+    np.testing.assert_array_equal(decoded_picture(opened), before)
     silent(opened)
 
 
@@ -152,10 +134,17 @@ def test_source_pictures_background_and_information(opened: Browser, made: Made)
     assert opened.run("document.getElementById('source-name').textContent") == "cam00"
     opened.wait("document.getElementById('source-picture').naturalWidth > 0")
     opened.run("posegaussian.paint('#30a040')")
-    np.testing.assert_array_equal(shown(opened)[0, 0], [0x30, 0xA0, 0x40])
+    np.testing.assert_array_equal(decoded_picture(opened)[0, 0], [0x30, 0xA0, 0x40])
     opened.key("i")
     told = opened.run("document.getElementById('info').innerText")
-    for text in ("person", "4, 0 to 3", "128 × 128 px", "cam03", "depth.method truth", "MB of coded"):
+    for text in (
+        "person",
+        "4 (source 0 to 3, 30 a second)",
+        "128 × 128 px",
+        "cam03",
+        "depth.method truth",
+        "MB of coded",
+    ):
         assert text in told
     opened.resize(390, 780, mobile=True)
     assert opened.run("document.documentElement.scrollWidth") <= 390
