@@ -27,16 +27,21 @@ def lifted(results: Results, frame: int, view: int) -> Lifted:
     return lift(maps, rig.intrinsics[view], rig.world_to_camera[view], torch.float32, torch.device("cpu"))
 
 
-def drawn(results: Results, frame: int, camera: Camera) -> np.ndarray:
-    """[h, w, 3] uint8 sRGB over black."""
+def drawn(results: Results, frame: int, camera: Camera, refined: bool = False) -> np.ndarray:
+    """[h, w, 3] uint8 sRGB over black; `refined`: of all views and the same from all sides, as refined frames are."""
     context = results.context
     subject = look_at_point(context.rig.subset(context.views.sources))
     usable = np.isin(np.arange(len(context.rig)), context.views.sources) & context.valid[frame]
     angles = angles_at(subject, context.rig.centres, camera.centre)
-    chosen = choose(angles, usable, context.settings.rendering.sources)
+    chosen = (
+        [(v, 1.0) for v in np.flatnonzero(usable)]
+        if refined
+        else choose(angles, usable, context.settings.rendering.sources)
+    )
     parts = []
     for view, weight in chosen:
-        seen = lifted(results, frame, view).seen_from(camera)
+        own = lifted(results, frame, view)
+        seen = own.from_all_sides() if refined else own.seen_from(camera)
         parts.append(replace(seen, opacity=seen.opacity * weight))
     filtered = mip_filter(camera, context.rig, [v for v, _ in chosen], subject)
     wide = 1 / np.sqrt(1 - 12 * filtered.low_pass)  # the ratio that the filter is made of

@@ -9,11 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from posegaussian.dags.export import page
 from posegaussian.dags.export.background import parse
 from posegaussian.dags.planning.results import Results
-from tests.storage.exporters.test_page import HOSTILE
+from posegaussian.stages.rendering.lift import GaussianMaps, lift
+from posegaussian.stages.splatting.quaternions import rotations
+from posegaussian.storage.exporters.page import maps as coding
+from posegaussian.storage.exporters.page.document import write_page
+from posegaussian.storage.exporters.page.maps import coded
+from posegaussian.storage.model.cameras import rigid
+from tests.dags.export.test_exporting_page import head_of
+from tests.storage.exporters.test_page import HOSTILE, maps
 from tests.support.browser import Browser, sized
 from tests.support.drawn import camera_of, decoded_picture, drawn, person_psnr
 from tests.support.pipeline import Pipeline, film
@@ -83,6 +91,10 @@ def test_pictures_are_our_renderers(opened: Browser, made: Made) -> None:
         assert picture.shape == reference.shape
         assert (reference > 20).any(axis=-1).mean() > 0.02, "somebody is there"
         assert person_psnr(picture, reference) > LEAST, (step, code)
+    opened.run("posegaussian.head.allSides = true, posegaussian.choose(0)")
+    picture = decoded_picture(opened)
+    assert person_psnr(picture, drawn(made.results, 3, camera_of(opened), refined=True)) > LEAST
+    assert person_psnr(picture, drawn(made.results, 3, camera_of(opened))) < LEAST
     silent(opened)
 
 
@@ -149,6 +161,49 @@ def test_source_pictures_background_and_information(opened: Browser, made: Made)
     opened.resize(390, 780, mobile=True)
     assert opened.run("document.documentElement.scrollWidth") <= 390
     silent(opened)
+
+
+def test_gaussians_are_lifted_as_rendering_lifts_them(browser: Browser, made: Made, tmp_path: Path) -> None:
+    """With a twist, a skewed lens and a rolled camera."""
+    given = maps(twist=True)
+    assert given.twist is not None
+    k, roll = np.array([[39.0, 2.5, 14.0], [0, 41.0, 12.5], [0, 0, 1]]), 2.5
+    turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+    pose = rigid(turn @ made.results.context.rig.rotations[1], np.array([0.3, -0.2, 4.0]))
+    lens = [k[0, 0], k[0, 1], k[0, 2], k[1, 1], k[1, 2]]
+    view = {"name": "a", "size": [31, 23], "lens": lens, "pose": pose[:3].ravel().tolist()}
+    head = head_of(made.file)
+    head |= {
+        "views": [view],
+        "frames": [0],
+        "steps": 1,
+        "usable": [[True]],
+        "coding": {**head["coding"], "turns": True},
+    }
+    head["cameras"] = [{**view, "group": "", "lens": [lens], "pose": [view["pose"]]}]
+    write_page(tmp_path / "a.html", "a", [([coded(given)], [b""])], lambda: head)
+    start(browser, tmp_path / "a.html")
+    texels = browser.run(
+        "posegaussian.sequence.order(0, posegaussian.camera.pose, [true], true).then((a) => [...a.data])"
+    )
+    wanted = lift(
+        GaussianMaps(given.color, given.depth, given.scale, given.normal, given.opacity, given.twist),
+        k, pose, torch.float64, torch.device("cpu"),
+    )  # fmt: skip
+    words = np.array(texels, np.uint32).reshape(-1, 8)[: len(wanted.mean)]
+    step = 1 / (coding.DEPTH_STEPS * given.focal)
+    np.testing.assert_allclose(words[:, :3].copy().view(np.float32), wanted.mean, atol=3 * step)
+    color = (words[:, 3, None] >> np.array([0, 8, 16], np.uint32)) & 255
+    np.testing.assert_allclose(color / 255, wanted.color, atol=1e-9)
+    quaternion = words[:, 4:6].copy().view(np.int16).reshape(-1, 4) / 32767
+    axes = rotations(torch.tensor(quaternion)).numpy()
+    # a step of a number of the octahedron is up to three degrees, and a turn about a normal close to (0, 0, 1) is loose
+    off = np.degrees(np.arccos(np.clip(((axes * wanted.rotation.numpy()).sum(axis=(1, 2)) - 1) / 2, -1, 1)))
+    assert np.percentile(off, 99) < 4
+    scale = 2.0 ** ((words[:, 6:].copy().view(np.uint16).reshape(-1, 4)[:, :3].astype(float) - 32768) / 1024)
+    np.testing.assert_allclose(scale, wanted.scale, rtol=0.07)
+    opacity = words[:, 7].copy().view(np.uint8).reshape(-1, 4)[:, 2:] / 255
+    np.testing.assert_allclose(opacity, wanted.faces, atol=0.51 / coding.OPACITY_STEPS + 0.5 / 255)
 
 
 def test_hostile_names_are_shown_as_they_are(
