@@ -13,18 +13,18 @@ BEYOND = 1.0
 
 
 def within(silhouettes: Silhouettes, depth: np.ndarray, rig: Rig, view: int) -> np.ndarray:
-    """[h, w] float32 metres: a view's depth [h, w], 0 = none, each moved along its ray to the nearest place in the hull
-    of the others' silhouettes; 0 where the point lies outside and the ray meets no hull."""
+    """[h, w] float32 metres: a view's depth [h, w], 0 = none; where a point lies outside the others' silhouettes it is
+    moved along its ray to the nearest place in their hull, and is 0 where that ray meets no hull."""
     rows, columns = np.nonzero(depth > 0)
     pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
     origin, directions = rays(pixels, rig.intrinsics[view], rig.world_to_camera[view])
     z = depth[rows, columns].astype(np.float64)
     others = silhouettes.kept({*silhouettes.views} - {view})
-    near, far = others.ends(origin, directions, (BEYOND, BEYOND), False).T
-    moved = np.where(far > 0, np.clip(z, near, far), z)
-    outside = outside_by(others, origin + directions * moved[:, None]) > BEYOND
+    outside = outside_by(others, origin + directions * z[:, None]) > BEYOND
+    near, far = others.ends(origin, directions[outside], (BEYOND, BEYOND), False).T
+    z[outside] = np.clip(z[outside], near, far)  # 0 where both are
     out = np.zeros(depth.shape, np.float32)
-    out[rows, columns] = np.where((far <= 0) & outside, 0, moved)
+    out[rows, columns] = z
     return out
 
 

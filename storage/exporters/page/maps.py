@@ -152,10 +152,8 @@ def _change(values: np.ndarray, present: np.ndarray) -> np.ndarray:
     A pixel without a Gaussian repeats the number to its left, and pixels beside the picture are 0. Foretold is the
     median of left, upper, and left + upper - upper left, which finds edges (Weinberger et al., "LOCO-I", 2000).
     """
-    filled = np.where(present, values, 0)
-    for column in range(1, filled.shape[1]):
-        gap = ~present[:, column]
-        filled[gap, column] = filled[gap, column - 1]
+    last = np.maximum.accumulate(np.where(present, np.arange(present.shape[1]), 0), axis=1)
+    filled = np.take_along_axis(np.where(present, values, 0), last, axis=1)
     around = np.pad(filled, ((1, 0), (1, 0)))
     left, upper, corner = around[1:, :-1], around[:-1, 1:], around[:-1, :-1]
     low, high = np.minimum(left, upper), np.maximum(left, upper)

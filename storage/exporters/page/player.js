@@ -19,6 +19,7 @@ class Player {
     this.idle = Promise.resolve();
     this.reset();
     new ResizeObserver(() => this.resized()).observe(canvas);
+    canvas.addEventListener("webglcontextlost", () => this.failed("the graphics device is gone; load the page again."));
     requestAnimationFrame((now) => this.tick(now));
   }
 

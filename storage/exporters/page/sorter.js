@@ -1,6 +1,6 @@
 // The worker: frames come in coded, and go out as texels and as an order of drawing, farthest first.
 
-const KEYS = 65536, TURNS = 2048, MOST_BYTES = 1 << 29;
+const KEYS = 65536, TURNS = 2048, MOST_BYTES = 1 << 28;
 let head, coded = [];
 const frames = new Map();  // decoded, the latest used last
 
