@@ -62,6 +62,14 @@ def export(
         Path | None,
         typer.Option("--page", help="Write one HTML file that plays the Gaussians in any browser, without a server."),
     ] = None,
+    page_gaussians: Annotated[
+        int | None,
+        typer.Option(
+            "--page-gaussians",
+            help="Gaussians a frame of --page, about, at most: pixels are merged 2 x 2, 3 x 3, ... Default: all.",
+            min=1000,
+        ),
+    ] = None,
     splats_as: Annotated[
         str,
         typer.Option(
@@ -106,7 +114,20 @@ def export(
 
     folder = output or Path(f"{sequence}-{to}")
     order = ExportOrder.of(
-        video, frames, sheet, splats, tuple(view or ()), alpha, background, splats_as, to, folder, frame, page, path
+        video,
+        frames,
+        sheet,
+        splats,
+        tuple(view or ()),
+        alpha,
+        background,
+        splats_as,
+        to,
+        folder,
+        frame,
+        page,
+        path,
+        page_gaussians,
     )
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))

@@ -7,6 +7,7 @@ finished pictures (closing of gaps, evening of outlines) needs the masks and is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -30,7 +31,8 @@ from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.points import within
 from posegaussian.storage.exporters.page import maps as coding
 from posegaussian.storage.exporters.page.document import write_page
-from posegaussian.storage.exporters.page.maps import CodedView, ViewMaps, coded
+from posegaussian.storage.exporters.page.maps import CodedView, ViewMaps, coded, present
+from posegaussian.storage.exporters.page.merging import merged
 from posegaussian.storage.model.cameras import CameraPath
 from posegaussian.storage.model.errors import ConfigError
 
@@ -64,34 +66,59 @@ def check(context: Context, names: Sequence[str], path: str | None) -> None:
     _path(context, path)
 
 
-def export_page(results: Results, names: Sequence[str], file: Path, path: str | None, backdrop: Backdrop) -> list[str]:
-    """Write the page of some source views; returns sentences. `path` is the text of the camera path it flies along,
-    None for the default one. Raises UserError as `check` does, and NotWritten."""
+def export_page(
+    results: Results,
+    names: Sequence[str],
+    file: Path,
+    path: str | None,
+    backdrop: Backdrop,
+    most: int | None = None,
+) -> list[str]:
+    """Write the page of some source views; returns sentences.
+
+    `path` is the text of the camera path it flies along, None for the default one; blocks of pixels are merged until a
+    frame has `most` Gaussians, about. Raises UserError as `check` does, and NotWritten.
+    """
     context = results.context
     check(context, names, path)
     views = chosen_views(context, names)
+    side = _side(results, views, most)
     counts: list[int] = []
     size = write_page(
-        file, context.sequence.name, _frames(results, views, counts), _head(results, views, counts, path, backdrop)
+        file,
+        context.sequence.name,
+        _frames(results, views, side, counts),
+        _head(results, views, side, counts, path, backdrop),
     )
     frames = f"{number(len(counts), 'frame')} of {min(counts)} to {max(counts)} Gaussians"
     told = [f"page: {file}, {size / 1e6:.1f} MB, {frames}; open it in any browser"]
     if size > LARGE:
         told.append(
-            "fewer frames (--set frames.range=START:STOP:STRIDE), smaller pictures (--set frames.size=PX) or some of"
+            "fewer frames (--set frames.range=START:STOP:STRIDE), fewer Gaussians (--page-gaussians 60000) or some of"
             " the views (--view CAMERA) make a smaller page"
         )
     return told
 
 
-def _frames(results: Results, views: Sequence[int], counts: list[int]) -> Iterator[tuple[list[CodedView], list[bytes]]]:
+def _frames(
+    results: Results, views: Sequence[int], side: int, counts: list[int]
+) -> Iterator[tuple[list[CodedView], list[bytes]]]:
     """Coded views and small pictures, frame by frame; appends every frame's number of Gaussians to `counts`."""
     valid = results.context.valid
     for frame in range(len(results.context.source_frames)):
         silhouettes = silhouettes_at(results, frame)
-        found = [coded(view_maps(results, frame, v, silhouettes)) for v in views]
+        found = [coded(merged(view_maps(results, frame, v, silhouettes), side)) for v in views]
         counts.append(sum(c.count for c in found))
         yield found, [_thumbnail(results, frame, v) if valid[frame, v] else b"" for v in views]
+
+
+def _side(results: Results, views: Sequence[int], most: int | None) -> int:
+    """Side in px of the blocks that are merged, so that the frame in the middle has `most` Gaussians."""
+    if most is None:
+        return 1
+    frame = len(results.context.source_frames) // 2
+    count = sum(int(present(view_maps(results, frame, v, None)).sum()) for v in views)
+    return max(1, math.ceil(math.sqrt(count / most)))
 
 
 def silhouettes_at(results: Results, frame: int) -> Silhouettes | None:
@@ -136,7 +163,7 @@ def _thumbnail(results: Results, frame: int, view: int) -> bytes:
 
 
 def _head(
-    results: Results, views: Sequence[int], counts: list[int], path: str | None, backdrop: Backdrop
+    results: Results, views: Sequence[int], side: int, counts: list[int], path: str | None, backdrop: Backdrop
 ) -> Callable[[], dict[str, Any]]:
     """What the page knows besides frames, to be asked for when all frames are counted."""
     context = results.context
@@ -157,7 +184,7 @@ def _head(
             "frames": [int(n) for n in context.source_frames],
             "rate": float(context.capture.frame_rate / (np.median(stride) if len(stride) else 1)),
             "steps": steps,
-            "views": [_camera(context, v) for v in views],
+            "views": [_coarser(_camera(context, v), side) for v in views],
             "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(counts))],
             "sources": context.settings.rendering.sources,
             "allSides": REFINEMENT in context.facts,
@@ -176,7 +203,7 @@ def _head(
             },
             "cameras": cameras,
             "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,
-            "info": _info(context, views, counts),
+            "info": _info(context, views, side, counts),
         }
 
     return head
@@ -235,6 +262,11 @@ def _camera(context: Context, view: int) -> dict[str, Any]:
     }
 
 
+def _coarser(camera: dict[str, Any], side: int) -> dict[str, Any]:
+    """The camera with pixels `side` times as wide."""
+    return {**camera, "lens": [n / side for n in camera["lens"]]}
+
+
 def _lens(k: np.ndarray) -> list[float]:
     return [float(n) for n in (k[0, 0], k[0, 1], k[0, 2], k[1, 1], k[1, 2])]
 
@@ -243,7 +275,7 @@ def _pose(world_to_camera: np.ndarray) -> list[float]:
     return [float(n) for n in world_to_camera[:3].ravel()]
 
 
-def _info(context: Context, views: Sequence[int], counts: Sequence[int]) -> list[tuple[str, str]]:
+def _info(context: Context, views: Sequence[int], side: int, counts: Sequence[int]) -> list[tuple[str, str]]:
     """Rows of the page's information, as it stands for the whole sequence."""
     numbers, settings = context.source_frames, context.settings
     sizes = sorted({tuple(int(n) for n in context.rig.size[v]) for v in views})
@@ -252,7 +284,7 @@ def _info(context: Context, views: Sequence[int], counts: Sequence[int]) -> list
         ("Frames", f"{len(numbers)} (source {numbers[0]} to {numbers[-1]}, {context.capture.frame_rate:g} a second)"),
         ("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame"),
         ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
-        ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes)),
+        ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes) + f", {side} × {side} px merged" * (side > 1)),
         ("Depth", f"depth.method {settings.depth.method}, refinement.steps {settings.refinement.steps}"),
         ("Effects", ", ".join(effects) or "none"),
     ]

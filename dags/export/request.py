@@ -49,6 +49,8 @@ class ExportOrder:
     """HTML page that plays the Gaussians."""
     path: str | None = None
     """Camera path that the page flies along; None for the default one."""
+    page_gaussians: int | None = None
+    """Gaussians of a frame of the page, about, at most; None for all."""
 
     @classmethod
     def of(
@@ -66,6 +68,7 @@ class ExportOrder:
         frame: int | None = None,
         page: Path | None = None,
         path: str | None = None,
+        page_gaussians: int | None = None,
     ) -> ExportOrder:
         """From the command's options.
 
@@ -83,6 +86,10 @@ class ExportOrder:
             output_folder("export --output", folder)
         elif frame is not None:
             raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
+        if page_gaussians is not None and page is None:
+            raise ConfigError(
+                f"export --page-gaussians {page_gaussians}: it is for --page FILE, which is not asked for"
+            )
         behind = backdrop.parse(background)
         if behind.kind != "none" and not (video or frames or (page and behind.kind == "color")):
             raise ConfigError(
@@ -99,7 +106,22 @@ class ExportOrder:
         for option, place in (("--frames", frames), ("--splats", splats)):
             if place is not None:
                 output_folder(f"export {option}", place)
-        return cls(video, frames, sheet, splats, views, alpha, behind, splats_as, layout, folder, frame, page, path)
+        return cls(
+            video,
+            frames,
+            sheet,
+            splats,
+            views,
+            alpha,
+            behind,
+            splats_as,
+            layout,
+            folder,
+            frame,
+            page,
+            path,
+            page_gaussians,
+        )
 
     @property
     def renders(self) -> bool:
@@ -138,7 +160,9 @@ class ExportOrder:
         if self.splats:
             said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats, self.splats_as)
         if self.page:
-            said += exporting_page.export_page(Results(plan.context), self.views, self.page, self.path, self.backdrop)
+            said += exporting_page.export_page(
+                Results(plan.context), self.views, self.page, self.path, self.backdrop, self.page_gaussians
+            )
         if self.layout:
             said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame)
         return said

@@ -78,31 +78,31 @@ class CodedView:
 def coded(maps: ViewMaps) -> CodedView:
     """A view's Gaussians: pixels with a finite depth in front of the camera, some opacity, and nothing else that is
     not finite. Equal maps give equal bytes."""
-    present = _present(maps)
-    rows, columns = np.flatnonzero(present.any(axis=1)), np.flatnonzero(present.any(axis=0))
+    there = present(maps)
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
     if not len(rows):
         return CodedView(HEAD.pack(0, 0, 0, 0, 1.0, 1.0, 0), b"", tuple(b"" for _ in _names(maps)))
     top, left = int(rows[0]), int(columns[0])
     crop = np.s_[top : rows[-1] + 1, left : columns[-1] + 1]
-    present = present[crop]
-    depth = np.where(present, maps.depth[crop], 1.0).astype(np.float64)
-    nearest, farthest = (float(np.float32(f(depth[present]))) for f in (np.min, np.max))
+    there = there[crop]
+    depth = np.where(there, maps.depth[crop], 1.0).astype(np.float64)
+    nearest, farthest = (float(np.float32(f(depth[there]))) for f in (np.min, np.max))
     step = float(np.float32(max(1 / (DEPTH_STEPS * maps.focal), np.log(farthest / nearest) / MOST_DEPTH)))
     numbers = np.clip(np.rint(np.log(depth / nearest) / step), 0, MOST_DEPTH).astype(np.int64)
-    change = _change(numbers, present)
+    change = _change(numbers, there)
     folded = np.where(change < 0, -2 * change - 1, 2 * change)  # small numbers of either sign have a high byte of 0
-    planes = [folded & 255, folded >> 8 & 255, *(_change(p, present) for p in _shown(maps, crop, depth))]
-    height, width = present.shape
-    head = HEAD.pack(left, top, width, height, nearest, step, int(present.sum()))
-    return CodedView(head, np.packbits(present).tobytes(), tuple((p & 255).astype(np.uint8).tobytes() for p in planes))
+    planes = [folded & 255, folded >> 8 & 255, *(_change(p, there) for p in _shown(maps, crop, depth))]
+    height, width = there.shape
+    head = HEAD.pack(left, top, width, height, nearest, step, int(there.sum()))
+    return CodedView(head, np.packbits(there).tobytes(), tuple((p & 255).astype(np.uint8).tobytes() for p in planes))
 
 
 def _names(maps: ViewMaps) -> tuple[str, ...]:
     return PLANES if maps.twist is not None else PLANES[:-1]
 
 
-def _present(maps: ViewMaps) -> np.ndarray:
-    """[h, w] bool."""
+def present(maps: ViewMaps) -> np.ndarray:
+    """[h, w] bool: the pixels that are Gaussians."""
     given = [maps.depth[None], maps.scale, maps.normal, maps.opacity]
     sane = np.isfinite(np.concatenate([*given, *([] if maps.twist is None else [maps.twist])])).all(axis=0)
     return sane & (maps.depth > 0) & (maps.opacity[0] > 0)

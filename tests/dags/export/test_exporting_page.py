@@ -62,6 +62,7 @@ def test_wishes_that_cannot_be_are_refused(made: Pipeline, tmp_path: Path) -> No
     refused("--page", "a.html", "--background", "plate", color="a page has a colour")
     refused("--page", "a.html", "--path", "orbot", near="did you mean 'orbit'")
     refused("--page", "a.html", "--view", "nobody", view="--view nobody")
+    refused("--sheet", "a.png", "--page-gaussians", "5000", page="it is for --page FILE")
     assert not list(tmp_path.iterdir())
 
 

@@ -206,6 +206,22 @@ def test_gaussians_are_lifted_as_rendering_lifts_them(browser: Browser, made: Ma
     np.testing.assert_allclose(opacity, wanted.faces, atol=0.51 / coding.OPACITY_STEPS + 0.5 / 255)
 
 
+def test_a_smaller_page_shows_the_same(opened: Browser, made: Made, tmp_path: Path) -> None:
+    def seen() -> tuple[np.ndarray, int]:
+        sized(opened, SIDE, SIDE)
+        opened.run("posegaussian.seek(1)")
+        return decoded_picture(opened), opened.run("posegaussian.count")
+
+    whole, count = seen()
+    page.export_page(made.results, (), tmp_path / "a.html", "orbit", parse("#000000"), count // 3)
+    start(opened, tmp_path / "a.html")
+    small, fewer = seen()
+    assert 0.2 * count < fewer < 0.34 * count
+    assert person_psnr(whole, small) > 20
+    assert "2 × 2 px merged" in str(opened.run("posegaussian.head.info"))
+    silent(opened)
+
+
 def test_hostile_names_are_shown_as_they_are(
     browser: Browser, made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
