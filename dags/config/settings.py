@@ -22,6 +22,7 @@ from posegaussian.dags.config.yaml_source import Document, Location, load, parse
 from posegaussian.stages.contract.declaration import Params, setting
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.roles import EVENLY
 from posegaussian.storage.model.spec import ArraySpec, Keep
 from posegaussian.storage.model.yaml_documents import yaml_text
 
@@ -53,7 +54,9 @@ class PartitionSettings(Params):
 class ViewSettings(Params):
     """Roles of the cameras."""
 
-    sources: list[str] | None = setting(None, "Cameras to reconstruct from; null: all that are not held out.")
+    sources: list[str] | Annotated[str, Field(pattern=EVENLY)] | None = setting(
+        None, "Cameras to reconstruct from; null: all that are not held out, uniform N: N of these, evenly by angle."
+    )
     held_out: list[str] | None = setting(
         None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none."
     )
@@ -62,6 +65,11 @@ class ViewSettings(Params):
         "Which sources are believed; auto: all but those that contradict the others, all: every one, names: these"
         " whatever they show, and of the others those that auto believes.",
     )
+
+    @property
+    def named_sources(self) -> list[str]:
+        """The sources as far as they are named."""
+        return self.sources if isinstance(self.sources, list) else []
 
 
 class RunSettings(Params):

@@ -32,6 +32,7 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import captured_to_calibrated, unexplained_sizes
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
+from posegaussian.storage.model.roles import sources_of
 from posegaussian.storage.model.timegrid import TimeGrid, select
 
 
@@ -87,7 +88,7 @@ class Context:
         roles = self.settings.views
         if roles.held_out is not None:
             return tuple(roles.held_out)
-        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in (roles.sources or ()))
+        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in roles.named_sources)
 
     @cached_property
     def asked_views(self) -> Views:
@@ -96,13 +97,13 @@ class Context:
         names = self.capture.rig.names
         roles, held_out = self.settings.views, self.held_out
         trust = roles.trust if isinstance(roles.trust, list) else []
-        for key, chosen in (("sources", roles.sources or []), ("held_out", held_out), ("trust", trust)):
+        for key, chosen in (("sources", roles.named_sources), ("held_out", held_out), ("trust", trust)):
             for name in chosen:
                 if name not in names:
                     raise ConfigError(
                         f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}"
                     )
-        sources = roles.sources if roles.sources is not None else [n for n in names if n not in held_out]
+        sources = sources_of(roles.sources, self.capture.rig, held_out)
         both = sorted(set(sources) & set(held_out))
         if both:
             raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
