@@ -20,6 +20,7 @@ from posegaussian.storage.importers.nerfstudio import IMPORTER as NERFSTUDIO
 from posegaussian.storage.importers.panoptic import IMPORTER as PANOPTIC
 from posegaussian.storage.importers.people_snapshot import IMPORTER as PEOPLE_SNAPSHOT
 from posegaussian.storage.importers.pose2sim import IMPORTER as POSE2SIM
+from posegaussian.storage.importers.videos import IMPORTER as VIDEOS
 from posegaussian.storage.importers.zju_mocap import IMPORTER as ZJU_MOCAP
 
 IMPORTERS: Mapping[str, Importer] = {
@@ -40,6 +41,7 @@ IMPORTERS: Mapping[str, Importer] = {
         GENEBODY,
         MVHUMANNET,
         PANOPTIC,
+        VIDEOS,
         IMAGES,
     )
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from tests.storage.importers import (
     test_people_snapshot,
     test_pose2sim,
     test_qualisys,
+    test_videos,
     test_zju_mocap,
 )
 from tests.support import colmap_files, import_capture
@@ -176,6 +178,12 @@ def mvhumannet(base: Path) -> None:
 def panoptic(base: Path) -> None:
     """A capture of the data set's."""
     test_panoptic.write(base)
+
+
+def films_and(calibration: Callable[[Path], None], base: Path) -> None:
+    """Videos and one calibration of another program."""
+    test_videos.films(base)
+    calibration(base)
 
 
 def millimetres(path: Path) -> None:

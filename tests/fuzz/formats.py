@@ -199,6 +199,14 @@ def capture_formats() -> list[Format]:
         Format("mvhumannet: scale", captures.mvhumannet, "*.pkl", "binary", partial(imported, "mvhumannet")),
         Format("genebody: annots.npy", captures.genebody, "annots.npy", "binary", partial(imported, "genebody")),
         Format("panoptic: calibration", captures.panoptic, "*.json", "json", partial(imported, "panoptic")),
+        *(
+            Format(f"videos: {f}", partial(captures.films_and, make), f, kind, partial(imported, "videos"))
+            for f, kind, make in (
+                ("camchain.yaml", "yaml", captures.test_videos.kalibr),
+                ("cameras.xml", "xml", captures.test_videos.metashape),
+                ("cameras.csv", "table", captures.test_videos.realitycapture),
+            )
+        ),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
         Format("images: COCO JSON", captures.images, "joints/*.json", "json", images),
         Format("images: names", captures.images, "", "binary", images),

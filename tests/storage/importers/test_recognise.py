@@ -24,6 +24,7 @@ from tests.storage.importers.test_nerfstudio import base as nerfstudio
 from tests.storage.importers.test_panoptic import base as panoptic
 from tests.storage.importers.test_people_snapshot import base as people_snapshot
 from tests.storage.importers.test_pose2sim import base as pose2sim
+from tests.storage.importers.test_videos import base as videos
 from tests.storage.importers.test_zju_mocap import base as zju_mocap
 
 FIXTURES = {
@@ -35,6 +36,7 @@ FIXTURES = {
     "llff": llff,
     "nerfstudio": nerfstudio,
     "pose2sim": pose2sim,
+    "videos": videos,
     "panoptic": panoptic,
     "mvhumannet": mvhumannet,
     "genebody": genebody,

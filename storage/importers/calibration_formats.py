@@ -1,0 +1,11 @@
+"""The calibration formats. A further one is a file beside this one and its entry here."""
+
+from __future__ import annotations
+
+from posegaussian.storage.importers.calibration_format import CalibrationFormat
+from posegaussian.storage.importers.kalibr import FORMAT as KALIBR
+from posegaussian.storage.importers.metashape import FORMAT as METASHAPE
+from posegaussian.storage.importers.realitycapture import FORMAT as REALITYCAPTURE
+
+FORMATS: tuple[CalibrationFormat, ...] = (KALIBR, METASHAPE, REALITYCAPTURE)
+"""In the order in which sentences name them."""

@@ -1,0 +1,133 @@
+"""Videos or folders of pictures of one's own, with a calibration that another program wrote.
+
+`NAME.mp4`, `videos/NAME.mp4` or `images/NAME/000000.jpg` and one calibration file, recognised by its content: the
+formats of `calibration_formats.py`. A camera's name in it is that of its video or folder.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from posegaussian.storage.importers.calibration_format import CalibrationFormat
+from posegaussian.storage.importers.calibration_formats import FORMATS
+from posegaussian.storage.importers.cameras import build_rig, check_principal_point, rig_notes
+from posegaussian.storage.importers.common import (
+    chosen,
+    folder,
+    mask_streams,
+    numbered,
+    picture_gaps,
+    subfolders,
+    videos_in,
+)
+from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
+from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
+from posegaussian.storage.importers.posed_pictures import Files, picture_streams
+from posegaussian.storage.model.cameras import camera_centre
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.readers.images import PICTURE_SUFFIXES
+
+
+class VideosOptions(UnitOptions):
+    """Which calibration, where it is not the only one in the folder."""
+
+    calibration: str | None = Field(None, description="Calibration file, of any format that is read.")
+
+
+def find(source: Path, options: VideosOptions) -> Capture:
+    """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
+    base = folder(source)
+    path, form = _calibration(base, options.calibration)
+    calibration = form.read(path)
+    files = _files(base)
+    if not files:
+        raise SourceError(f"no NAME.mp4, videos/NAME.mp4 or images/NAME/000000.jpg in {base}")
+    unknown = [n for n in files if n not in calibration.cameras]
+    if len(unknown) == len(files):
+        raise CalibrationError(
+            f"{path} calibrates {', '.join(list(calibration.cameras)[:6])}, and there are {', '.join(unknown[:6])};"
+            " a camera's name must be that of its video or folder, so rename one of them"
+        )
+    names = options.pick(tuple(n for n in files if n not in unknown))
+    pictures, rate, notes = picture_streams({n: files[n] for n in names}, options)
+    cameras = [calibration.cameras[n](s.size) for n, s in zip(names, pictures, strict=True)]
+    for camera, stream in zip(cameras, pictures, strict=True):
+        if camera.size is None or tuple(camera.size) == tuple(stream.size):
+            check_principal_point(f"camera {camera.name}", camera.intrinsics, stream.size)
+    with np.errstate(over="ignore", invalid="ignore"):
+        centres = np.array([camera_centre(np.column_stack([c.rotation, c.translation])) for c in cameras])
+    said = options.scale is None and options.distance is None and calibration.metres is not None
+    chosen_unit = options.model_copy(update={"scale": calibration.metres}) if said else options
+    if said and not 0 < (calibration.metres or 0) <= 1e6:
+        raise CalibrationError(f"{path}: {calibration.metres:g} m in a unit cannot be; say --option scale=METRES")
+    scale, unit = metres(chosen_unit, names, centres, path.name)
+    rig = build_rig(
+        [c._replace(translation=c.translation * scale) for c in cameras],
+        [s.size for s in pictures],
+        half=calibration.half,
+    )
+    facing = check_direction(names, rig.rotations, rig.centres, calibration.direction)
+    masks, mask_notes = mask_streams(names, [base / "masks" / n for n in names], pictures)
+    return Capture(
+        "videos",
+        rig,
+        rate,
+        tuple(pictures),
+        masks=masks,
+        notes=(
+            f"calibration: {path.name}, {form.name}",
+            *(f"{n} has no calibration in {path.name} and is left out" for n in unknown),
+            f"unit: {scale:g} m, as the file says" if said else unit,
+            *facing,
+            *notes,
+            *picture_gaps(names, pictures),
+            *mask_notes,
+            *rig_notes(rig),
+        ),
+    )
+
+
+def _calibration(base: Path, given: str | None) -> tuple[Path, CalibrationFormat]:
+    """The one file, and its format. Raises CalibrationError."""
+    known = ", ".join(f.name for f in FORMATS)
+    path = chosen(base, given, "calibration")
+    found = [(p, f) for p in ([path] if path else _in(base)) for f in FORMATS if f.fits(p)]
+    if len(found) == 1:
+        return found[0]
+    if path is not None:
+        raise CalibrationError(f"calibration {path} is of no format that is read: {known}")
+    several = ", ".join(p.name for p, _ in found)
+    raise CalibrationError(
+        f"{base} holds {len(found)} calibrations{f' ({several})' if found else ''}; name one with --option"
+        f" calibration=FILE. Read are {known}"
+    )
+
+
+def _in(base: Path) -> list[Path]:
+    return sorted(p for p in base.iterdir() if p.is_file())
+
+
+def _files(base: Path) -> dict[str, Files]:
+    videos = videos_in(base) or videos_in(base / "videos")
+    if videos:
+        return dict(videos)
+    return {f.name: n for f in subfolders(base / "images") if (n := numbered(f, PICTURE_SUFFIXES))}
+
+
+IMPORTER = Importer(
+    "videos",
+    "Videos or pictures of one's own with a calibration of Kalibr, Metashape or RealityCapture.",
+    VideosOptions,
+    find,
+    (
+        Trait(
+            "a calibration of Kalibr, Metashape or RealityCapture",
+            lambda base: any(f.fits(p) for p in _in(base) for f in FORMATS),
+        ),
+        Trait("NAME.mp4, videos/NAME.mp4 or images/NAME", lambda base: or_broken(lambda: _files(base))),
+    ),
+)
