@@ -24,10 +24,10 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.registry import PATHS
-from posegaussian.stages.rendering.clipping import silhouettes_of
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, SILHOUETTE_CLIPPING
 from posegaussian.stages.rendering.sources import REFINEMENT, map_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.silhouettes.points import within
 from posegaussian.storage.exporters.page import maps as coding
 from posegaussian.storage.exporters.page.document import write_page
@@ -127,7 +127,7 @@ def silhouettes_at(results: Results, frame: int) -> Silhouettes | None:
     if SILHOUETTE_CLIPPING.name not in context.facts:
         return None
     views = [v for v in context.views.sources if context.valid[frame, v]]
-    return silhouettes_of(context.rig, {v: results.read("frames/mask", range(frame, frame + 1), v)[0] for v in views})
+    return agreed(context.rig, {v: results.read("frames/mask", range(frame, frame + 1), v)[0] for v in views})
 
 
 def view_maps(results: Results, frame: int, view: int, silhouettes: Silhouettes | None) -> ViewMaps:
