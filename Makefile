@@ -33,6 +33,7 @@ bench-%: $(STAMP)
 	$(if $(RUNS),$(MEASURE),$(error No benchmark is called $@; `make help` prints them))
 
 bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
+bench-frame: RUNS = pipeline.frame_time ## Where the seconds of a frame go, stage by stage: eight views of 512 and 1024 px, one thread.
 bench-gpu: RUNS = renderer.gpu_speed ## The renderer on a CUDA device, by any Python with a CUDA build of torch.
 bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" ## Mattes without given masks, of simulated people and of a capture outlined by hand (CAPTURES=FOLDER).
 bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured stereo pair, beside OpenCV.

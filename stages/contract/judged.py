@@ -8,8 +8,10 @@ import numpy as np
 from posegaussian.stages.contract.facts import fact
 
 DEPTH, EXPOSURE, COLOR, LEARNED = "judge/depth", "judge/exposure", "judge/color", "judge/network"
+POSE = "judge/pose"
 """[picture, candidate, measure] of the depth methods, the worst quality level first; without and with exposure gains;
-without and with colours blended by angle; without the network and with the weights that ship, by name."""
+without and with colours blended by angle; without the network and with the weights that ship, by name; without and with
+views weighed by their joints."""
 MEASURES = ("psnr", "ssim", "coverage")
 """PSNR in dB and SSIM in the person's box, each channel's light fitted to the photograph's; share of the person that is
 covered."""

@@ -32,8 +32,9 @@ the subject is the person on whom most views agree."""
 
 
 def frames_of(inputs: Inputs, most: int) -> Frames:
-    """`frames/color`, `frames/mask` and, of a person who is cut out, `pose/joints3d` of at most `most` worked frames,
-    evenly spread, of those that most source views have a picture of; in pixels of the rig, padded to the largest.
+    """`frames/color`, `frames/mask` and, of a person who is cut out, `pose/joints2d` and `pose/joints3d` of at most
+    `most` worked frames, evenly spread, of those that most source views have a picture of; in pixels of the rig, padded
+    to the largest.
 
     Masks are those that the frames stage makes of the same frames, after detection and pose where a person is cut out;
     a mask is empty where nobody was found.
@@ -46,7 +47,11 @@ def frames_of(inputs: Inputs, most: int) -> Frames:
         few.put(pose_of(few, settings["pose"]))
     for v in inputs.views.sources:
         few.put(frames_in(few.of_view(v), settings["frames"]))
-    names = ["frames/color", "frames/mask", *(["pose/joints3d"] if PERSON_MATTE in inputs.facts else [])]
+    names = [
+        "frames/color",
+        "frames/mask",
+        *(["pose/joints2d", "pose/joints3d"] if PERSON_MATTE in inputs.facts else []),
+    ]
     return Frames(replace(scope, facts=Facts(frozenset({LEFT_RIGHT_CHECK}))), {name: few.read(name) for name in names})
 
 

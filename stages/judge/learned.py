@@ -6,6 +6,8 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
+
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D
 from posegaussian.stages.contract.io import Inputs, TaskScope
 from posegaussian.stages.contract.timing import TimedInputs
@@ -49,17 +51,38 @@ def learned(inputs: Inputs, made: Frames) -> list[Frames]:
 def with_heatmaps(frames: Frames, inputs: Inputs) -> Frames:
     """The frames with heatmaps of the joints that came with the capture; as they are where there are none, or where
     joints are estimated, which has not happened yet."""
+    posed = _posed(frames, inputs, frozenset({POSE_HEATMAPS}))
+    if posed is None:
+        return frames
+    found = frames.with_facts(frames.facts | {POSE_HEATMAPS})
+    return found.with_array("pose/heatmaps", posed["pose/heatmaps"])
+
+
+def with_joints(frames: Frames, inputs: Inputs) -> Frames | None:
+    """The frames with `pose/joints2d` and `pose/joints3d`, which came with the capture or cut the person out; None
+    where there are none yet."""
+    if {"pose/joints2d", "pose/joints3d"} <= frames.arrays.keys():
+        return frames
+    posed = _posed(frames, inputs, frozenset())
+    if posed is None:
+        return None
+    for name in ("pose/joints2d", "pose/joints3d"):
+        frames = frames.with_array(name, posed[name])
+    return frames
+
+
+def _posed(frames: Frames, inputs: Inputs, more: frozenset[str]) -> dict[str, np.ndarray] | None:
+    """What the pose stage makes of given joints."""
     known = inputs.facts & {JOINTS2D, JOINTS3D}
     if not known or ESTIMATED in inputs.facts:
-        return frames
+        return None
     opened = {
         kind: inputs.source(kind) for kind, told in (("joints", JOINTS2D), ("joints3d", JOINTS3D)) if told in known
     }
-    posed = Opened(frames.with_facts(frames.facts | known | {POSE_HEATMAPS}), opened)
+    posed = Opened(frames.with_facts(frames.facts | known | more), opened)
     # A few frames far apart: nothing bridges them.
     posed.put(pose_of(posed, inputs.settings["pose"].model_copy(update={"bridge": 0})))
-    found = frames.with_facts(frames.facts | {POSE_HEATMAPS})
-    return found.with_array("pose/heatmaps", posed.arrays["pose/heatmaps"])
+    return posed.arrays
 
 
 def _refined(frames: Frames, network: Any) -> Frames:

@@ -9,7 +9,17 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, FEWEST, LEARNED, MEASURES, NONE, mean_scores
+from posegaussian.stages.contract.judged import (
+    COLOR,
+    DEPTH,
+    EXPOSURE,
+    FEWEST,
+    LEARNED,
+    MEASURES,
+    NONE,
+    POSE,
+    mean_scores,
+)
 from posegaussian.stages.depth.choice import best_of as best_method
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
@@ -18,25 +28,26 @@ from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
-from posegaussian.stages.judge.learned import learned
+from posegaussian.stages.judge.learned import learned, with_joints
 from posegaussian.stages.judge.left_out import left_out
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
-from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.facts import POSE_BLENDING, VIEW_DEPENDENT_COLOR
 
-COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2}
+COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2, POSE: 2}
 """Candidates of each choice."""
-PLAIN, BLENDED = Facts(), Facts(frozenset({VIEW_DEPENDENT_COLOR}))
+PLAIN, BLENDED, WEIGHED = (Facts(frozenset(on)) for on in ((), (VIEW_DEPENDENT_COLOR,), (POSE_BLENDING,)))
 
 
 def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
-    """Yield `judge/depth`, `judge/exposure` and `judge/color` [picture, candidate, measure], as far as asked for.
+    """Yield `judge/depth`, `judge/exposure`, `judge/network`, `judge/pose` and `judge/color` [picture, candidate,
+    measure], as far as asked for.
 
     Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
     Gains are compared by the method that is picked, or that is set, and colours by angle with the gains that drew best.
     """
-    asked = [name for name in (DEPTH, EXPOSURE, LEARNED, COLOR) if name in inputs.facts]
+    asked = [name for name in (DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
     for name in asked:
         out = np.full((params.frames * params.views, COUNT[name], len(MEASURES)), NONE)
@@ -72,7 +83,10 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         with_each = np.stack([reached, *(scores(t, filmed, views, PLAIN) for t in tried[1:])], axis=1)
         yield LEARNED, with_each
         means = mean_scores(with_each)
-        chosen = chosen if means is None else tried[best_weights(means)]
+        best_tried = 0 if means is None else best_weights(means)
+        chosen, reached = tried[best_tried], with_each[:, best_tried]
+    if POSE in asked and (posed := with_joints(chosen, inputs)) is not None:
+        yield POSE, np.stack([reached, scores(posed, filmed, views, WEIGHED)], axis=1)
     if COLOR in asked:
         yield COLOR, np.stack([scores(chosen, filmed, views, f) for f in (PLAIN, BLENDED)], axis=1)
 

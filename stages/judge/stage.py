@@ -14,6 +14,7 @@ from posegaussian.stages.contract.judged import (
     NO_MATTE,
     PERSON_MATTE,
     PLATE_MATTE,
+    POSE,
 )
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.imaging.camera_mapping import frames_rig
@@ -55,7 +56,7 @@ def _estimator(params: JudgeParams, facts: Facts) -> bool:
 
 
 def _joints(params: JudgeParams, facts: Facts) -> bool:
-    return JOINTS2D in facts and bool(facts & {PERSON_MATTE, LEARNED}) and ESTIMATED not in facts
+    return JOINTS2D in facts and bool(facts & {PERSON_MATTE, LEARNED, POSE}) and ESTIMATED not in facts
 
 
 def _fit(params: JudgeParams, facts: Facts) -> bool:
@@ -63,7 +64,7 @@ def _fit(params: JudgeParams, facts: Facts) -> bool:
 
 
 def _joints3d(params: JudgeParams, facts: Facts) -> bool:
-    return JOINTS3D in facts and (PERSON_MATTE in facts or (LEARNED in facts and ESTIMATED not in facts))
+    return JOINTS3D in facts and (PERSON_MATTE in facts or (bool(facts & {LEARNED, POSE}) and ESTIMATED not in facts))
 
 
 STAGE = Stage(
@@ -110,6 +111,15 @@ STAGE = Stage(
             "1",
             "The same without and with colours blended by angle.",
             when=COLOR,
+            noted=True,
+        ),
+        ArraySpec(
+            POSE,
+            ("judged", "switch", "score"),
+            "float64",
+            "1",
+            "The same without and with views weighed by how sure they are of joints.",
+            when=POSE,
             noted=True,
         ),
         ArraySpec(

@@ -17,6 +17,7 @@ from posegaussian.stages.rendering.facts import (
     ANTI_ALIASING,
     HOLE_FILLING,
     OUTLINE_EVENING,
+    POSE_BLENDING,
     SILHOUETTE_CLIPPING,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
@@ -24,6 +25,7 @@ from posegaussian.stages.rendering.facts import (
 from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.pose_blending import PAST, Sureness, stabilised
 from posegaussian.stages.rendering.sources import (
     angles_at,
     choose,
@@ -83,6 +85,21 @@ class MapReader:
         assert joint_set is not None, f"{SURFACE_CLOSING} is on without joints"
         return limbs_of(to_set(self.inputs.read("pose/joints3d")[i : i + 1], joint_set, "coco17")[0])
 
+    def sureness(self, i: int) -> Sureness:
+        """How sure the source views are of the joints of the i-th frame, from it and the frames before."""
+        span, scores = self.inputs.span("pose/joints2d"), {}
+        at = self.inputs.partition.start - span.start + i
+        first = max(at - PAST, 0)
+        while first < at and not self._follows(first - at + i):
+            first += 1
+        for view in self.inputs.views.sources:
+            scores[view] = stabilised(self.inputs.read("pose/joints2d", view)[first : at + 1, :, 2])
+        return Sureness(self.inputs.read("pose/joints3d")[i], scores)
+
+    def _follows(self, i: int) -> bool:
+        """Whether the frames from the i-th on are consecutive: those of a sample are not, whose times are all 0."""
+        return len(self.inputs.time) < 2 or bool((np.diff(self.inputs.time[max(i, 0) :]) > 0).all())
+
 
 class FrameRenderer:
     """Draws the i-th frame of a partition, from its own maps only."""
@@ -96,6 +113,7 @@ class FrameRenderer:
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
+        self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._photos: dict[int, Photo] = {}
@@ -177,4 +195,8 @@ class FrameRenderer:
             if self._photos
             else seen.color
         )
-        return replace(seen, opacity=seen.opacity * weight, color=color)
+        opacity = seen.opacity * weight
+        if self.sureness is not None:
+            share = self.sureness.share(seen.mean.double().cpu().numpy(), view, views)
+            opacity = opacity * torch.from_numpy(share).to(opacity)
+        return replace(seen, opacity=opacity, color=color)

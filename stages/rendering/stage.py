@@ -10,12 +10,14 @@ from posegaussian.stages.rendering.effects import (
     ANTI_ALIASING,
     HOLE_FILLING,
     OUTLINE_EVENING,
+    POSE_BLENDING,
     SILHOUETTE_CLIPPING,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
 )
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
+from posegaussian.stages.rendering.pose_blending import PAST
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
@@ -60,7 +62,15 @@ STAGE = Stage(
             "frames/mask",
             when=lambda p, f: bool(f & {e.name for e in OF_MASKS}),
         ),
-        Read("pose/joints3d", when=lambda p, f: SURFACE_CLOSING.name in f and bool({JOINTS2D, JOINTS3D} & f)),
+        Read(
+            "pose/joints3d",
+            when=lambda p, f: bool({SURFACE_CLOSING.name, POSE_BLENDING.name} & f) and bool({JOINTS2D, JOINTS3D} & f),
+        ),
+        Read(
+            "pose/joints2d",
+            halo=(PAST, 0),
+            when=lambda p, f: POSE_BLENDING.name in f and bool({JOINTS2D, JOINTS3D} & f),
+        ),
     ),
     writes=(
         ArraySpec(
@@ -75,6 +85,6 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
-    effects=(NOISE_AVERAGING, VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
+    effects=(NOISE_AVERAGING, POSE_BLENDING, VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
     paths=PATHS,
 )

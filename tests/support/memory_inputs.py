@@ -37,6 +37,7 @@ NEEDING_THE_SURVEY = {
     "outline_correction",
     "limb_bounds",
     "view_dependent_color",
+    "pose_blending",
     "tone_mapping",
     "surface_closing",
 }

@@ -39,6 +39,7 @@ FORCED = {
     "outline_correction": "off",
     "limb_bounds": "off",
     "view_dependent_color": "off",
+    "pose_blending": "off",
     "silhouette_clipping": "on",
     "hole_filling": "on",
     "outline_evening": "on",

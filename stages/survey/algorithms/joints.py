@@ -84,6 +84,16 @@ def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
     return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(chosen)])
 
 
+def scores_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
+    """[17] mean score of a view's joints, of the person whom the views agree on, over a few of the sampled source
+    frames `numbers`; 0 of a view that is no source."""
+    sources = list(inputs.views.sources)
+    if view not in sources or not len(numbers):
+        return np.zeros(17)
+    chosen = sample_numbers(numbers, FRAMES)
+    return np.asarray(np.mean([seen_joints(inputs, int(n))[sources.index(view), :, 2] for n in chosen], axis=0))
+
+
 def _known(joints: np.ndarray) -> np.ndarray:
     """Joints [..., J, C] with everything 0 where a value is not finite."""
     return np.where(np.isfinite(joints).all(axis=-1, keepdims=True), joints, 0.0)

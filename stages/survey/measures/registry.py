@@ -6,6 +6,7 @@ from posegaussian.stages.survey.measures.agreement import MEASURE as AGREEMENT
 from posegaussian.stages.survey.measures.colors import MEASURE as COLORS
 from posegaussian.stages.survey.measures.declaration import Measure
 from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
+from posegaussian.stages.survey.measures.joint_scores import MEASURE as JOINT_SCORES
 from posegaussian.stages.survey.measures.light import MEASURE as LIGHT
 from posegaussian.stages.survey.measures.motion import MEASURE as MOTION
 from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
@@ -25,5 +26,6 @@ MEASURES: tuple[Measure, ...] = (
     UNREST,
     MOTION,
     JOINT_FIT,
+    JOINT_SCORES,
 )
 """In the order in which they are taken of a view."""
