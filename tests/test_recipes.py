@@ -355,7 +355,7 @@ out = {
     "better": QUALITIES["mean_error full"].better,
     "refused": refused,
     "description": MetricsParams.model_fields["measures"].description,
-    "ram": STAGE.needs({"x": 10, "y": 10, "frame": 1}, params).ram,
+    "ram": STAGE.needs({"x": 10, "y": 10, "frame": 1, "view": 2}, params).ram,
 }
 """
     )

@@ -60,11 +60,17 @@ def _scope(inputs: Inputs, most: int) -> TaskScope:
     numbers, valid = inputs.footage("pictures")
     seen = valid[:, list(inputs.views.sources)].sum(axis=1)
     whole = np.flatnonzero(seen == seen.max())
-    at = whole[np.rint(np.linspace(0, len(whole) - 1, min(most, len(whole)) + 2)[1:-1]).astype(int)]
+    at = whole[spread(len(whole), most)]
     scope = TaskScope(**{f.name: getattr(inputs, f.name) for f in fields(TaskScope)})
     return replace(
         scope, partition=range(len(at)), source_frames=numbers[at], time=np.zeros(len(at)), valid=valid[at], view=None
     )
+
+
+def spread(frames: int, most: int) -> np.ndarray:
+    """At most so many of the indices of so many frames, ascending, each the middle of an equal part."""
+    count = min(most, frames)
+    return ((np.arange(count) + 0.5) * frames / max(count, 1)).astype(int)
 
 
 def _cutting(facts: Facts) -> Facts:

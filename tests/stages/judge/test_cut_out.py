@@ -15,6 +15,7 @@ from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.judged import DEPTH, GIVEN_MATTE, PERSON_MATTE
 from posegaussian.stages.judge import run as judge
 from posegaussian.stages.judge.body import body_facts
+from posegaussian.stages.judge.footage import spread
 from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from tests.support.pipeline import Pipeline, film
@@ -76,3 +77,13 @@ def test_limbs_count_where_joints_fit_and_close_gaps_between_cameras_that_stand_
     assert facts(8, 0.9, *person) == {"limb_bounds", "hole_filling"}, "45 degrees apart"
     assert facts(4, 0.4, *person) == {"hole_filling"}, "joints do not fit"
     assert facts(4, 0.9, GIVEN_MATTE, JOINTS2D) == set()
+
+
+def test_the_judge_s_frames_are_as_many_as_there_can_be_and_none_twice() -> None:
+    """A video is read in order: a frame that is asked for twice would end the run."""
+    for frames in range(61):
+        for most in range(1, 26):
+            at = spread(frames, most)
+            assert len(at) == min(frames, most)
+            assert (np.diff(at) > 0).all()
+            assert not len(at) or (at[0] == frames - 1 - at[-1]) or abs(at[0] - (frames - 1 - at[-1])) <= 1
