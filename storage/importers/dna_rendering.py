@@ -20,7 +20,7 @@ from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_p
 from posegaussian.storage.importers.common import ImportOptions, folder, gap_notes, natural, picture_gaps
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import Seen, check_points
-from posegaussian.storage.importers.filmed import placed_notes
+from posegaussian.storage.importers.filmed import assumed_rate, placed_notes
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -56,6 +56,7 @@ def find(source: Path, options: DnaOptions) -> Capture:
         raise SourceError(f"{main.path} holds no pictures Camera_5mp/<id>/color/<frame>; is it the file of a take?")
     notes = [f"camera {_name(i)} has no pictures and is left out" for i in sorted(own) if _name(i) not in found]
     uncalibrated = [n for n in found if not annots.has(f"Camera_Parameter/{n}")]
+    notes += [] if options.frame_rate else [assumed_rate(FRAME_RATE)]
     notes += [f"camera {n} has no calibration in {annots.path.name} and is left out" for n in uncalibrated]
     names = options.pick(tuple(n for n in found if n not in uncalibrated))
     if not names:

@@ -45,6 +45,8 @@ class DataSet:
     """Unit of its cameras' places in the files, for sentences."""
     direction: str
     """Direction of the poses in its files, for sentences."""
+    rate_told: bool = False
+    """Whether its authors tell the frame rate; else it is assumed, and that is said."""
     labels: bool = False
     """Whether masks hold labels of body parts: everything but 0 is the person."""
 
@@ -70,6 +72,8 @@ def capture_of(
     own_rate = options
     if not any(isinstance(f.pictures, Path) for f in chosen):  # videos say theirs
         own_rate = options.model_copy(update={"frame_rate": options.frame_rate or of.frame_rate})
+        if options.frame_rate is None and not of.rate_told:
+            notes = [*notes, assumed_rate(of.frame_rate)]
     pictures, rate, more = picture_streams({n: found[n].pictures for n in names}, own_rate)
     for f, stream in zip(chosen, pictures, strict=True):
         check_principal_point(f"camera {f.camera.name}", f.camera.intrinsics, stream.size)
@@ -85,6 +89,11 @@ def capture_of(
         held_out=tuple(n for n in names if n in held_out),
         notes=(*notes, *placed, *more, *picture_gaps(names, pictures), *mask_notes, *rig_notes(rig)),
     )
+
+
+def assumed_rate(rate: float) -> str:
+    """The sentence about a frame rate that no file says."""
+    return f"{rate:g} frames/s are assumed; where it is another, set the option frame_rate"
 
 
 def placed_notes(rig: Rig, unit: str, direction: str) -> list[str]:

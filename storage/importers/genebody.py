@@ -21,7 +21,7 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 
-GENEBODY = DataSet("genebody", 15.0, "metres", "camera to world")
+GENEBODY = DataSet("genebody", 15.0, "metres", "camera to world", rate_told=True)
 ANNOTATIONS = "annots.npy"
 
 

@@ -24,7 +24,7 @@ from posegaussian.storage.model.documents import read_json
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 
-HUMMAN = DataSet("humman", 30.0, "metres", "world to camera")
+HUMMAN = DataSet("humman", 30.0, "metres", "world to camera", rate_told=True)
 CAMERAS = "cameras.json"
 PICTURES = "kinect_color"
 MASKS = ("kinect_mask_manual", "kinect_mask")

@@ -23,7 +23,7 @@ from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 
-PANOPTIC = DataSet("panoptic", 29.97, "centimetres", "world to camera")
+PANOPTIC = DataSet("panoptic", 29.97, "centimetres", "world to camera", rate_told=True)
 METRES = 1e-2
 """In a unit of the files."""
 MOST_SKEW = 0.5

@@ -184,20 +184,20 @@ def capture_formats() -> list[Format]:
         Format("gps_gaussian: parm", captures.gps_gaussian, "parm/*/*.npy", "binary", gps_gaussian),
         Format("gps_gaussian: depth", captures.gps_gaussian, "depth/*/*.png", "binary", gps_gaussian),
         Format("gps_gaussian: names", captures.gps_gaussian, "", "binary", gps_gaussian),
-        Format("zju_mocap: annots.npy", captures.zju_mocap, "annots.npy", "binary", partial(imported, "zju_mocap")),
+        Format("zju_mocap: annots.npy", captures.zju_mocap, "annots.npy", "pickle", partial(imported, "zju_mocap")),
         *(
             Format(f"dna_rendering: {f}", captures.dna_rendering, f, "binary", partial(imported, "dna_rendering"))
             for f in ("0012_01.smc", "0012_01_annots.smc")
         ),
         *(
-            Format(f"people_snapshot: {f}", captures.people_snapshot, f, "binary", partial(imported, "people_snapshot"))
-            for f in ("camera.pkl", "*.hdf5")
+            Format(f"people_snapshot: {f}", captures.people_snapshot, f, kind, partial(imported, "people_snapshot"))
+            for f, kind in (("camera.pkl", "pickle"), ("*.hdf5", "binary"))
         ),
         Format("humman: cameras.json", captures.humman, "cameras.json", "json", partial(imported, "humman")),
         Format("actorshq: calibration.csv", captures.actorshq, "*.csv", "table", partial(imported, "actorshq")),
         Format("mvhumannet: JSON", captures.mvhumannet, "*.json", "json", partial(imported, "mvhumannet")),
-        Format("mvhumannet: scale", captures.mvhumannet, "*.pkl", "binary", partial(imported, "mvhumannet")),
-        Format("genebody: annots.npy", captures.genebody, "annots.npy", "binary", partial(imported, "genebody")),
+        Format("mvhumannet: scale", captures.mvhumannet, "*.pkl", "pickle", partial(imported, "mvhumannet")),
+        Format("genebody: annots.npy", captures.genebody, "annots.npy", "pickle", partial(imported, "genebody")),
         Format("panoptic: calibration", captures.panoptic, "*.json", "json", partial(imported, "panoptic")),
         *(
             Format(f"videos: {f}", partial(captures.films_and, make), f, kind, partial(imported, "videos"))

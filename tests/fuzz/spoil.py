@@ -316,11 +316,44 @@ def xml_bomb(raw: bytes, random: Random) -> bytes:
     ).encode()
 
 
+PICKLES = (
+    b"cos\nsystem\n(S'touch {outside}/planted'\ntR.",
+    b"(S'touch {outside}/planted'\nios\nsystem\n.",
+    b"(cos\nsystem\nS'touch {outside}/planted'\no.",
+    b'cbuiltins\neval\n(S\'open("{outside}/planted", "w")\'\ntR.',
+    b"cpathlib\nPath\n(S'{outside}/planted'\ntRctouch\n\n.",
+    b"cnumpy\nfromfile\n(S'/dev/zero'\ntR.",
+    b"cnumpy\nndarray\n((I1000000000\nI1000000000\ntl.",
+    b"\x80\x02cnumpy\nndarray\n)\x81}S'__class__'\nNsb.",
+    b"ctorch._utils\n_rebuild_tensor_v2\n.",
+    b"cnumpy.core.multiarray\nscalar\n(cnumpy\ndtype\n(S'U99999999'\ntRS''\ntR.",
+    b"Pplanted\n.",
+    b"\x80\x05\x95" + b"\xff" * 8 + b"\x8e" + b"\xff" * 8 + b".",
+    b")" + b"\x85" * DEEP + b".",
+    b"]" * DEEP + b"a" * (DEEP - 1) + b".",
+    b"]\x94" + b"".join(b"](" + bytes([104, n]) * 9 + b"e\x94" for n in range(26)) + b".",
+    b"]\x94h\x00a.",
+    b"N" * 4_000_000 + b".",
+    b"I" + b"9" * 5000 + b"\n.",
+)
+"""Pickles that run code, stand for gigabytes, or are nested for ever."""
+
+
+def pickle_bomb(raw: bytes, random: Random) -> bytes:
+    """A hostile pickle in the place of the whole one, behind a .npy file's header, or in the place of its end."""
+    start = raw.find(b"\n") + 1 if raw.startswith(b"\x93NUMPY") else 0
+    hostile = random.choice(PICKLES)
+    return random.choice(
+        (raw[:start] + hostile, raw[:-1] + hostile, raw[: random.randrange(start, len(raw))] + hostile)
+    )
+
+
 STRUCTURE: dict[str, tuple[Spoiler, ...]] = {
     "json": (json_node,) * 8,
     "yaml": (yaml_bomb,) * 3,
     "toml": (toml_bomb,) * 3,
     "xml": (xml_bomb,) * 3,
+    "pickle": (pickle_bomb,) * 8,
     "table": (),
     "binary": (),
 }
@@ -372,7 +405,7 @@ def spoil(file: Path, kind: str, outside: Path, random: Random) -> str:
         file.unlink()
         how(file, random)
         return f"{file.name}: {how.__name__}"
-    ways = (BINARY if kind == "binary" else TEXT) + STRUCTURE[kind]
+    ways = (BINARY if kind in ("binary", "pickle") else TEXT) + STRUCTURE[kind]
     done = []
     raw = file.read_bytes()
     for _ in range(random.choice((1, 1, 1, 2))):

@@ -95,7 +95,7 @@ def test_a_worker_that_hangs_or_dies_is_a_fault_and_the_others_go_on(tmp_path: P
 
 
 def test_the_same_number_is_the_same_damage(tmp_path: Path) -> None:
-    for kind in ("binary", "json", "yaml", "toml", "xml", "table"):
+    for kind in ("binary", "pickle", "json", "yaml", "toml", "xml", "table"):
         contents = []
         for _ in range(2):
             written(tmp_path / kind)
