@@ -12,7 +12,7 @@ import pickletools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from posegaussian.storage.model.errors import SourceError
 
 LARGEST = 64 * MEGABYTE
 """Bytes of a pickle: names and joints of hours of many cameras."""
-MOST_STEPS = 3_000_000
+MOST_STEPS = 1_500_000
 """Instructions of a pickle; a number, a text or a name takes one to three."""
 MOST_AXES = 8
 """Axes of an array."""
@@ -146,32 +146,47 @@ def read_object(path: str | Path, what: str, largest: int = LARGEST) -> Any:
 def _loaded(raw: bytes, path: str | Path, what: str) -> Any:
     with reader_of(path, what):
         found = _run(raw, f"cannot read {what} {path}")
-    return _Plain(path).of(found, 0)
+    return _Plain(path).of(found).value
+
+
+class _Copy(NamedTuple):
+    """A value as it is handed out."""
+
+    value: Any
+    weight: int
+    """What it and all in it take of `MOST_VALUES`, each place counted as often as it is referred to."""
+    height: int
+    """Levels of lists and dictionaries in it."""
 
 
 class _Plain:
-    """Values as they are handed out, each place counted as often as it is referred to."""
+    """Values without what only a pickle has. What is referred to many times is looked at once: a kilobyte of references
+    to references may stand for more values than any memory holds."""
 
     def __init__(self, path: str | Path) -> None:
         self._path = path
-        self._left = MOST_VALUES
+        self._known: dict[int, _Copy] = {}
 
-    def of(self, value: Any, depth: int) -> Any:
-        """A copy without what only a pickle has. Raises SourceError."""
+    def of(self, value: Any, depth: int = 0) -> _Copy:
+        """A copy. Raises SourceError for too many values and levels, and for a name in the place of a value."""
         if isinstance(value, _Array):
             value = value.value
-        self._left -= value.size if isinstance(value, np.ndarray) else WEIGHT
-        if self._left < 0:
-            raise SourceError(f"{self._path} holds more than {MOST_VALUES} values; split it by camera or in time")
-        if depth > DEEPEST:
-            raise SourceError(too_deep(self._path))
-        if isinstance(value, dict):
-            return {k: self.of(v, depth + 1) for k, v in value.items()}
-        if isinstance(value, list | tuple):
-            return [self.of(v, depth + 1) for v in value]
         if isinstance(value, _Name | _Kind):
             raise SourceError(f"{self._path} holds a name of numpy in the place of a value; it is damaged")
-        return value
+        if not isinstance(value, dict | list | tuple):
+            return _Copy(value, value.size if isinstance(value, np.ndarray) else WEIGHT, 0)
+        found = self._known.get(id(value))
+        if depth + (found.height if found else 0) > DEEPEST:
+            raise SourceError(too_deep(self._path))
+        if found is None:
+            parts = [self.of(v, depth + 1) for v in (value.values() if isinstance(value, dict) else value)]
+            plain = [p.value for p in parts]
+            weight = WEIGHT + sum(p.weight for p in parts)
+            if weight > MOST_VALUES:
+                raise SourceError(f"{self._path} holds more than {MOST_VALUES} values; split it by camera or in time")
+            copy = dict(zip(value, plain, strict=True)) if isinstance(value, dict) else plain
+            found = self._known[id(value)] = _Copy(copy, weight, 1 + max((p.height for p in parts), default=0))
+        return found
 
 
 def _scalar(kind: Any, data: Any) -> Any:
