@@ -1,5 +1,5 @@
-"""The command `posegaussian`: import, simulate, plan, run, status, why, verify, gc, reshard, accept, tradeoff, export,
-inspect, train, ablate, models, demo.
+"""The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, tradeoff,
+export, inspect, train, ablate, models, demo.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -19,7 +19,7 @@ from posegaussian.dags.cli.models import models
 from posegaussian.dags.cli.options import Commands, errors
 from posegaussian.dags.cli.results import export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
-from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, simulate
+from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
 from posegaussian.dags.cli.train import train
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import UserError
@@ -35,6 +35,7 @@ app = typer.Typer(
 app.add_typer(models, name="models")
 app.command("import", cls=ImportCommand)(import_capture)
 app.command()(simulate)
+app.command()(scans)
 app.command()(plan)
 app.command()(run)
 app.command()(status)

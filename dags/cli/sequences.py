@@ -1,4 +1,4 @@
-"""The commands that bring a sequence in: import, simulate, demo."""
+"""The commands that bring a sequence in: import, simulate, scans, demo."""
 
 from __future__ import annotations
 
@@ -123,6 +123,49 @@ def simulate(
     film_scene(
         open_session(config, assignments, archive), path, sequence or path.stem, console, output, threads, replace
     )
+
+
+def scans(
+    folder: Annotated[Path, typer.Argument(help="Folder of scans: a folder a scan with one OBJ file and its texture.")],
+    cameras: Annotated[int, typer.Option("--cameras", help="Source cameras around each scan.", min=2, max=64)] = 8,
+    held_out: Annotated[
+        int, typer.Option("--held-out", help="Cameras to compare with, midway between source cameras.", min=0, max=64)
+    ] = 2,
+    size: Annotated[int, typer.Option("--size", help="Side of the pictures in px.", min=64, max=4096)] = 1024,
+    height: Annotated[
+        float, typer.Option("--height", help="Metres that every scan is brought to; scans have no common scale.")
+    ] = 1.8,
+    up: Annotated[str, typer.Option("--up", help="Axis of the files that points up: x, y or z.")] = "y",
+    part: Annotated[
+        str | None, typer.Option("--part", help="Some of the scans in order of their names, as first:end.")
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option("--threads", help="Pictures at a time; default: one a core.", min=1, max=256)
+    ] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Film a folder of textured scans (THuman2.0, Twindom, RenderPeople), one sequence a scan; what is there is kept.
+
+    Example: posegaussian scans THuman2.0_Release --cameras 8 --part 426:526 --archive ./archive
+    """
+    from posegaussian.dags.simulation.scans import ScanRig, chosen, film_scans, find_scans
+
+    found = find_scans(folder)
+    some = {name: found[name] for name in chosen(list(found), part)}
+    session = open_session(config, assignments, archive)
+    failed = film_scans(session, some, ScanRig(cameras, held_out, size, height, up), console, threads)
+    say(failed)
+    console.print(
+        f"{number(len(some) - len(failed), 'scan')} in {session.archive_url}"
+        + (f", {number(len(failed), 'scan')} could not be filmed" if failed else ""),
+        markup=False,
+        soft_wrap=True,
+    )
+    console.print(f"next: posegaussian run --archive {session.archive_url}", markup=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(1)
 
 
 def demo(

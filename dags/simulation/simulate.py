@@ -108,16 +108,43 @@ def simulate(
     cameras that cannot be, NotWritten where the disk is full, and ArchiveError where the name is that of a capture from
     elsewhere, unless that is to be replaced.
     """
-    scene = read_scene(scene_path)
+    made = film_scene(
+        session,
+        read_scene(scene_path),
+        scene_path.parent,
+        name,
+        f"scene {scene_path.name}",
+        console,
+        output,
+        threads,
+        replace,
+    )
+    root = session.archive_url
+    console.print(f"next: posegaussian run --archive {root} --sequence {name}", markup=False, soft_wrap=True)
+    return made
+
+
+def film_scene(
+    session: Session,
+    scene: Scene,
+    beside: Path,
+    name: str,
+    origin: str,
+    console: Console,
+    output: Path | None = None,
+    threads: int | None = None,
+    replace: bool = False,
+) -> SequenceGroup:
+    """As `simulate`, of a scene whose paths are relative to the folder `beside` and which comes from `origin`."""
     archive = Archive.open(session.archive_url, create=True)
     archive.check_sequence_name(name)
     folder = output or archive.place(f"_captures/{name}")
     if output is None:
         refuse_links(folder)
-    staged = stage_scene(scene, scene_path.parent)
+    staged = stage_scene(scene, beside)
     staged.written.check()
     if not replace:  # refused before the work; what is to be replaced stays until the new pictures are there
-        make_room(archive, name, filmed_into(folder), f"scene {scene_path.name}", replace=False)
+        make_room(archive, name, filmed_into(folder), origin, replace=False)
     console.print(effects_plan(name, scene, staged.rulings))
     start = time.perf_counter()
     truth = film(scene, staged, folder, threads or os.cpu_count() or 1)
@@ -136,7 +163,6 @@ def simulate(
         markup=False,
         soft_wrap=True,
     )
-    console.print(f"next: posegaussian run --archive {archive.root} --sequence {name}", markup=False, soft_wrap=True)
     return made
 
 
