@@ -98,6 +98,14 @@ def export(
     frame: Annotated[
         int | None, typer.Option("--frame", help="Source frame number of the one instant of --to. Default: all.")
     ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            "--budget",
+            help="Merge the Gaussians of --splats, and of the cloud of --to, to no more than this share of a frame's"
+            " (up to 1) or this number. Default: all of them.",
+        ),
+    ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -128,6 +136,7 @@ def export(
         page,
         path,
         page_gaussians,
+        budget,
     )
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))

@@ -66,12 +66,15 @@ def check(context: Context, folder: Path, frame: int | None) -> None:
     )
 
 
-def export_layout(results: Results, name: str, folder: Path, frame: int | None) -> list[str]:
-    """Write a sequence, or one instant of it, in a layout; returns sentences. Raises UserError and NotWritten."""
+def export_layout(
+    results: Results, name: str, folder: Path, frame: int | None, budget: float | None = None
+) -> list[str]:
+    """Write a sequence, or one instant of it, in a layout, its cloud within a budget of Gaussians; returns sentences.
+    Raises UserError and NotWritten."""
     context = results.context
     frames = chosen_frames(context, frame)
     check(context, folder, frame)
-    recording = _recording(results, frames)
+    recording, lifted = _recording(results, frames, budget)
     check_undistorted(recording)
     LAYOUTS[name].write(folder, recording)
     count = write_pictures(folder, recording.rig, _pictures(results, frames))
@@ -79,6 +82,7 @@ def export_layout(results: Results, name: str, folder: Path, frame: int | None) 
         f"{name}: {number(count, 'picture')} with masks of {number(len(recording.rig), 'camera')} in {folder}, at"
         f" {_sizes(recording)} px (frames.size), without distortion; {number(len(recording.points), 'point')} of frame"
         f" {int(context.source_frames[frames[0]])}"
+        + ("" if budget is None else f", merged from {number(lifted, 'Gaussian')} (--budget {budget:g})")
     )
     still = len(frames) > 1 and LAYOUTS[name].still
     return [
@@ -87,12 +91,13 @@ def export_layout(results: Results, name: str, folder: Path, frame: int | None) 
     ]
 
 
-def _recording(results: Results, frames: list[int]) -> Recording:
+def _recording(results: Results, frames: list[int], budget: float | None) -> tuple[Recording, int]:
+    """What is written, and how many Gaussians its cloud was made of."""
     context = results.context
     views = context.active_views
     has = _filmed(context, frames)
-    points, colors = _cloud(results, frames[0])
-    return Recording(
+    points, colors, lifted = _cloud(results, frames[0], budget)
+    recording = Recording(
         context.rig.subset(views),
         float(context.capture.frame_rate),
         tuple(tuple(int(context.source_frames[f]) for f in frames if (f, v) in has) for v in views),
@@ -101,6 +106,7 @@ def _recording(results: Results, frames: list[int]) -> Recording:
         points,
         colors,
     )
+    return recording, lifted
 
 
 def _filmed(context: Context, frames: list[int]) -> set[tuple[int, int]]:
@@ -122,12 +128,13 @@ def _pictures(results: Results, frames: list[int]) -> Iterator[tuple[int, int, n
                 yield at, int(context.source_frames[f]), color, mask
 
 
-def _cloud(results: Results, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """([N, 3] metres, [N, 3] uint8 sRGB) of the Gaussians of one frame, every k-th."""
-    found = splats.frame_splats(results, frame, results.context.views.sources)
+def _cloud(results: Results, frame: int, budget: float | None) -> tuple[np.ndarray, np.ndarray, int]:
+    """([N, 3] metres, [N, 3] uint8 sRGB) of the Gaussians of one frame within a budget, every k-th; and how many there
+    were before it."""
+    found, lifted = splats.frame_splats(results, frame, results.context.views.sources, budget)
     kept = slice(None, None, max(1, -(-len(found) // MOST_POINTS)))
     color = np.rint(255 * np.clip(0.5 + SH0 * found.harmonics[kept, 0], 0, 1)).astype(np.uint8)
-    return found.mean[kept].astype(np.float64), color
+    return found.mean[kept].astype(np.float64), color, lifted
 
 
 def _sizes(recording: Recording) -> str:

@@ -51,6 +51,8 @@ class ExportOrder:
     """Camera path that the page flies along; None for the default one."""
     page_gaussians: int | None = None
     """Gaussians of a frame of the page, about, at most; None for all."""
+    budget: float | None = None
+    """Gaussians of splats and of the layout's cloud: a share of a frame's up to 1, else how many; None for all."""
 
     @classmethod
     def of(
@@ -69,6 +71,7 @@ class ExportOrder:
         page: Path | None = None,
         path: str | None = None,
         page_gaussians: int | None = None,
+        budget: float | None = None,
     ) -> ExportOrder:
         """From the command's options.
 
@@ -86,6 +89,8 @@ class ExportOrder:
             output_folder("export --output", folder)
         elif frame is not None:
             raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
+        if budget is not None:
+            exporting_splats.check_budget(budget, bool(splats or layout))
         if page_gaussians is not None and page is None:
             raise ConfigError(
                 f"export --page-gaussians {page_gaussians}: it is for --page FILE, which is not asked for"
@@ -121,6 +126,7 @@ class ExportOrder:
             page,
             path,
             page_gaussians,
+            budget,
         )
 
     @property
@@ -158,11 +164,13 @@ class ExportOrder:
         """Write everything from a finished plan; returns sentences about the files."""
         said = pictures.write_exports(plan, self.video, self.frames, self.sheet, self.alpha, self.backdrop)
         if self.splats:
-            said += exporting_splats.export_splats(Results(plan.context), self.views, self.splats, self.splats_as)
+            said += exporting_splats.export_splats(
+                Results(plan.context), self.views, self.splats, self.splats_as, self.budget
+            )
         if self.page:
             said += exporting_page.export_page(
                 Results(plan.context), self.views, self.page, self.path, self.backdrop, self.page_gaussians
             )
         if self.layout:
-            said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame)
+            said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame, self.budget)
         return said

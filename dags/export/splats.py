@@ -47,6 +47,21 @@ def chosen_files(kind: str) -> SplatFiles:
     return SPLAT_FILES[kind]
 
 
+def check_budget(budget: float, asked: bool) -> None:
+    """Raise ConfigError for a budget that says nothing, and for one of an export without Gaussians (not `asked`)."""
+    from posegaussian.stages.splatting.budget import allowed
+
+    try:
+        allowed(1, budget)
+    except ValueError as e:
+        raise ConfigError(f"export --budget {budget:g}: {e}") from None
+    if not asked:
+        raise ConfigError(
+            f"export --budget {budget:g}: it is one of Gaussians, and none are written; add --splats FOLDER or"
+            " --to LAYOUT"
+        )
+
+
 def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
     """Indices of the source views of these names; all source views without names.
     Raises ConfigError for other names."""
@@ -67,8 +82,11 @@ def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     )
 
 
-def export_splats(results: Results, names: Sequence[str], folder: Path, kind: str = "ply") -> list[str]:
-    """Write a file a frame of the Gaussians of some source views, named and written as `kind` says; returns a sentence.
+def export_splats(
+    results: Results, names: Sequence[str], folder: Path, kind: str = "ply", budget: float | None = None
+) -> list[str]:
+    """Write a file a frame of the Gaussians of some source views, named and written as `kind` says, no more of them
+    than the budget; returns a sentence.
 
     Raises UserError for a folder with splat files of something else.
     """
@@ -80,13 +98,15 @@ def export_splats(results: Results, names: Sequence[str], folder: Path, kind: st
     files = _files(context, folder, kind)
     refuse_strangers(context, folder, kind)
     write = write_spz if chosen_files(kind).spz else write_splats
-    counts = []
+    counts, lifted = [], []
     for frame, file in enumerate(files):
-        splats = frame_splats(results, frame, views)
+        splats, whole = frame_splats(results, frame, views, budget)
         write(file, splats)
         counts.append(len(splats))
+        lifted.append(whole)
     names = ", ".join(context.views.names[v] for v in views)
-    return [f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"]
+    said = f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"
+    return [said if budget is None else f"{said}; merged from {min(lifted)} to {max(lifted)} (--budget {budget:g})"]
 
 
 def _files(context: Context, folder: Path, kind: str) -> list[Path]:
@@ -105,13 +125,16 @@ def refuse_strangers(context: Context, folder: Path, kind: str = "ply") -> None:
         )
 
 
-def frame_splats(results: Results, frame: int, views: Sequence[int]) -> Splats:
-    """The Gaussians that rendering lifts from one frame of some views, view by view, as splats in the world."""
+def frame_splats(results: Results, frame: int, views: Sequence[int], budget: float | None = None) -> tuple[Splats, int]:
+    """The Gaussians that rendering lifts from one frame of some views as splats in the world: view by view, or with a
+    budget merged to no more than it; and how many were lifted."""
     import torch
 
+    from posegaussian.stages.splatting.budget import within_budget
     from posegaussian.stages.splatting.splat_scene import splats_of
 
-    return splats_of(frame_gaussians(results, frame, views, torch.float64))
+    lifted = frame_gaussians(results, frame, views, torch.float64)
+    return splats_of(lifted if budget is None else within_budget(lifted, budget)), len(lifted)
 
 
 def frame_gaussians(results: Results, frame: int, views: Sequence[int], dtype: torch.dtype) -> Gaussians:

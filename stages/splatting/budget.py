@@ -68,33 +68,36 @@ def within_budget(gaussians: Gaussians, budget: float) -> Gaussians:
     if most >= len(gaussians):
         return gaussians
     given = _Arrays(*(getattr(gaussians, n).detach().cpu().numpy().astype(np.float64) for n in _Arrays._fields))
-    given = given.drawn()
-    if len(given.mean) > most:
-        given = given.ordered()
-        size = float(np.median(np.sqrt(given.area)))
-        place = given.mean / size
-        once = clusters(
-            _bounded(np.hstack([place, TURN * given.normal])),
-            _bounded(given.opacity * given.area / size**2),
-            len(place),
-            SAME**2,
-        )
-        merged = given.merged(once)
-        if len(merged.mean) > most:
-            features = np.hstack([PLACE / size * merged.mean, TURN * merged.normal, COLOR * merged.color])
-            weights = _bounded(merged.opacity * merged.area / size**2)
-            merged = given.merged(clusters(_bounded(features), weights, most)[once])
-        given = merged
+    left = _reduced(given.drawn().ordered(), most)
     like = gaussians.mean
     bound = torch.finfo(like.dtype)
-    given = given._replace(scale=np.clip(given.scale, bound.tiny, bound.max))
-    return Gaussians(*(torch.from_numpy(np.ascontiguousarray(a)).to(like.device, like.dtype) for a in given))
+    left = left._replace(scale=np.clip(left.scale, bound.tiny, bound.max))
+    return Gaussians(*(torch.from_numpy(np.ascontiguousarray(a)).to(like.device, like.dtype) for a in left))
 
 
-def _bounded(values: np.ndarray) -> np.ndarray:
-    """Finite values within `FAR`; weights stay above 0."""
-    small = np.where(values > 0, np.maximum(values, 1 / FAR), values)
-    return np.clip(small, -FAR, FAR)
+def _reduced(given: _Arrays, most: int) -> _Arrays:
+    """At most so many; the given ones are in an order of their own."""
+    if len(given.mean) <= most:
+        return given
+    size = float(np.median(np.sqrt(given.area)))
+    features = np.hstack([given.mean / size, TURN * given.normal])
+    once = clusters(_bounded(features), _weights(given, size), len(features), SAME**2)
+    merged = given.merged(once)
+    if len(merged.mean) <= most:
+        return merged
+    features = np.hstack([PLACE / size * merged.mean, TURN * merged.normal, COLOR * merged.color])
+    # moments are taken of the given ones again, whose colours and sizes still have their own weights
+    return given.merged(clusters(_bounded(features), _weights(merged, size), most)[once])
+
+
+def _weights(given: _Arrays, size: float) -> np.ndarray:
+    """[N] opaque areas in those of the median Gaussian, above 0: what they count in a picture."""
+    return np.clip(given.opacity * given.area / size**2, 1 / FAR, FAR)
+
+
+def _bounded(features: np.ndarray) -> np.ndarray:
+    """Features within `FAR`."""
+    return np.clip(features, -FAR, FAR)
 
 
 class _Arrays(NamedTuple):
@@ -128,7 +131,7 @@ class _Arrays(NamedTuple):
 
     def ordered(self) -> _Arrays:
         """The same in an order that follows from their values."""
-        table = np.hstack([a.reshape(len(a), -1) for a in self])
+        table = np.hstack([a.reshape(len(a), int(np.prod(a.shape[1:]))) for a in self])
         return self.at(np.lexsort(table.T[::-1]))
 
     def merged(self, labels: np.ndarray) -> _Arrays:

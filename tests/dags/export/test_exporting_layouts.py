@@ -90,9 +90,12 @@ def test_the_command_makes_again_what_was_dropped_and_writes_it(made: Pipeline, 
     own.run()
     with pytest.raises(ShardMissing, match="was dropped to save space"):
         Results(own.context()).read("frames/color", range(1), 0)
-    done = posegaussian("export", NAME, "--to", "nerfstudio", "--frame", "1", *own.options, cwd=tmp_path)
+    done = posegaussian(
+        "export", NAME, "--to", "nerfstudio", "--frame", "1", "--budget", "60", *own.options, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert "nerfstudio: 4 pictures with masks of 4 cameras" in done.stdout
+    assert "60 points of frame 1, merged from" in done.stdout
     assert find_capture("nerfstudio", tmp_path / f"{NAME}-nerfstudio", {}).numbers.tolist() == [1]
     shown = posegaussian("export", NAME, "--to", "blender", *own.options, cwd=tmp_path)
     assert_says(shown, "unknown layout; known are colmap, nerfstudio, easymocap, images")

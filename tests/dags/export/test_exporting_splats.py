@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from posegaussian.dags.export.request import ExportOrder
 from posegaussian.dags.export.splats import chosen_views, export_splats, needed
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
@@ -76,6 +77,34 @@ def test_names_and_kinds_of_files(made: Pipeline, tmp_path: Path) -> None:
         export_splats(results, (), tmp_path / "spz", "sequence")
     with pytest.raises(ConfigError, match="--splats-as splat: unknown; known are ply, spz, sequence"):
         export_splats(results, (), tmp_path / "other", "splat")
+
+
+def test_a_budget_leaves_no_more_and_says_of_how_many(made: Pipeline, tmp_path: Path) -> None:
+    results = Results(made.context())
+    export_splats(results, (), tmp_path / "all")
+    said = export_splats(results, (), tmp_path / "tenth", budget=0.1)
+    export_splats(results, (), tmp_path / "count", budget=150)
+    export_splats(results, (), tmp_path / "whole", budget=1)
+    lifted = []
+    for name in ("000001.ply", "000002.ply"):
+        full, tenth, count = (read_splats(tmp_path / f / name).splats for f in ("all", "tenth", "count"))
+        assert 0.05 * len(full) < len(tenth) <= 0.1 * len(full)
+        assert len(count) == 150
+        assert np.abs(tenth.mean.mean(axis=0) - full.mean.mean(axis=0)).max() < 0.1
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
+        lifted.append(len(full))
+    assert f"merged from {min(lifted)} to {max(lifted)} (--budget 0.1)" in said[0]
+
+
+def test_budgets_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    def order(budget: float, splats: Path | None) -> ExportOrder:
+        return ExportOrder.of(tmp_path / "a.mp4", None, None, splats, (), False, "none", budget=budget)
+
+    assert order(0.1, tmp_path / "out").budget == 0.1
+    with pytest.raises(ConfigError, match=r"--budget 1\.5: .* a share above 0 and up to 1, or a whole number"):
+        order(1.5, tmp_path / "out")
+    with pytest.raises(ConfigError, match=r"--budget 0\.1: .* add --splats FOLDER or --to LAYOUT"):
+        order(0.1, None)
 
 
 def test_gsply_reads_both_kinds(made: Pipeline, tmp_path: Path) -> None:
