@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 from rich.markup import escape
@@ -32,6 +34,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
 )
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"posegaussian {version('posegaussian')}")
+        raise typer.Exit
+
+
+@app.callback()
+def before_every_command(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    """What may stand before a command's name."""
+
+
 app.add_typer(models, name="models")
 app.command("import", cls=ImportCommand)(import_capture)
 app.command()(simulate)

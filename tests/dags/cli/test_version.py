@@ -1,0 +1,20 @@
+"""`posegaussian --version`, and what else stands before the name of a command."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from typer.testing import CliRunner
+
+from posegaussian.dags.cli.app import app
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    done = CliRunner().invoke(app, ["--version"])
+    assert (done.exit_code, done.output) == (0, f"posegaussian {version('posegaussian')}\n")
+
+
+def test_the_help_names_it_and_says_what_this_is_for() -> None:
+    done = CliRunner().invoke(app, ["--help"])
+    assert "--version" in done.output
+    assert "novel views" in done.output
