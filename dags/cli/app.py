@@ -1,5 +1,5 @@
 """The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, tradeoff,
-export, inspect, train, ablate, models, demo.
+export, inspect, train, ablate, models, demo, doctor.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from posegaussian.dags.cli.ablate import ablate
+from posegaussian.dags.cli.doctor import doctor
 from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
 from posegaussian.dags.cli.models import models
@@ -69,6 +70,7 @@ app.command()(inspect)
 app.command()(train)
 app.command()(ablate)
 app.command()(demo)
+app.command()(doctor)
 
 
 def main() -> None:
