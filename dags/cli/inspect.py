@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, console, open_session
+from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, console, open_session, say
 from posegaussian.dags.export.output_paths import output_folder
+from posegaussian.dags.humanize.text import next_command
 
 
 def inspect(
@@ -34,4 +35,7 @@ def inspect(
     name = session.one_name(sequence)
     # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
     context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
-    raise typer.Exit(run_inspection(context, console, output))
+    bad = run_inspection(context, console, output)
+    if not bad:
+        say([next_command("run", "--sequence", name, *session.options)])
+    raise typer.Exit(bad)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from posegaussian.dags.cli.options import say
+from posegaussian.dags.humanize.text import next_command
 
 models = typer.Typer(no_args_is_help=True, help="List, fetch or add other people's models, such as the pose estimator.")
 
@@ -31,7 +32,7 @@ def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
     """
     from posegaussian.dags.assets.downloads import fetch as bring
 
-    say(bring(name))
+    say([*bring(name), next_command("import", "auto", "FOLDER")])
 
 
 @models.command()

@@ -27,7 +27,9 @@ from posegaussian.dags.cli.options import (
     voice,
 )
 from posegaussian.dags.diagnostics import held_out, tables
+from posegaussian.dags.diagnostics.run_summary import results_and_next
 from posegaussian.dags.export.output_paths import output_file
+from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.storage.model.errors import ConfigError
@@ -85,7 +87,14 @@ def plan(
     say(session.thrown_away(plans), "yellow")
     failed += session.refusals(plans)
     say(failed, "red")
-    raise typer.Exit(2 if failed else 0)
+    if failed:
+        raise typer.Exit(2)
+    if all(p.all_fresh for p in plans):
+        say(results_and_next(plans, session.options))
+    else:
+        chosen = {"--sequence": sequence, "--only": only, "--from": [start] if start else None, "--force": force}
+        words = [w for option, given in {**chosen, "--path": path}.items() for v in given or () for w in (option, v)]
+        say([next_command("run", *words, *session.options)])
 
 
 def run(

@@ -20,7 +20,7 @@ from posegaussian.dags.cli.options import (
     say,
 )
 from posegaussian.dags.export.output_paths import output_folder
-from posegaussian.dags.humanize.text import number
+from posegaussian.dags.humanize.text import next_command, number
 from posegaussian.dags.simulation.shipped import shipped_scenes
 
 
@@ -83,6 +83,8 @@ def import_capture(
         markup=False,
         soft_wrap=True,
     )
+    say([next_command("inspect", made.name, *session.options)])
+    say([next_command("run", "--sequence", made.name, *session.options, lead="then")])
 
 
 def simulate(
@@ -163,7 +165,7 @@ def scans(
         markup=False,
         soft_wrap=True,
     )
-    console.print(f"next: posegaussian run --archive {session.archive_url}", markup=False, soft_wrap=True)
+    console.print(next_command("run", "--archive", session.archive_url), markup=False, soft_wrap=True)
     if failed:
         raise typer.Exit(1)
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from posegaussian.dags.humanize.text import number
+from posegaussian.dags.humanize.text import next_command, number
 from posegaussian.dags.planning.plan import Plan
 
 MOST = 3
@@ -21,7 +20,7 @@ def results_and_next(plans: Sequence[Plan], options: Sequence[str]) -> list[str]
     if len(done) > MOST:
         said.append(f"... and of {number(len(done) - MOST, 'more sequence')} alike")
     if done and done[0].context.paths:
-        said.append(f"next: {_export_command(done[0], options)}")
+        said.append(_export_command(done[0], options))
     return said
 
 
@@ -37,10 +36,10 @@ def _results(plan: Plan) -> Iterator[str]:
 
 
 def _export_command(plan: Plan, options: Sequence[str]) -> str:
-    """The command that makes a video and a contact sheet of what was rendered."""
+    """The line with the command that makes a video and a contact sheet of what was rendered."""
     context = plan.context
     name = context.sequence.name
-    words = ["posegaussian", "export", name, *options]
+    words = ["export", name, *options]
     if context.asked_for:
         words += ["--path", context.path_texts[0]]
-    return shlex.join([*words, "--video", f"{name}.mp4", "--sheet", f"{name}.png"])
+    return next_command(*words, "--video", f"{name}.mp4", "--sheet", f"{name}.png")

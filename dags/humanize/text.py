@@ -1,7 +1,8 @@
-"""How numbers of things are said, and how much a command says."""
+"""How numbers of things and the next command are said, and how much a command says."""
 
 from __future__ import annotations
 
+import shlex
 from enum import IntEnum
 
 
@@ -19,6 +20,11 @@ class Voice(IntEnum):
 def number(count: int, noun: str) -> str:
     """`1 frame`, `3 frames`; `1 CPU worker`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def next_command(*words: str, lead: str = "next") -> str:
+    """The last line of a command: what to type next, quoted where a shell wants it."""
+    return f"{lead}: {shlex.join(['posegaussian', *words])}"
 
 
 def gigabytes(count: float) -> str:

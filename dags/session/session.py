@@ -96,7 +96,8 @@ class Session:
         known = self.archive.names()
         if not known:
             raise ArchiveError(
-                f"archive {self.archive.root} has no sequence yet; `posegaussian import LAYOUT FOLDER` registers one"
+                f"archive {self.archive.root} has no sequence yet; `posegaussian import auto FOLDER` registers a"
+                " capture, `posegaussian simulate plain` films a simulated person; `--archive URL` names another"
             )
         for g in globs:
             if not fnmatch.filter(known, g):

@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from posegaussian.dags.export.pictures import write_exports
+from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
@@ -72,6 +73,7 @@ def run_demo(output: Path, size: int, frames: int, scheduler: str | None, consol
             console.print(f"metrics: {plan.context.sequence.root / 'metrics' / name}", markup=False, soft_wrap=True)
             console.print(summary(Results(plan.context).table("metrics/{path}", name)), markup=False)
     console.print(f"the whole demo took {time.perf_counter() - start:.0f} s", markup=False)
+    console.print(f"{next_command('import', 'auto', 'FOLDER')}, the folder of a capture of your own", markup=False)
     return 0
 
 

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from posegaussian.dags.config.faults import dotted, faults_of, unknown_key
 from posegaussian.dags.config.yaml_source import Document, Location, load
+from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.importing.replace import filmed_into, make_room
 from posegaussian.dags.session.session import Session
@@ -119,8 +120,9 @@ def simulate(
         threads,
         replace,
     )
-    root = session.archive_url
-    console.print(f"next: posegaussian run --archive {root} --sequence {name}", markup=False, soft_wrap=True)
+    console.print(
+        next_command("run", "--archive", session.archive_url, "--sequence", name), markup=False, soft_wrap=True
+    )
     return made
 
 

@@ -151,7 +151,8 @@ class Archive:
             make_folder(root)
         if not root.is_dir():
             raise ArchiveError(
-                f"there is no archive at {root}; `posegaussian import` makes one, `--archive URL` names another"
+                f"there is no archive at {root}; `posegaussian import auto FOLDER` makes one of a capture,"
+                " `posegaussian simulate plain` of a simulated person; `--archive URL` names another"
             )
         _finish_reshards(root)
         return cls(root)

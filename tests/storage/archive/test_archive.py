@@ -240,7 +240,9 @@ def test_an_unknown_sequence_lists_the_known_ones(tmp_path: Path) -> None:
 
 
 def test_a_missing_archive_says_how_to_make_one(tmp_path: Path) -> None:
-    with pytest.raises(ArchiveError, match=r"there is no archive at .*nowhere; `posegaussian import` makes one"):
+    with pytest.raises(
+        ArchiveError, match=r"there is no archive at .*nowhere; `posegaussian import auto FOLDER` makes one"
+    ):
         Archive.open(str(tmp_path / "nowhere"))
     assert Archive.open(str(tmp_path / "new"), create=True).names() == []
 
