@@ -1,5 +1,5 @@
 """The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, tradeoff,
-export, inspect, train, ablate, models, demo, doctor.
+export, inspect, train, ablate, models, demo, doctor, config.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from posegaussian.dags.cli.ablate import ablate
+from posegaussian.dags.cli.config import config
 from posegaussian.dags.cli.doctor import doctor
 from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
@@ -30,7 +31,7 @@ from posegaussian.storage.model.errors import UserError
 app = typer.Typer(
     cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="Turn multi-view video of people into novel views: an incremental batch pipeline over chunked archives.",
@@ -70,6 +71,7 @@ app.command()(inspect)
 app.command()(train)
 app.command()(ablate)
 app.command()(demo)
+app.command()(config)
 app.command()(doctor)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
+import pytest
 from typer.testing import CliRunner
 
 from posegaussian.dags.cli.app import app
@@ -18,3 +19,12 @@ def test_the_help_names_it_and_says_what_this_is_for() -> None:
     done = CliRunner().invoke(app, ["--help"])
     assert "--version" in done.output
     assert "novel views" in done.output
+
+
+def test_a_shell_completes_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("COMP_WORDS", "posegaussian exp"), ("COMP_CWORD", "1")):
+        monkeypatch.setenv(name, value)
+    done = CliRunner().invoke(
+        app, prog_name="posegaussian", env={"_POSEGAUSSIAN_COMPLETE": "complete_bash"}, standalone_mode=True
+    )
+    assert done.output.split() == ["export"]
