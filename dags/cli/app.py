@@ -1,5 +1,5 @@
 """The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, tradeoff,
-export, inspect, train, ablate, models, demo, doctor, config, init.
+export, inspect, train, ablate, models, demo, doctor, config, init, report.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -22,6 +22,7 @@ from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
 from posegaussian.dags.cli.models import models
 from posegaussian.dags.cli.options import Commands, errors
+from posegaussian.dags.cli.report import report
 from posegaussian.dags.cli.results import export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
 from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
@@ -69,6 +70,7 @@ app.command()(accept)
 app.command()(tradeoff)
 app.command()(export)
 app.command()(inspect)
+app.command()(report)
 app.command()(train)
 app.command()(ablate)
 app.command()(demo)

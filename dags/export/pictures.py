@@ -91,7 +91,7 @@ SHEET_FRAMES, SHEET_VIEWS, SHEET_MOMENTS = 3, 4, 6
 """Frames of a contact sheet, source views and novel views of each, and frames of a path that has one camera only."""
 
 
-def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
+def spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
     """At most `most` of some items, evenly spread, first and last among them."""
     return (
         [int(items[i]) for i in np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))]
@@ -102,7 +102,7 @@ def _spread(items: Sequence[int] | np.ndarray, most: int) -> list[int]:
 
 def _novel_frames(context: Context, path: CameraPath) -> list[int]:
     """Frames whose novel views a contact sheet shows."""
-    return _spread(range(len(context.source_frames)), SHEET_FRAMES if len(path.names) > 1 else SHEET_MOMENTS)
+    return spread(range(len(context.source_frames)), SHEET_FRAMES if len(path.names) > 1 else SHEET_MOMENTS)
 
 
 def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
@@ -117,38 +117,45 @@ def needed(context: Context, pictures: bool, sheet: bool) -> frozenset[Product]:
 
 def _needed_by_sheet(context: Context) -> set[Product]:
     length, found = context.grid.length, set()
-    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
-        views = _spread(context.views.sources, SHEET_VIEWS)
+    for frame in spread(range(len(context.source_frames)), SHEET_FRAMES):
+        views = spread(context.views.sources, SHEET_VIEWS)
         shown = ("pose/joints2d", "frames/color", "frames/mask", depth_array(context.facts))
         found |= {Product(a, frame // length, v) for a in shown for v in views}
     for name, path in context.paths.items():
         for frame in _novel_frames(context, path):
             found.add(Product(f"rendering/{name}/color", frame // length, None))
             if path.kind == "held_out":
-                cameras = _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)
+                cameras = spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS)
                 views = [context.rig.index(path.names[c]) for c in cameras]
                 found |= {Product(a, frame // length, v) for a in ("frames/color", "frames/mask") for v in views}
     return found
 
 
 def export_sheet(results: Results, path: CameraPath, file: Path) -> None:
-    """Write a contact sheet: novel views large, below them a strip of sources a frame: picture, mask, joints, depth."""
-    from posegaussian.storage.exporters.contact_sheet import Sheet, write_sheet
+    """Write a contact sheet."""
+    from posegaussian.storage.exporters.contact_sheet import write_sheet
+
+    write_sheet(file, filled_sheet(results, path))
+
+
+def filled_sheet(results: Results, path: CameraPath) -> Sheet:
+    """A contact sheet: novel views large, below them a strip of sources a frame: picture, mask, joints, depth."""
+    from posegaussian.storage.exporters.contact_sheet import Sheet
 
     context = results.context
     sheet = Sheet(context.joint_set)
     sheet.begin()
     for frame in _novel_frames(context, path):
         color = results.read(f"rendering/{path.name}/color", range(frame, frame + 1))[0]
-        for c in _spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS):
+        for c in spread(np.flatnonzero(path.served[frame]), SHEET_VIEWS):
             w, h = path.size[c]
-            truth = _truth(results, path, c, range(frame, frame + 1))
+            truth = held_out_picture(results, path, c, range(frame, frame + 1))
             sheet.add_novel(f"{path.names[c]} frame {context.source_frames[frame]}", color[c, :h, :w], truth)
-    for frame in _spread(range(len(context.source_frames)), SHEET_FRAMES):
+    for frame in spread(range(len(context.source_frames)), SHEET_FRAMES):
         sheet.begin()
-        for view in _spread(context.views.sources, SHEET_VIEWS):
+        for view in spread(context.views.sources, SHEET_VIEWS):
             _add_source(sheet, results, frame, view)
-    write_sheet(file, sheet)
+    return sheet
 
 
 def _add_source(sheet: Sheet, results: Results, frame: int, view: int) -> None:
@@ -164,7 +171,7 @@ def _add_source(sheet: Sheet, results: Results, frame: int, view: int) -> None:
     )
 
 
-def _truth(results: Results, path: CameraPath, camera: int, frame: range) -> np.ndarray | None:
+def held_out_picture(results: Results, path: CameraPath, camera: int, frame: range) -> np.ndarray | None:
     """[h, w, 3] the held-out picture over black that a rendered one is compared with, or None."""
     if path.kind != "held_out":
         return None

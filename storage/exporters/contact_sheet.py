@@ -142,29 +142,28 @@ def _cell(caption: str, picture: np.ndarray, height: int) -> np.ndarray:
 
 
 def write_sheet(path: Path, sheet: Sheet) -> None:
-    """Write the sheet as PNG: strips fill lines of WIDTH px, every section starts on a new line."""
+    """Write the sheet as PNG."""
     from posegaussian.storage.readers.images import write_png
 
+    write_png(path, drawn(sheet))
+
+
+def drawn(sheet: Sheet) -> np.ndarray:
+    """[h, w, 3] uint8 picture of a sheet: strips fill lines of WIDTH px, every section starts on a new line."""
     lines: list[list[np.ndarray]] = []
     for section in sheet.sections:
         lines.append([])
         for height, strip in section:
-            drawn = np.concatenate(
+            cells = np.concatenate(
                 [c for caption, p in strip for c in (_cell(caption, p, height), _gap(height, 6))], axis=1
             )
-            if lines[-1] and sum(s.shape[1] for s in lines[-1]) + drawn.shape[1] > WIDTH:
+            if lines[-1] and sum(s.shape[1] for s in lines[-1]) + cells.shape[1] > WIDTH:
                 lines.append([])
-            lines[-1] += [drawn, _gap(height, 14)]
+            lines[-1] += [cells, _gap(height, 14)]
     drawn_lines = [np.concatenate(line, axis=1) for line in lines if line]
     width = max(line.shape[1] for line in drawn_lines)
-    write_png(
-        path,
-        np.concatenate(
-            [
-                np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND)
-                for line in drawn_lines
-            ]
-        ),
+    return np.concatenate(
+        [np.pad(line, ((0, 8), (0, width - line.shape[1]), (0, 0)), constant_values=BACKGROUND) for line in drawn_lines]
     )
 
 

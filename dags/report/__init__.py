@@ -1,0 +1,1 @@
+"""The page of an archive: every sequence, what became of it, and what to do next."""
