@@ -160,7 +160,7 @@ def _nothing_weighed(evidence: Evidence) -> str | None:
 def _views_doubt(evidence: Evidence, bound: float) -> Decision | None:
     if SCORES not in evidence.noted:
         return None
-    scores = evidence.noted[SCORES][list(evidence.sources)]
+    scores = evidence.noted[SCORES]  # of the source views alone
     doubt = float(np.mean(scores.max(axis=0) - scores.min(axis=0)))
     told = f"source views differ by {doubt:.2f} in how sure they are of a joint"
     if doubt <= bound:

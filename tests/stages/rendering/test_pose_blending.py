@@ -61,7 +61,7 @@ def decision(scores: np.ndarray, gain: float | None) -> Any:
         drawn[:, :, 0] = 25.0
         drawn[:, 1, 0] += gain
         noted[POSE] = drawn
-    evidence = SimpleNamespace(noted=noted, sources=(0, 1, 2), facts={JOINTS2D, GIVEN_MATTE})
+    evidence = SimpleNamespace(noted=noted, sources=(0, 2, 3), facts={JOINTS2D, GIVEN_MATTE})
     return POSE_BLENDING.decide(evidence, POSE_BLENDING.threshold)  # type: ignore[arg-type]
 
 
