@@ -60,6 +60,13 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
 
 
+def raw_centre(camera: RawCamera) -> np.ndarray:
+    """[3] a camera's place in the world, in the unit of its translation; not finite where its numbers are not."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        turn = rotation_matrix(camera.rotation) if camera.rotation.size == 3 else camera.rotation
+        return np.asarray(-turn.T @ camera.translation)
+
+
 def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], half: bool) -> Rig:
     """The checked rig of cameras in the integer-centre convention, or in ours with `half`.
 

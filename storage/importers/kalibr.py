@@ -7,13 +7,12 @@ aslam_offline_calibration/kalibr/python/kalibr_common/ConfigReader.py.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, begins
+from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, begins, fixed
 from posegaussian.storage.importers.cameras import RawCamera, numbers
 from posegaussian.storage.importers.common import natural
 from posegaussian.storage.model.documents import shortened
@@ -44,12 +43,8 @@ def read(path: Path) -> Calibration:
             pose = step @ pose
             if not (np.abs(pose) < LARGEST).all():
                 raise CalibrationError(f"camera {name}: the chain leads {np.abs(pose).max():g} m away")
-        cameras[name] = partial(_sized, _camera(name, given, pose, path))
+        cameras[name] = fixed(_camera(name, given, pose, path))
     return Calibration(cameras, "world to camera, each from the one before", False, 1.0)
-
-
-def _sized(camera: RawCamera, size: tuple[int, int]) -> RawCamera:
-    return camera
 
 
 def _of(given: dict[str, Any], key: str, name: str, path: Path) -> Any:

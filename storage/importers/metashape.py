@@ -9,12 +9,11 @@ manual, appendix D, and its export of cameras.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, Sized, begins
+from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, Sized, begins, fixed
 from posegaussian.storage.importers.cameras import RawCamera, numbers
 from posegaussian.storage.model.documents import read_xml, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -47,7 +46,7 @@ def read(path: Path) -> Calibration:
         if sensor is None:
             raise CalibrationError(f"calibration {path}: camera {name} has no sensor")
         used.add(camera.get("component_id", ""))
-        cameras[name] = partial(_sized, _camera(name, sensor, pose))
+        cameras[name] = fixed(_camera(name, sensor, pose))
     if not cameras:
         raise CalibrationError(f"calibration {path} has no camera with a transform; align the cameras and export again")
     if len(used) > 1:
@@ -56,10 +55,6 @@ def read(path: Path) -> Calibration:
             " them in one"
         )
     return Calibration(cameras, "camera to world", True, scales.get(used.pop()))
-
-
-def _sized(camera: RawCamera, size: tuple[int, int]) -> RawCamera:
-    return camera
 
 
 def _camera(name: str, sensor: ElementTree.Element, pose: str) -> RawCamera:

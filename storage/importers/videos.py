@@ -1,6 +1,6 @@
 """Videos or folders of pictures of one's own, with a calibration that another program wrote.
 
-`NAME.mp4`, `videos/NAME.mp4` or `images/NAME/000000.jpg` and one calibration file, recognised by its content: the
+`NAME.mp4`, `videos/NAME.mp4` or `images/NAME/000000.jpg` and a calibration, recognised by its content: the
 formats of `calibration_formats.py`. A camera's name in it is that of its video or folder.
 """
 
@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from posegaussian.storage.importers.calibration_format import CalibrationFormat
+from posegaussian.storage.importers.calibration_format import CalibrationFormat, read_together
 from posegaussian.storage.importers.calibration_formats import FORMATS
-from posegaussian.storage.importers.cameras import build_rig, check_principal_point, rig_notes
+from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre, rig_notes
 from posegaussian.storage.importers.common import (
     chosen,
     folder,
@@ -26,7 +26,6 @@ from posegaussian.storage.importers.common import (
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
-from posegaussian.storage.model.cameras import camera_centre
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
@@ -35,14 +34,15 @@ from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 class VideosOptions(UnitOptions):
     """Which calibration, where it is not the only one in the folder."""
 
-    calibration: str | None = Field(None, description="Calibration file, of any format that is read.")
+    calibration: str | None = Field(None, description="Calibration file, or the folder of one file a camera.")
 
 
 def find(source: Path, options: VideosOptions) -> Capture:
     """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
     base = folder(source)
-    path, form = _calibration(base, options.calibration)
-    calibration = form.read(path)
+    paths, form = _calibration(base, options.calibration)
+    calibration = read_together(paths, form)
+    path = paths[0] if len(paths) == 1 else paths[0].parent
     files = _files(base)
     if not files:
         raise SourceError(f"no NAME.mp4, videos/NAME.mp4 or images/NAME/000000.jpg in {base}")
@@ -58,8 +58,7 @@ def find(source: Path, options: VideosOptions) -> Capture:
     for camera, stream in zip(cameras, pictures, strict=True):
         if camera.size is None or tuple(camera.size) == tuple(stream.size):
             check_principal_point(f"camera {camera.name}", camera.intrinsics, stream.size)
-    with np.errstate(over="ignore", invalid="ignore"):
-        centres = np.array([camera_centre(np.column_stack([c.rotation, c.translation])) for c in cameras])
+    centres = np.array([raw_centre(c) for c in cameras])
     said = options.scale is None and options.distance is None and calibration.metres is not None
     chosen_unit = options.model_copy(update={"scale": calibration.metres}) if said else options
     if said and not 0 < (calibration.metres or 0) <= 1e6:
@@ -79,9 +78,9 @@ def find(source: Path, options: VideosOptions) -> Capture:
         tuple(pictures),
         masks=masks,
         notes=(
-            f"calibration: {path.name}, {form.name}",
+            f"calibration: {', '.join(p.name for p in paths)}, {form.name}",
             *(f"{n} has no calibration in {path.name} and is left out" for n in unknown),
-            f"unit: {scale:g} m, as the file says" if said else unit,
+            f"unit: {scale:g} m, {calibration.unit_from}" if said else unit,
             *facing,
             *notes,
             *picture_gaps(names, pictures),
@@ -91,18 +90,19 @@ def find(source: Path, options: VideosOptions) -> Capture:
     )
 
 
-def _calibration(base: Path, given: str | None) -> tuple[Path, CalibrationFormat]:
-    """The one file, and its format. Raises CalibrationError."""
+def _calibration(base: Path, given: str | None) -> tuple[list[Path], CalibrationFormat]:
+    """The one file, or one file a camera, and their format. Raises CalibrationError."""
     known = ", ".join(f.name for f in FORMATS)
     path = chosen(base, given, "calibration")
-    found = [(p, f) for p in ([path] if path else _in(base)) for f in FORMATS if f.fits(p)]
-    if len(found) == 1:
-        return found[0]
-    if path is not None:
+    among = _in(path or base) if path is None or path.is_dir() else [path]
+    found = [(p, f) for p in among for f in FORMATS if f.fits(p)]
+    if len(found) == 1 or (found and found[0][1].alone and len({f.name for _, f in found}) == 1):
+        return [p for p, _ in found], found[0][1]
+    if path is not None and not found:
         raise CalibrationError(f"calibration {path} is of no format that is read: {known}")
     several = ", ".join(p.name for p, _ in found)
     raise CalibrationError(
-        f"{base} holds {len(found)} calibrations{f' ({several})' if found else ''}; name one with --option"
+        f"{path or base} holds {len(found)} calibrations{f' ({several})' if found else ''}; name one with --option"
         f" calibration=FILE. Read are {known}"
     )
 
@@ -120,13 +120,13 @@ def _files(base: Path) -> dict[str, Files]:
 
 IMPORTER = Importer(
     "videos",
-    "Videos or pictures of one's own with a calibration of Kalibr, Metashape or RealityCapture.",
+    "Videos or pictures of one's own with a calibration of another program.",
     VideosOptions,
     find,
     (
         Trait(
-            "a calibration of Kalibr, Metashape or RealityCapture",
-            lambda base: any(f.fits(p) for p in _in(base) for f in FORMATS),
+            f"a calibration: {', '.join(f.name for f in FORMATS)}",
+            lambda base: any(f.fits(p) and not f.left(p) for p in _in(base) for f in FORMATS),
         ),
         Trait("NAME.mp4, videos/NAME.mp4 or images/NAME", lambda base: or_broken(lambda: _files(base))),
     ),

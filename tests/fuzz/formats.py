@@ -17,6 +17,7 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.capture import PER_VIEW, Capture
 from posegaussian.storage.readers.sources import open_source
 from tests.fuzz import captures, models
+from tests.storage.importers import test_opencv_storage
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -205,6 +206,8 @@ def capture_formats() -> list[Format]:
                 ("camchain.yaml", "yaml", captures.test_videos.kalibr),
                 ("cameras.xml", "xml", captures.test_videos.metashape),
                 ("cameras.csv", "table", captures.test_videos.realitycapture),
+                ("rig.yml", "yaml", test_opencv_storage.one_file),
+                ("rig.json", "json", test_opencv_storage.listed),
             )
         ),
         Format("images: cameras.json", captures.images, "cameras.json", "json", images),
