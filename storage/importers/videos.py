@@ -125,7 +125,7 @@ IMPORTER = Importer(
     find,
     (
         Trait(
-            f"a calibration: {', '.join(f.name for f in FORMATS)}",
+            f"calibration of {', '.join(f.name for f in FORMATS)}",
             lambda base: any(f.fits(p) and not f.left(p) for p in _in(base) for f in FORMATS),
         ),
         Trait("NAME.mp4, videos/NAME.mp4 or images/NAME", lambda base: or_broken(lambda: _files(base))),
