@@ -50,6 +50,14 @@ def numbers(value: Any, camera: str, label: str, shapes: Sequence[tuple[int, ...
     )
 
 
+def whole_size(value: Any, camera: str) -> tuple[int, int]:
+    """(width, height) px of two whole numbers; plausible ones are checked later. Raises CalibrationError."""
+    size = numbers(value, camera, "picture size", [(2,)])
+    if not (np.isfinite(size).all() and (size == np.round(size)).all() and (np.abs(size) < 2**31).all()):
+        raise CalibrationError(f"camera {camera}: picture size {size.tolist()} px must be two whole numbers")
+    return int(size[0]), int(size[1])
+
+
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     """[3, 3] of a Rodrigues vector [3]: exp of its cross-product matrix (Rodrigues' formula)."""
     angle = float(np.linalg.norm(vector))

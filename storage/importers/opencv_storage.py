@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, begins, fixed
-from posegaussian.storage.importers.cameras import RawCamera, numbers, rotation_matrix
+from posegaussian.storage.importers.cameras import RawCamera, numbers, rotation_matrix, whole_size
 from posegaussian.storage.importers.easymocap import read_opencv_yaml
 from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -112,10 +112,7 @@ def _size(given: Mapping[str, Any], name: str) -> tuple[int, int] | None:
         value = [given["image_width"], given["image_height"]]
     else:
         return None
-    size = numbers(value, name, "picture size", [(2,)])
-    if not (np.isfinite(size).all() and (size == np.round(size)).all() and (np.abs(size) < 2**31).all()):
-        raise CalibrationError(f"camera {name}: picture size {size.tolist()} px must be two whole numbers")
-    return int(size[0]), int(size[1])
+    return whole_size(value, name)
 
 
 def _fits(path: Path) -> bool:
