@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +33,7 @@ from posegaussian.dags.export.output_paths import output_file
 from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.report import after_run
 from posegaussian.storage.model.errors import ConfigError
 
 
@@ -116,10 +118,13 @@ def run(
     Example: posegaussian run --sequence balance
     """
     session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
+    after_run.check(session)
     selection = selected(only, start, force)
     plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
     session.say(failed, "red")
-    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True))
+    raise typer.Exit(
+        session.run_and_report(plans, selection, failed, say_next=True, closing=partial(after_run.tell, session))
+    )
 
 
 def status(

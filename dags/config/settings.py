@@ -108,6 +108,18 @@ class RunSettings(Params):
         "everything",
         "Whether arrays that no task needs any more stay, or are dropped as they are declared. Cannot change a result.",
     )
+    report: str = setting(
+        "auto",
+        "Page that a run writes of its archive at its end: auto: report.html in the archive's folder, after runs of ten"
+        " times what it takes; off: none; or an .html file of your own, after every run that did something.",
+    )
+
+    @field_validator("report", mode="before")
+    @classmethod
+    def _a_page(cls, value: Any) -> Any:
+        if value not in ("auto", "off") and not str(value).lower().endswith((".html", ".htm")):
+            raise ValueError(f"auto, off or the name of an .html file is expected, got {value!r}")
+        return value
 
     @field_validator("keep_variants", mode="before")
     @classmethod

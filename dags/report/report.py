@@ -14,17 +14,25 @@ from posegaussian.dags.session.session import Session
 from posegaussian.storage.files.write import write_atomically
 
 
-@one_moment()
 def write_report(session: Session, globs: Sequence[str], file: Path) -> list[str]:
     """Write the page of some sequences, all without globs; returns sentences: where it lies, its size, what next.
+
+    Raises ArchiveError when a glob matches none.
+    """
+    said, commands = written(session, globs, file)
+    following = commands[0] if commands else f"open {file} in a browser; it can be sent as it is"
+    return [said, f"next: {following}"]
+
+
+@one_moment()
+def written(session: Session, globs: Sequence[str], file: Path) -> tuple[str, list[str]]:
+    """Write the page of some sequences, all without globs; returns where it lies, and the commands that do again what
+    failed.
 
     Raises ArchiveError when a glob matches none.
     """
     told = list(accounts(session, session.names(globs)))
     text = page(session.archive.root.resolve().name, told, libraries()).encode("utf-8", "replace")
     write_atomically(file, text)
-    said = [f"report: {number(len(told), 'sequence')} in {file.resolve()}, {gigabytes(len(text))}"]
-    commands = dict.fromkeys(command for a in told for command in a.retry)
-    return said + (
-        [f"next: {next(iter(commands))}"] if commands else [f"next: open {file} in a browser; it can be sent as it is"]
-    )
+    said = f"report: {number(len(told), 'sequence')} in {file.resolve()}, {gigabytes(len(text))}"
+    return said, list(dict.fromkeys(command for a in told for command in a.retry))

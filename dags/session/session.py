@@ -279,12 +279,18 @@ class Session:
         return plans, errors
 
     def run_and_report(
-        self, plans: Sequence[Plan], selection: Selection, refused: Sequence[str] = (), say_next: bool = False
+        self,
+        plans: Sequence[Plan],
+        selection: Selection,
+        refused: Sequence[str] = (),
+        say_next: bool = False,
+        closing: Callable[[float], None] | None = None,
     ) -> int:
         """Run, say what came of it, and return the exit status: 0 all done, 1 some partition failed or a sequence was
         refused, 130 interrupted.
 
-        `say_next`: end with where the results lie and what to type next.
+        `say_next`: end with where the results lie and what to type next. `closing`: called before that with the run's
+        seconds, where something ran to its end.
         """
         self.hint(held_out.told(p.context for p in plans))
         for p in plans:
@@ -321,6 +327,8 @@ class Session:
         if ended.interrupted:
             self.say(["interrupted; what is done is kept, the next run goes on from here"])
             return STATUS
+        if closing is not None:
+            closing(ended.seconds)
         if say_next and not ended.failed and not ended.blocked:
             self.hint(results_and_next(plans, self.options))
         return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
