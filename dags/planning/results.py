@@ -18,11 +18,11 @@ from posegaussian.storage.model.errors import ShardMissing
 class Results:
     """The finished outputs of one sequence."""
 
-    def __init__(self, context: Context) -> None:
-        """Reads the receipts; no data yet."""
+    def __init__(self, context: Context, book: Book | None = None) -> None:
+        """Reads the receipts, unless a plan has them in its book; no data yet."""
         self.context = context
         self._outputs: dict[str, dict[tuple[int, int | None], Output]] = {}
-        for task, receipt in Book.open(context).receipts.items():
+        for task, receipt in (book or Book.open(context)).receipts.items():
             for output in receipt.outputs:
                 self._outputs.setdefault(output.array, {})[
                     task.partition if task.partition is not None else 0, output.view

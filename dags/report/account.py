@@ -86,7 +86,7 @@ def _account(
     plan = session.plan(name, Selection())
     if texts := rendered_instead(plan):
         plan = session.plan(name, Selection(), texts)
-    context, results = plan.context, Results(plan.context)
+    context, results = plan.context, Results(plan.context, plan.book)
     return Account(
         name,
         about=(
