@@ -9,6 +9,7 @@ from posegaussian.storage.importers.caliscope import IMPORTER as CALISCOPE
 from posegaussian.storage.importers.colmap import IMPORTER as COLMAP
 from posegaussian.storage.importers.declaration import Importer
 from posegaussian.storage.importers.dna_rendering import IMPORTER as DNA_RENDERING
+from posegaussian.storage.importers.dynacap import IMPORTER as DYNACAP
 from posegaussian.storage.importers.easymocap import IMPORTER as EASYMOCAP
 from posegaussian.storage.importers.genebody import IMPORTER as GENEBODY
 from posegaussian.storage.importers.gps_gaussian import IMPORTER as GPS_GAUSSIAN
@@ -41,6 +42,7 @@ IMPORTERS: Mapping[str, Importer] = {
         GENEBODY,
         MVHUMANNET,
         PANOPTIC,
+        DYNACAP,
         VIDEOS,
         IMAGES,
     )

@@ -17,7 +17,7 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.capture import PER_VIEW, Capture
 from posegaussian.storage.readers.sources import open_source
 from tests.fuzz import captures, models
-from tests.storage.importers import test_anipose, test_biocv, test_opencv_storage
+from tests.storage.importers import test_anipose, test_biocv, test_dynacap, test_opencv_storage
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -199,6 +199,7 @@ def capture_formats() -> list[Format]:
         Format("mvhumannet: JSON", captures.mvhumannet, "*.json", "json", partial(imported, "mvhumannet")),
         Format("mvhumannet: scale", captures.mvhumannet, "*.pkl", "pickle", partial(imported, "mvhumannet")),
         Format("genebody: annots.npy", captures.genebody, "annots.npy", "pickle", partial(imported, "genebody")),
+        Format("dynacap: calibration", test_dynacap.write, "*.calibration", "table", partial(imported, "dynacap")),
         Format("panoptic: calibration", captures.panoptic, "*.json", "json", partial(imported, "panoptic")),
         *(
             Format(f"videos: {f}", partial(captures.films_and, make), f, kind, partial(imported, "videos"))

@@ -13,6 +13,7 @@ from tests.storage.importers.test_actorshq import base as actorshq
 from tests.storage.importers.test_caliscope import base as caliscope
 from tests.storage.importers.test_colmap import base as colmap
 from tests.storage.importers.test_dna_rendering import base as dna_rendering
+from tests.storage.importers.test_dynacap import base as dynacap
 from tests.storage.importers.test_easymocap import base as easymocap
 from tests.storage.importers.test_genebody import base as genebody
 from tests.storage.importers.test_gps_gaussian import base as gps_gaussian
@@ -38,6 +39,7 @@ FIXTURES = {
     "pose2sim": pose2sim,
     "videos": videos,
     "panoptic": panoptic,
+    "dynacap": dynacap,
     "mvhumannet": mvhumannet,
     "genebody": genebody,
     "actorshq": actorshq,
