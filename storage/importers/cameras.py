@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posegaussian.storage.files.names import check_camera_names
-from posegaussian.storage.model.cameras import Rig, from_integer_centres, rigid
+from posegaussian.storage.model.cameras import Rig, camera_centre, from_integer_centres, rigid
 from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.model.plausible import check_rotation_vector, check_size
 
@@ -72,7 +72,7 @@ def raw_centre(camera: RawCamera) -> np.ndarray:
     """[3] a camera's place in the world, in the unit of its translation; not finite where its numbers are not."""
     with np.errstate(over="ignore", invalid="ignore"):
         turn = rotation_matrix(camera.rotation) if camera.rotation.size == 3 else camera.rotation
-        return np.asarray(-turn.T @ camera.translation)
+        return camera_centre(np.column_stack([turn, np.ravel(camera.translation)]))
 
 
 def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], half: bool) -> Rig:
