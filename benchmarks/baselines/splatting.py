@@ -17,9 +17,7 @@ import numpy as np
 import torch
 
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.refinement.judging import Filmed
-from posegaussian.stages.refinement.optimise import STRUCTURE
-from posegaussian.stages.refinement.structure import dissimilarity
+from posegaussian.stages.refinement.loss import Filmed, weighed
 from posegaussian.stages.rendering.clipping import retouched
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
@@ -90,10 +88,10 @@ class FreeGaussians:
 
     def step(self, picture: Filmed, mean_rate: float) -> None:
         """One step on one picture."""
-        drawn = self.draw(picture.camera).color[0]
-        absolute = (drawn - picture.color).abs().sum() / 3
-        structure = dissimilarity(drawn, picture.color, torch.ones_like(picture.cover))
-        (((1 - STRUCTURE) * absolute + STRUCTURE * structure) / picture.cover.numel()).backward()
+        drawn = self.draw(picture.camera)
+        color, alpha = (t[0].detach().numpy() for t in (drawn.color, drawn.alpha))
+        slope = weighed(color, alpha, picture, np.ones_like(alpha), coverage=0.0).by_color
+        drawn.color.backward(torch.from_numpy(slope / alpha.size)[None])
         self._note(picture.camera)
         self.adam.param_groups[0]["lr"] = mean_rate * self.extent
         self.adam.step()
@@ -201,7 +199,7 @@ class Scene:
             width, height = self.cameras[v].width, self.cameras[v].height
             cover = self.masks[v][:height, :width].astype(np.float32) / 255
             color = np.asarray(maps.color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
-            out.append(Filmed(self.cameras[v], torch.from_numpy(color), torch.from_numpy(cover)))
+            out.append(Filmed(self.cameras[v], color, cover))
         return out
 
     def pictures(self, gaussians: FreeGaussians) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:

@@ -1,8 +1,9 @@
-"""The Gaussians of one source view as numbers to optimise:
-offsets from the maps, in units in which a step means the same everywhere."""
+"""The Gaussians of one frame's source views as numbers to optimise: offsets from the maps, in units in which a step
+means the same everywhere, those of all views side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,127 +41,122 @@ class _Exp(torch.autograd.Function):
 
 
 @dataclass(frozen=True, eq=False)
-class Learnt:
-    """What a frame learnt about a view, by pixel, for the frame after it."""
-
-    maps: dict[str, np.ndarray]
-    """{attribute: [C, h, w] float32 offsets}; 0 where there is no Gaussian."""
-
-
 class ViewGaussians:
-    """The Gaussians of one frame of one source view, float32 on the CPU; their opacity does not depend on the side
-    they are seen from."""
+    """The Gaussians of one frame of one source view, as they are given, float32 on the CPU."""
 
-    def __init__(self, maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> None:
-        """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]. All
-        offsets are 0."""
-        self.given = maps
+    given: GaussianMaps
+    pixels: Pixels
+    twist: tuple[torch.Tensor, ...] | None
+    """2 x [N]; None: no turn."""
+    base: dict[str, np.ndarray]
+    """{attribute: [C, N]}; depth in metres."""
+    footprint: np.ndarray
+    """[1, N] metres of an offset in depth."""
+    farthest: float
+    """Bound of an offset in depth."""
+
+    @classmethod
+    def of(cls, maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> ViewGaussians:
+        """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
         depth, opacity = (torch.as_tensor(np.asarray(m, np.float32)) for m in (maps.depth, maps.opacity))
-        self.pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
-        (self.z,) = self.pixels.at(depth[None])
-        self.twist = None if maps.twist is None else self.pixels.at(maps.twist)
-        self.footprint = self.z * float(2 / (intrinsics[0, 0] + intrinsics[1, 1]))
-        self.base: dict[str, torch.Tensor] = {
-            "color": self.pixels.colors(maps.color).T.contiguous(),
-            "scale": torch.from_numpy(np.log(np.maximum(self._at(maps.scale), 1e-8))),
-            "rotation": torch.from_numpy(self._at(maps.normal)),
-            "opacity": torch.from_numpy(_logit(np.clip(self._at(maps.opacity)[:1], *OPACITIES))),
+        pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
+        z = pixels.at(depth[None])[0].numpy()[None]
+        focal = float(intrinsics[0, 0] + intrinsics[1, 1]) / 2
+        scale, normal, faces = (
+            np.stack([c.numpy() for c in pixels.at(np.asarray(m, np.float32))])
+            for m in (maps.scale, maps.normal, maps.opacity)
+        )
+        base = {
+            "color": np.ascontiguousarray(pixels.colors(maps.color).numpy().T),
+            "scale": np.log(np.maximum(scale, np.float32(1e-8))),
+            "rotation": normal,
+            "opacity": _logit(np.clip(faces[:1], *OPACITIES)),
+            "depth": z,
         }
-        self.offsets = {name: torch.zeros((c, len(self)), requires_grad=True) for name, c in CHANNELS.items()}
-        farthest = min(FARTHEST["depth"], NEAREST * float(intrinsics[0, 0] + intrinsics[1, 1]) / 2)
-        self.bounds = {**FARTHEST, "depth": farthest}
+        twist = None if maps.twist is None else pixels.at(maps.twist)
+        return cls(maps, pixels, twist, base, z / np.float32(focal), min(FARTHEST["depth"], NEAREST * focal))
 
     def __len__(self) -> int:
-        return len(self.z)
+        return len(self.pixels)
 
-    def _at(self, values: Any) -> np.ndarray:
-        """[C, N] float32 of maps [C, h, w]."""
-        return np.asarray(values, np.float32)[:, self.pixels.rows.numpy(), self.pixels.columns.numpy()]
+    def with_values(self, values: Mapping[str, np.ndarray]) -> GaussianMaps:
+        """The maps with other {attribute: [C, N]}, depth and scale in metres, normals of any length, types as given;
+        a pixel whose Gaussian is not finite, or that has none, stays as it was."""
+        length = np.sqrt((values["rotation"] ** 2).sum(axis=0))
+        good = np.all([np.isfinite(v).all(axis=0) for v in values.values()], axis=0) & (length > 0)
+        rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
+        g = self.given
+        color, depth, scale, normal, opacity = (np.array(m) for m in (g.color, g.depth, g.scale, g.normal, g.opacity))
+        color[rows, columns] = np.rint(values["color"][:, good].T * 255).clip(0, 255)
+        depth[rows, columns] = values["depth"][0, good]
+        scale[:, rows, columns] = values["scale"][:, good]
+        normal[:, rows, columns] = (values["rotation"] / np.where(length > 0, length, 1))[:, good]
+        opacity[:, rows, columns] = values["opacity"][:, good]
+        return GaussianMaps(color, depth, scale, normal, opacity, g.twist)
+
+
+class SharedGaussians:
+    """The Gaussians of several views of one frame as one body; their opacity does not depend on the side they are seen
+    from. All offsets begin at 0."""
+
+    def __init__(self, views: Mapping[int, ViewGaussians]) -> None:
+        """{view: its Gaussians}, all with a twist or none."""
+        self.views = dict(views)
+        parts = list(views.values())
+        self.pixels = Pixels.joined([p.pixels for p in parts])
+        self.base = {name: torch.from_numpy(np.concatenate([p.base[name] for p in parts], axis=1)) for name in CHANNELS}
+        self.footprint = torch.from_numpy(np.concatenate([p.footprint for p in parts], axis=1))
+        turns = [p.twist for p in parts if p.twist is not None]
+        self.twist = tuple(torch.cat(t) for t in zip(*turns, strict=True)) if turns else None
+        farthest = np.concatenate([np.full((1, len(p)), p.farthest, np.float32) for p in parts], axis=1)
+        color = self.base["color"].numpy()
+        self.bounds: dict[str, tuple[Any, Any]] = {
+            **{name: (-f, f) for name, f in FARTHEST.items()},
+            "depth": (-farthest, farthest),
+            "color": (-color, 1 - color),
+        }
+        self.offsets = {name: torch.zeros((c, len(self)), requires_grad=True) for name, c in CHANNELS.items()}
+
+    def __len__(self) -> int:
+        return len(self.pixels)
 
     def gaussians(self) -> Gaussians:
         """In the world, the same from all sides, differentiable in the offsets."""
-        depth, normal, scale, opacity, color = self._values()
-        faces = opacity.T.expand(-1, 2)
-        return self.pixels.lift(depth, normal.unbind(0), scale.T, faces, color.T, self.twist).from_all_sides()
+        v = self._values()
+        faces = v["opacity"].T.expand(-1, 2)
+        lifted = self.pixels.lift(v["depth"][0], v["rotation"].unbind(0), v["scale"].T, faces, v["color"].T, self.twist)
+        return lifted.from_all_sides()
 
-    def _values(self) -> tuple[torch.Tensor, ...]:
-        """Depth [N] m, normal [3, N] of any length, scale [3, N] m, opacity [1, N], color [3, N]."""
+    def _values(self) -> dict[str, torch.Tensor]:
+        """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal of any length."""
         o, b = self.offsets, self.base
-        return (
-            self.z + o["depth"][0] * self.footprint,
-            b["rotation"] + o["rotation"],
-            _Exp.apply(b["scale"] + o["scale"]),
-            1 / (1 + _Exp.apply(-(b["opacity"] + o["opacity"]))),
-            b["color"] + o["color"],
-        )
+        return {
+            "color": b["color"] + o["color"],
+            "scale": _Exp.apply(b["scale"] + o["scale"]),
+            "rotation": b["rotation"] + o["rotation"],
+            "opacity": 1 / (1 + _Exp.apply(-(b["opacity"] + o["opacity"]))),
+            "depth": b["depth"] + o["depth"] * self.footprint,
+        }
 
     def arrays(self) -> Offsets:
         """The offsets' own memory."""
         return {name: t.detach().numpy() for name, t in self.offsets.items()}
 
-    def keep(self) -> Offsets:
-        """A copy of the offsets."""
-        return {name: a.copy() for name, a in self.arrays().items()}
-
-    def put(self, offsets: Offsets) -> None:
-        """Take offsets over, within their bounds."""
-        for name, a in self.arrays().items():
-            a[...] = offsets[name]
-        self.confine()
-
-    def reset(self) -> None:
-        """All offsets 0 again."""
-        for a in self.arrays().values():
-            a[...] = 0
-
     def confine(self) -> None:
         """Bring the offsets back within their bounds; colours stay within 0..1."""
         for name, a in self.arrays().items():
-            if name == "color":
-                base = self.base["color"].numpy()
-                np.clip(a, -base, 1 - base, out=a)
-            else:
-                np.clip(a, -self.bounds[name], self.bounds[name], out=a)
+            np.clip(a, *self.bounds[name], out=a)
 
-    def learnt(self) -> Learnt:
-        """The offsets by pixel."""
-        rows, columns = self.pixels.rows.numpy(), self.pixels.columns.numpy()
-        maps = {name: np.zeros((CHANNELS[name], *np.shape(self.given.depth)), np.float32) for name in CHANNELS}
-        for name, a in self.arrays().items():
-            maps[name][:, rows, columns] = a
-        return Learnt(maps)
-
-    def start_from(self, learnt: Learnt) -> None:
-        """Take over, pixel by pixel, what another frame of the same view learnt."""
-        self.put({name: self._at(m) for name, m in learnt.maps.items()})
-
-    def maps(self) -> GaussianMaps:
-        """The optimised maps, types as given;
-        a pixel whose Gaussian is not finite, or that has none, stays as it was."""
+    def maps(self) -> dict[int, GaussianMaps]:
+        """{view: its optimised maps}."""
         with torch.no_grad():
-            depth, normal, scale, opacity, color = (t.numpy() for t in self._values())
-        length = np.sqrt((normal * normal).sum(axis=0))
-        good = (
-            np.isfinite(depth)
-            & np.isfinite(normal).all(axis=0)
-            & np.isfinite(scale).all(axis=0)
-            & np.isfinite(opacity).all(axis=0)
-            & np.isfinite(color).all(axis=0)
-            & (length > 0)
-        )
-        rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
-        given = self.given
-        colors, depths = np.array(given.color), np.array(given.depth)
-        scales, normals, opacities = np.array(given.scale), np.array(given.normal), np.array(given.opacity)
-        colors[rows, columns] = np.rint(color[:, good].T * 255).clip(0, 255)
-        depths[rows, columns] = depth[good]
-        for target, values in (
-            (scales, scale),
-            (normals, normal / np.where(length > 0, length, 1)),
-            (opacities, opacity),
-        ):
-            target[:, rows, columns] = values[:, good]
-        return GaussianMaps(colors, depths, scales, normals, opacities, given.twist)
+            values = {name: v.numpy() for name, v in self._values().items()}
+        found, start = {}, 0
+        for view, part in self.views.items():
+            stop = start + len(part)
+            found[view] = part.with_values({name: v[:, start:stop] for name, v in values.items()})
+            start = stop
+        return found
 
 
 def _logit(p: np.ndarray) -> np.ndarray:

@@ -7,14 +7,14 @@ their depth. They err at different places and in different ways, so their mean e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from posegaussian.stages.refinement.attributes import ViewGaussians
+from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.schedule import Schedule
 from posegaussian.stages.rendering.lift import Lifted
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
@@ -26,16 +26,6 @@ five simulated scenes, of which the judge said 0.36 to 0.94; on `bust` about 0.4
 say in this number: 0.55 gives them 29.44 dB, one half 29.54, so that 0.1 dB of what `bust` gains proves nothing."""
 AT_MOST = 1.5
 """Times the judge's best share; the error grows with the square of the distance from it."""
-
-
-class Filmed(NamedTuple):
-    """One source picture, as a rendering should look."""
-
-    camera: Camera
-    color: torch.Tensor  # [h, w, 3]
-    """sRGB 0..1, premultiplied by the mask."""
-    cover: torch.Tensor  # [h, w]
-    """The mask, 0..1."""
 
 
 class Judgement(NamedTuple):
@@ -62,25 +52,25 @@ class Judge:
         for view, weight in plan.neighbours:
             seen = lifted[view].seen_from(filmed.camera)
             parts.append(replace(seen, opacity=seen.opacity * weight))
-        return cls(filmed, draw(parts, filmed.camera).color[0].numpy())
+        return cls(filmed, draw(Gaussians.concatenate(parts), filmed.camera).color[0].numpy())
 
     @property
     def before(self) -> float:
         """Mean squared error without refinement."""
-        return error_of(0.0, self.unrefined, self.unrefined, self.filmed.color.numpy())
+        return error_of(0.0, self.unrefined, self.unrefined, self.filmed.color)
 
-    def judgement(self, gaussians: Mapping[int, ViewGaussians]) -> Judgement:
-        """Of these views' Gaussians together."""
+    def judgement(self, refined: Callable[[], Gaussians]) -> Judgement:
+        """Of refined Gaussians, which are made without their gradients."""
         with torch.no_grad():
-            refined = draw([g.gaussians() for g in gaussians.values()], self.filmed.camera).color[0].numpy()
-        truth = self.filmed.color.numpy()
-        share = settled(best_share(refined, self.unrefined, truth))
-        return Judgement(error_of(share, refined, self.unrefined, truth), share)
+            picture = draw(refined(), self.filmed.camera).color[0].numpy()
+        truth = self.filmed.color
+        share = settled(best_share(picture, self.unrefined, truth))
+        return Judgement(error_of(share, picture, self.unrefined, truth), share)
 
 
-def draw(parts: Sequence[Gaussians], camera: Camera) -> Rendering:
-    """The picture of some views' Gaussians together."""
-    return rasterize(Gaussians.concatenate(list(parts)), [camera])
+def draw(gaussians: Gaussians, camera: Camera) -> Rendering:
+    """The picture of Gaussians, all of them in it."""
+    return rasterize(gaussians, [camera])
 
 
 def best_share(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> float:

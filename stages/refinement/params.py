@@ -7,7 +7,7 @@ from posegaussian.stages.contract.facts import Facts
 
 
 class RefinementParams(Params):
-    """How long each frame's Gaussians are optimised, and what a frame starts from."""
+    """How long each frame's Gaussians are optimised, and for how many frames that is found out at once."""
 
     steps: int = setting(
         0,
@@ -19,8 +19,8 @@ class RefinementParams(Params):
     )
     group: int = setting(
         4,
-        "Frames of a group, counted from the sequence's first: each but a group's first may start from what the one"
-        " before it learnt; 1: every frame starts from its own Gaussians.",
+        "Frames of a group, counted from the sequence's first, all of which are trained for as many steps as a"
+        " rehearsal on its first one finds best; 1: every frame rehearses.",
         unit="frames",
         ge=1,
         le=64,
@@ -28,5 +28,5 @@ class RefinementParams(Params):
 
 
 def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:
-    """Frames before the partition that a frame's group may reach back to."""
+    """Frames before the partition that may have rehearsed for it."""
     return (params.group - 1, 0)

@@ -1,19 +1,21 @@
-"""Kernel of the refinement stage: frame by frame, each from its own Gaussians or from what the frame before it in
-its group learnt."""
+"""Kernel of the refinement stage: the first frame of a group rehearses, and every frame of it is trained for as many
+steps as that found best."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.refinement.attributes import ViewGaussians
-from posegaussian.stages.refinement.judging import Filmed, Judge
-from posegaussian.stages.refinement.optimise import Memory, OptimisedFrame, optimise
+from posegaussian.stages.refinement.judging import Judge
+from posegaussian.stages.refinement.loss import Filmed
+from posegaussian.stages.refinement.optimise import Rehearsal, Walk, rehearse
 from posegaussian.stages.refinement.params import RefinementParams
-from posegaussian.stages.refinement.schedule import FEWEST, schedule
+from posegaussian.stages.refinement.schedule import FEWEST, Schedule, schedule
 from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
@@ -23,29 +25,73 @@ from posegaussian.stages.splatting.definition.scene import Camera
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     """Yield the refined maps of every view, and how each frame went.
 
-    Frames are grouped by their index in the sequence, `params.group` at a time. What a frame starts from depends on the
-    frames before it in its group alone, so those of them that lie before the partition are optimised again; results do
-    not depend on how the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined
-    keeps its maps bit by bit.
+    Frames are grouped by their index in the sequence, `params.group` at a time. What a frame is depends on itself and
+    on its group's rehearsal, which is done again where the partition begins after it, so results do not depend on how
+    the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps its maps bit by
+    bit.
     """
     frames = _Frames(inputs)
     first, stop = inputs.partition.start, inputs.partition.stop
     made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
     outcomes = []
-    before = Memory()
+    rehearsal: Rehearsal | None = None
     for i in range(first // params.group * params.group, stop):
-        before = Memory() if i % params.group == 0 else before
-        gaussians = frames.usable(i)
-        outcome, before = _refined(frames, gaussians, i, params, before)
-        if i >= first:
-            outcomes.append(outcome.row())
-            for v in gaussians if outcome.refined else ():
-                made[v][i - first] = gaussians[v].maps()
+        rehearsal = None if i % params.group == 0 else rehearsal
+        if i < first and rehearsal is not None:
+            continue
+        frame = frames.frame(i)
+        rehearsed = rehearsal is None and frame.plan is not None
+        rehearsal = _rehearsed(frames, i, frame, params) if rehearsed else rehearsal
+        if i < first:
+            continue
+        taught = 0
+        if frame.plan is not None and rehearsal is not None and rehearsal.refines:
+            walk = _trained(frame, frame.plan, rehearsal.step)
+            taught = walk.masked
+            for v, maps in walk.gaussians.maps().items():
+                made[v][i - first] = maps
+        outcomes.append(_outcome(frame, rehearsal, rehearsed, taught))
     nothing = [_nothing(*(int(n) for n in inputs.rig.size.max(axis=0)))] * len(inputs.partition)
     for view in range(len(inputs.rig)):
         for name, arrays in zip(REFINED, zip(*(_arrays(m) for m in made.get(view, nothing)), strict=True), strict=True):
             yield Block(name, np.stack(arrays), view)
     yield Block("refinement/outcome", np.array(outcomes, np.float32).reshape(len(inputs.partition), -1))
+
+
+class _Frame(NamedTuple):
+    """What is optimised, and on what, by source view that has both."""
+
+    gaussians: dict[int, ViewGaussians]
+    filmed: dict[int, Filmed]
+    plan: Schedule | None
+    """None: too few views."""
+
+
+def _rehearsed(frames: _Frames, i: int, frame: _Frame, params: RefinementParams) -> Rehearsal:
+    rig, plan = frames.inputs.rig, frame.plan
+    assert plan is not None
+    lifted = {
+        v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
+        for v, _ in plan.neighbours
+    }
+    return rehearse(frame.gaussians, frame.filmed, plan, params.steps, Judge.of(frame.filmed[plan.judge], lifted, plan))
+
+
+def _trained(frame: _Frame, plan: Schedule, steps: int) -> Walk:
+    """All views, on all pictures."""
+    walk = Walk(frame.gaussians, frame.filmed, (*plan.pupils, plan.judge))
+    for _ in range(steps):
+        walk.step()
+    return walk
+
+
+def _outcome(frame: _Frame, rehearsal: Rehearsal | None, rehearsed: bool, taught: int) -> list[float]:
+    """As `refinement/outcome` holds it."""
+    if frame.plan is None or rehearsal is None:
+        return [len(frame.gaussians), -1, 0, 0, 0, 0, 0, 0]
+    r = rehearsal
+    masked = taught + (r.masked if rehearsed else 0)
+    return [len(frame.gaussians), r.judge, r.before, r.after, r.step, rehearsed, masked, r.share]
 
 
 def _arrays(maps: GaussianMaps) -> tuple[np.ndarray, ...]:
@@ -57,23 +103,6 @@ def _nothing(width: int, height: int) -> GaussianMaps:
     """The maps of a view that is no source."""
     channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2)]
     return GaussianMaps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
-
-
-def _refined(
-    frames: _Frames, gaussians: dict[int, ViewGaussians], i: int, params: RefinementParams, before: Memory
-) -> tuple[OptimisedFrame, Memory]:
-    """Optimise the Gaussians of frame `i` in place, where enough views can teach and judge."""
-    plan = schedule(
-        frames.inputs.rig, frames.inputs.views.sources, np.isin(np.arange(len(frames.inputs.rig)), list(gaussians))
-    )
-    if plan is None:
-        return OptimisedFrame(len(gaussians)), Memory()
-    filmed, rig = {v: frames.filmed(i, v) for v in gaussians}, frames.inputs.rig
-    lifted = {
-        v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
-        for v, _ in plan.neighbours
-    }
-    return optimise(gaussians, filmed, plan, params.steps, before, Judge.of(filmed[plan.judge], lifted, plan))
 
 
 class _Frames:
@@ -91,15 +120,17 @@ class _Frames:
         """As they are before refinement."""
         return GaussianMaps(*(a[i - self.start] for a in self.arrays[view]))
 
-    def usable(self, i: int) -> dict[int, ViewGaussians]:
+    def frame(self, i: int) -> _Frame:
         """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
         the halo has a picture is told by its mask."""
-        rig, found = self.inputs.rig, {}
-        for v in self.inputs.views.sources:
-            gaussians = ViewGaussians(thinned(self.maps(i, v)), rig.intrinsics[v], rig.world_to_camera[v])
+        rig, sources = self.inputs.rig, self.inputs.views.sources
+        found = {}
+        for v in sources:
+            gaussians = ViewGaussians.of(thinned(self.maps(i, v)), rig.intrinsics[v], rig.world_to_camera[v])
             if len(gaussians) and self.masks[v][i - self.start].any():
                 found[v] = gaussians
-        return found
+        plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))
+        return _Frame(found, {v: self.filmed(i, v) for v in found} if plan else {}, plan)
 
     def filmed(self, i: int, view: int) -> Filmed:
         """The view's picture without the padding."""
@@ -107,11 +138,7 @@ class _Frames:
         width, height = (int(n) for n in rig.size[view])
         cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
         color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
-        return Filmed(
-            Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height),
-            torch.from_numpy(color),
-            torch.from_numpy(cover),
-        )
+        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), color, cover)
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:

@@ -16,8 +16,8 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     one picture's gradients.
 
     As if every pixel had depth: of every sixth a Gaussian of ten numbers, with its gradient, the means of it and of its
-    square, the best value, the lifted copy, and its slots in a picture's gradients; what was learnt, by pixel; the
-    judge's picture of two views.
+    square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's picture
+    of two views.
     """
     before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
@@ -35,7 +35,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=3,
+    version=4,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -93,7 +93,7 @@ STAGE = Stage(
             "float32",
             "1",
             "Usable source views, index of the judging one (-1: none), its mean squared error before and after the"
-            " rehearsal (sRGB 0..1), the steps that were made, whether it started from the frame before, how many"
+            " rehearsal (sRGB 0..1), the steps that were made, whether it rehearsed itself (0: its group did), how many"
             " gradients were not finite, and the refined picture's share 0..1 in what is rendered.",
         ),
     ),

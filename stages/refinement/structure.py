@@ -1,12 +1,12 @@
-"""D-SSIM of a rendering and a picture, and its gradient."""
+"""D-SSIM of a rendering and a picture, and its slope: half of what SSIM misses of one, pixel by pixel."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import torch
+from numba import njit
 
 WINDOW, SIGMA = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
@@ -14,40 +14,43 @@ C1, C2 = 0.01**2, 0.03**2
 _KERNEL = cv2.getGaussianKernel(WINDOW, SIGMA, cv2.CV_32F)
 
 
-def dissimilarity(color: torch.Tensor, truth: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Sum over the pixels of weight [h, w] times the mean over channels of (1 - SSIM) / 2 of color and truth [h, w, 3],
-    0..1; differentiable in `color` alone.
+class Moments(NamedTuple):
+    """Of a picture around every pixel, under SSIM's window."""
 
-    Outside the picture all is 0, as published with 3DGS, so the window is its own adjoint. OpenCV filters row by row:
-    the result does not depend on threads.
+    mean: np.ndarray  # [h, w, 3]
+    square: np.ndarray  # [h, w, 3]
+    """Mean of the squares."""
+
+    @classmethod
+    def of(cls, picture: np.ndarray) -> Moments:
+        """Of a picture [h, w, 3] float32."""
+        return cls(_blur(picture), _blur(picture * picture))
+
+
+def structure(
+    x: np.ndarray, y: np.ndarray, moments: Moments, weight: np.ndarray, share: float
+) -> tuple[float, np.ndarray]:
+    """(sum over the pixels of share times weight [h, w] times the mean over channels of (1 - SSIM) / 2 of x and y
+    [h, w, 3] float32, 0..1; its slope by x). `moments` are those of y.
+
+    Outside the picture all is 0, as published with 3DGS, so the window is its own adjoint. OpenCV filters row by row,
+    and sums have a fixed order: the result does not depend on threads.
     """
-    value: torch.Tensor = _Dissimilarity.apply(color, truth.numpy(), weight.detach().numpy())
-    return value
+    value, by_mean, by_square, by_product = _slopes(
+        _blur(x), _blur(cv2.multiply(x, x)), _blur(cv2.multiply(x, y)), *moments, weight, np.float32(share / 6)
+    )
+    slope = _gathered(_blur(by_mean), _blur(by_square), _blur(by_product), x, y)
+    return value, slope
 
 
-class _Dissimilarity(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, color: torch.Tensor, truth: np.ndarray, weight: np.ndarray) -> torch.Tensor:
-        x = color.detach().numpy()
-        box = _box((x != 0).any(axis=2) | (truth != 0).any(axis=2))
-        value, gradient = _value_and_gradient(x[box], truth[box], weight[box][..., None])
-        whole = np.zeros_like(x)
-        whole[box] = gradient
-        ctx.save_for_backward(torch.from_numpy(whole))
-        return color.new_tensor(value)
-
-    @staticmethod
-    def backward(ctx: Any, up: torch.Tensor) -> tuple[torch.Tensor, None, None]:
-        return up * ctx.saved_tensors[0], None, None
-
-
-def _box(wanted: np.ndarray) -> tuple[slice, slice]:
-    """What is around the wanted pixels [h, w] as far as two windows reach: beyond it both pictures are equal."""
-    out = []
-    for axis in (1, 0):
-        found = np.flatnonzero(wanted.any(axis=axis))
-        out.append(slice(max(int(found[0]) - WINDOW, 0), int(found[-1]) + WINDOW + 1) if len(found) else slice(0, 1))
-    return out[0], out[1]
+def around(wanted: np.ndarray) -> tuple[slice, slice]:
+    """What is around the wanted pixels [h, w] bool as far as two windows reach: beyond it nothing differs where both
+    pictures are black."""
+    found = [np.flatnonzero(wanted.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (
+        slice(max(int(f[0]) - WINDOW, 0), int(f[-1]) + WINDOW + 1) if len(f) else slice(0, 1) for f in found
+    )
+    return rows, columns
 
 
 def _blur(values: np.ndarray) -> np.ndarray:
@@ -55,16 +58,40 @@ def _blur(values: np.ndarray) -> np.ndarray:
     return blurred
 
 
-def _value_and_gradient(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[float, np.ndarray]:
-    """Of [h, w, 3] float32 x and y, weight [h, w, 1]."""
-    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
-    mx, my = _blur(x), _blur(y)
-    a1, a2 = 2 * mx * my + C1, 2 * (_blur(x * y) - mx * my) + C2
-    b1, b2 = mx * mx + my * my + C1, _blur(x * x) - mx * mx + _blur(y * y) - my * my + C2
-    bottom = 1 / (b1 * b2)
-    ssim = a1 * a2 * bottom
-    share = (weight / 6).astype(np.float32)
-    by_mean = share * (2 * my * a2 * bottom - 2 * mx * ssim / b1)
-    by_square, by_product = -share * ssim / b2, share * 2 * a1 * bottom
-    slope = _blur(by_mean - 2 * mx * by_square - my * by_product) + 2 * x * _blur(by_square) + y * _blur(by_product)
-    return float((share * (1 - ssim)).sum(dtype=np.float64)), -slope
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slopes(mx, mxx, mxy, my, myy, weight, share):  # type: ignore[no-untyped-def]
+    """The value, and what it changes by a change of the window's mean, of its squares and of its products."""
+    h, w, channels = mx.shape
+    by_mean, by_square, by_product = np.empty_like(mx), np.empty_like(mx), np.empty_like(mx)
+    c1, c2, one, two = np.float32(C1), np.float32(C2), np.float32(1), np.float32(2)
+    value = 0.0
+    for i in range(h):
+        row = np.float32(0)
+        for j in range(w):
+            s = share * weight[i, j]
+            for c in range(channels):
+                a, b = mx[i, j, c], my[i, j, c]
+                a1, b1 = two * a * b + c1, a * a + b * b + c1
+                a2 = two * (mxy[i, j, c] - a * b) + c2
+                b2 = (mxx[i, j, c] - a * a) + (myy[i, j, c] - b * b) + c2
+                bottom = one / (b1 * b2)
+                ssim = a1 * a2 * bottom
+                square, product = -s * ssim / b2, s * two * a1 * bottom
+                row += s * (one - ssim)
+                by_square[i, j, c], by_product[i, j, c] = square, product
+                mean = s * (two * b * a2 * bottom - two * a * ssim / b1)
+                by_mean[i, j, c] = mean - two * a * square - b * product
+        value += row
+    return value, by_mean, by_square, by_product
+
+
+@njit(cache=True, nogil=True)
+def _gathered(by_mean, by_square, by_product, x, y):  # type: ignore[no-untyped-def]
+    """The slope by every pixel, of the windows it lies in."""
+    slope = np.empty_like(by_mean)
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            for c in range(x.shape[2]):
+                along = np.float32(2) * x[i, j, c] * by_square[i, j, c] + y[i, j, c] * by_product[i, j, c]
+                slope[i, j, c] = -(by_mean[i, j, c] + along)
+    return slope

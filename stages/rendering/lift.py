@@ -15,6 +15,8 @@ from posegaussian.storage.model.cameras import points_from_integer_centres
 
 Values: TypeAlias = np.ndarray | torch.Tensor
 Axis: TypeAlias = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+Pose: TypeAlias = Sequence[Sequence[float | torch.Tensor]]
+"""A matrix for all Gaussians, or one each: numbers, or tensors [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class Pixels:
     x: torch.Tensor  # [N]
     """Of the ray through the pixel's centre at unit depth, camera axes."""
     y: torch.Tensor  # [N]
-    pose: list[list[float]]
+    pose: Pose
     """World to camera, 4 x 4."""
     masked: int
     """Pixels left out because their depth or opacity was not a finite number."""
@@ -93,6 +95,19 @@ class Pixels:
         y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
         x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
         return cls(rows, columns, x, y, world_to_camera.tolist(), masked)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Pixels]) -> Pixels:
+        """Those of several views, one after the other."""
+        pose = [
+            [torch.cat([p.x.new_full((len(p),), float(p.pose[i][j])) for p in parts]) for j in range(4)]
+            for i in range(3)
+        ]
+        rows, columns, x, y = (torch.cat([getattr(p, name) for p in parts]) for name in ("rows", "columns", "x", "y"))
+        return cls(rows, columns, x, y, pose, sum(p.masked for p in parts))
+
+    def __len__(self) -> int:
+        return len(self.x)
 
     def at(self, values: Values) -> tuple[torch.Tensor, ...]:
         """Channels of maps [C, h, w] at the pixels, C x [N], in the dtype and on the device of the rays."""
@@ -167,7 +182,7 @@ def _unit(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> tuple[torch.Tens
     return x / length, y / length, torch.where(flat, -1.0, z / length)
 
 
-def _to_world(pose: list[list[float]], vector: Sequence[torch.Tensor]) -> torch.Tensor:
+def _to_world(pose: Pose, vector: Sequence[torch.Tensor]) -> torch.Tensor:
     """[N, 3] = R^T v for v 3 x [N], written out: a matrix product's rounding may depend on the number of threads."""
     return torch.stack(
         [pose[0][i] * vector[0] + pose[1][i] * vector[1] + pose[2][i] * vector[2] for i in range(3)], dim=1
