@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import Cell, film_cell, pictures
+from benchmarks.quality.cells import FLOOR, Cell, film_cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.report import publish, show
 from posegaussian.dags.simulation.simulated_run import run_capture
@@ -51,9 +51,7 @@ def rows_of(seed: int) -> list[dict[str, Any]]:
                 spoil(folder / "capture")
                 shutil.rmtree(folder / "archive")  # the survey keeps what it saw of a sequence
             for state in ("auto",) if cameras == "alike" else ("off", "auto"):
-                results, _ = run_capture(
-                    folder, (held_out, "network.weights=none", f"effects.exposure_matching={state}")
-                )
+                results, _ = run_capture(folder, (held_out, *FLOOR, f"effects.exposure_matching={state}"))
                 found = results.context.effects["exposure_matching"].decision
                 on = "on" if found is not None and found.on else "off"
                 print(f"seed {seed}, {cameras}, {state}: {found.reason if found is not None else ''}", flush=True)

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.network.picture import draw
-from benchmarks.quality.cells import Cell, film_cell, pictures
+from benchmarks.quality.cells import FLOOR, Cell, film_cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.report import publish, show
 from posegaussian.dags.planning.results import Results
@@ -88,7 +88,7 @@ def measured(
     """Rows of floor, network and truth, and EPE by number of iterations: the stage's own setting and `others`."""
     motion, held_out = film_cell(cell, folder)
     base, learned = (
-        (held_out, "network.weights=none", *settings),
+        (held_out, *FLOOR, *settings),
         (f"depth.method={floor}", f"network.weights={weights}"),
     )
     epe: dict[int, float] = {}

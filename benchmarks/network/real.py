@@ -27,6 +27,7 @@ from rich.console import Console
 from benchmarks.network.agreement import Shown, table
 from benchmarks.network.picture import difference, glowing, nearer
 from benchmarks.pose.real import CROPS, without_keypoints
+from benchmarks.quality.cells import UNREFINED
 from benchmarks.quality.picture import around, tile
 from benchmarks.report import publish, show
 from posegaussian.dags.config.settings import load_configuration
@@ -61,7 +62,7 @@ HEIGHT = 480
 def run(balance: Path, archive: Path, settings: list[str], views: Path) -> Results:
     """The capture's results under some settings; what they do not touch stays fresh."""
     session = Session(
-        load_configuration(None, ["frames.size=960", *CROPS, *settings], folder=archive.parent),
+        load_configuration(None, ["frames.size=960", *UNREFINED, *CROPS, *settings], folder=archive.parent),
         str(archive),
         Console(quiet=True),
     )

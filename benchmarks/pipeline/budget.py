@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.quality.cells import SCENES, Cell, film_cell
+from benchmarks.quality.cells import FLOOR, SCENES, Cell, film_cell
 from benchmarks.quality.light import fitted
 from benchmarks.quality.views import means, seeds
 from benchmarks.refinement.gain import one_thread
@@ -41,7 +41,7 @@ from posegaussian.storage.model.masks import foreground
 CELLS = (("plain", 1), ("plain", 2), ("capture_like", 2))
 """(set of scenes, seed): none that is kept for reporting, as the constants of the merging were chosen on them."""
 BUDGETS = (0.5, 0.25, 0.1, 0.05)
-SETTINGS = ("network.weights=none", "depth.method=sweep")
+SETTINGS = (*FLOOR, "depth.method=sweep")
 PSNR = MetricsParams(measures=["psnr"])
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.quality.cells import UNREFINED
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import film_capture, held_out_setting, run_capture
 from posegaussian.dags.tradeoff.quality import held_out_path
@@ -40,7 +41,7 @@ def measured(results: Results) -> dict[str, float]:
 def worth(seed: int, cameras: int, weights: str, folder: Path) -> tuple[dict[str, dict[str, float]], str]:
     """What is measured with the effect off, on and on auto, and why it is what it is."""
     scene = ablation_scene(FIRST_VALIDATION_SEED + seed, cameras, 192, 5, 30.0, NOISE)
-    settings = (held_out_setting(film_capture(scene, folder)[0]), f"network.weights={weights}")
+    settings = (held_out_setting(film_capture(scene, folder)[0]), f"network.weights={weights}", *UNREFINED)
     found = {}
     for state in (OFF, ON, AUTO):
         results = run_capture(folder, (*settings, f"effects.{POSE_BLENDING}={state}"))[0]

@@ -31,11 +31,15 @@ WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 SCENES = {"plain": tuple(REPORTING_SEEDS), "capture_like": tuple(CAPTURE_LIKE_SEEDS)}
 """{set of scenes: its seeds for reporting}: matt people bare-handed on upright rings, and scenes that are like captures
 (`posegaussian.stages.simulator.capture_scenes`)."""
-TIMED = ("judge", "depth", "network", "gaussians", "rendering")
+TIMED = ("judge", "depth", "network", "gaussians", "refinement", "rendering")
+UNREFINED = ("refinement.steps=0",)
+"""Pictures from depth and Gaussians as they are made."""
+FLOOR = ("network.weights=none", *UNREFINED)
+"""The analytic floor: by geometry alone."""
 DEFAULT, LEARNED = "default", "network"
-"""In place of a depth method: everything as it is set by default, depth and network by the judge's choice; and the same
-with the weights that ship, whatever the judge says of them."""
-SETTINGS = {DEFAULT: (), LEARNED: (f"network.weights={CANDIDATES[-1]}",)}
+"""In place of a depth method: everything as it is set by default, depth and network by the judge's choice, and refined;
+and the same with the weights that ship, whatever the judge says of them, unrefined."""
+SETTINGS = {DEFAULT: (), LEARNED: (f"network.weights={CANDIDATES[-1]}", *UNREFINED)}
 """{what stands in place of a depth method: its settings}."""
 
 
@@ -69,7 +73,7 @@ def measure_cell(
     motion, held_out = film_cell(cell, folder)
     rows = []
     for method in methods:
-        chosen = SETTINGS.get(method, ("network.weights=none", f"depth.method={method}"))
+        chosen = SETTINGS.get(method, (*FLOOR, f"depth.method={method}"))
         results, seconds = run_capture(folder, (held_out, *chosen, *settings))
         context = results.context
         per_frame = {f"{s} s": seconds[s] / cell.scene.frames for s in TIMED}

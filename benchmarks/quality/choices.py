@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import SCENES, Cell, film_cell, pictures
+from benchmarks.quality.cells import FLOOR, SCENES, UNREFINED, Cell, film_cell, pictures
 from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.planning.context import Context
@@ -54,10 +54,10 @@ CHOICES = {
         BY_PICTURES,
         DEPTH,
         lambda c: resolve_method(c.settings.depth, c.facts).name,
-        ("network.weights=none",),
+        FLOOR,
     ),
     "network": Judged(
-        "network.weights", CANDIDATES, LEARNED, lambda c: weights_choice(c.settings.network, c.facts)[0], ()
+        "network.weights", CANDIDATES, LEARNED, lambda c: weights_choice(c.settings.network, c.facts)[0], UNREFINED
     ),
 }
 

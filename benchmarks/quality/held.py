@@ -22,7 +22,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.quality.cells import DEFAULT, Cell, pictures
+from benchmarks.quality.cells import DEFAULT, FLOOR, Cell, pictures
 from benchmarks.quality.views import means, seeds
 from benchmarks.report import publish
 from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
@@ -85,7 +85,7 @@ def measured(
         staged, _ = film_capture(scene(seed, kind, RIGS[kind][held], size), Path(folder))
         cell = Cell(seed, staged.sources, size=size, frames=1)
         for method in methods:
-            chosen = () if method == DEFAULT else ("network.weights=none", f"depth.method={method}")
+            chosen = () if method == DEFAULT else (*FLOOR, f"depth.method={method}")
             results, _ = run_capture(Path(folder), (held_out_setting(staged), *chosen, *settings))
             yield {
                 "seed": seed, "rig": kind, "held": held, "depth": method, **pictures(results, cell), **depths(results)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import DEFAULT
+from benchmarks.quality.cells import DEFAULT, FLOOR
 from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.planning.results import Results
@@ -67,7 +67,7 @@ def rows_of(seed: int, size: int, frames: int, methods: tuple[str, ...], setting
         held_out = held_out_setting(film_capture(still_scene(seed, size, frames), folder)[0])
         rows = []
         for method in methods:
-            chosen = () if method == DEFAULT else ("network.weights=none", f"depth.method={method}")
+            chosen = () if method == DEFAULT else (*FLOOR, f"depth.method={method}")
             results, _ = run_capture(folder, (held_out, *chosen, *settings))
             rows.append({"seed": seed, "depth": method, **measured(results)})
     return rows

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 
 from benchmarks.baselines.splatting import FreeGaussians, Scene, optimised
-from benchmarks.quality.cells import SCENES, Cell, film_cell
+from benchmarks.quality.cells import FLOOR, SCENES, Cell, film_cell
 from benchmarks.quality.light import fitted
 from benchmarks.quality.views import means, seeds
 from benchmarks.refinement.picture import draw
@@ -45,7 +45,6 @@ LOSS, LOSS_OF_VIEW = 0.1, 0.2
 """dB that no scene, and no held-out view of one, may lose by them."""
 MADE = ("frames", "pose", "smoothing", "depth", "network", "gaussians", "refinement", "rendering")
 """Stages whose seconds count."""
-FLOOR = ("network.weights=none", "refinement.steps=0")
 PSNR = MetricsParams(measures=["psnr"])
 
 
@@ -87,7 +86,7 @@ def _by_view(results: Results, cell: Cell) -> list[float]:
 
 def plain(cell: Cell, folder: Path, settings: tuple[str, ...], minutes: list[float]) -> list[dict[str, Any]]:
     """One row a time, of the first frame."""
-    results, _ = run_capture(folder, ("network.weights=none", *settings, "depth.method=hull"))
+    results, _ = run_capture(folder, (*FLOOR, *settings, "depth.method=hull"))
     scene = Scene.of(results)
     rows: list[dict[str, Any]] = []
 

@@ -32,6 +32,8 @@ from posegaussian.storage.files.write import make_folder, whole_file, write_atom
 SHIPPED = "fast"
 """Weights that a run has where neither a file is named nor the default is trained."""
 JOINTS = "joints3d.npy"
+UNREFINED = "refinement.steps=0"
+"""Refinement evens out what a row changes before it, and takes longer than all of that."""
 
 
 @dataclass(frozen=True)
@@ -223,6 +225,7 @@ def run(cell: RunCell, weights: Weights, threads: int, say: Callable[[str], None
             held_out = _filmed(cell.scene, folder, threads, say)
             look()
             settings = (
+                UNREFINED,
                 *cell.settings(weights),
                 *cell.metrics,
                 held_out,

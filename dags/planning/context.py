@@ -20,7 +20,7 @@ from posegaussian.dags.planning.effects import (
     with_optional,
 )
 from posegaussian.stages.contract.declaration import Evidence, Stage
-from posegaussian.stages.contract.facts import ESTIMATED, HELD_OUT, SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.facts import ESTIMATED, FEW_SOURCES, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.trust import CameraVerdict, asks, judged_cameras
 from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST
@@ -204,7 +204,8 @@ class Context:
         """What the capture has, as far as it decides which stages and inputs count: the roles of its cameras, and what
         each stage tells of it, in the order of flow."""
         views = self.asked_views
-        roles = {SINGLE_SOURCE: len(views.sources) == 1, HELD_OUT: bool(views.held_out)}
+        sources = len(views.sources)
+        roles = {SINGLE_SOURCE: sources == 1, FEW_SOURCES: sources < 3, HELD_OUT: bool(views.held_out)}
         known = Facts(frozenset(name for name, holds in roles.items() if holds))
         for s in STAGES:
             known = known | set(s.facts(self.capture, views, self.params(s), known))

@@ -5,12 +5,15 @@ from __future__ import annotations
 from posegaussian.stages.contract.declaration import Params, setting
 from posegaussian.stages.contract.facts import Facts
 
+FEWEST = 3
+"""Usable source views: one judges, and two teach."""
+
 
 class RefinementParams(Params):
     """How long each frame's Gaussians are optimised, and for how many frames that is found out at once."""
 
     steps: int = setting(
-        0,
+        50,
         "Most steps of two source pictures each; 0 leaves the stage out.",
         unit="steps",
         quality_levels=[0, 20, 50, 200, 1000],

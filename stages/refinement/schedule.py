@@ -8,11 +8,10 @@ from math import gcd
 import numpy as np
 
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.refinement.params import FEWEST
 from posegaussian.stages.rendering.sources import angles_at, choose
 from posegaussian.storage.model.cameras import Rig
 
-FEWEST = 3
-"""Usable source views: one judges, and two teach."""
 NEIGHBOURS = 2
 """Views whose Gaussians make a picture without refinement, as `rendering.sources` has it."""
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import QUATERNIONS, depth_reads
-from posegaussian.stages.refinement.params import RefinementParams, halo
+from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
@@ -26,10 +26,12 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:
-    """Without steps rendering takes the Gaussians as they are; with a single source view nothing judges them."""
+    """Without steps rendering takes the Gaussians as they are; of fewer than three source views none can judge."""
     if not params.steps:
         return "refinement.steps is 0: rendering takes the Gaussians as they are"
-    return "there is a single source view: refinement is judged by another one" if SINGLE_SOURCE in facts else None
+    if FEW_SOURCES in facts:
+        return f"there are fewer than {FEWEST} source views: refinement wants one that judges and two that teach"
+    return None
 
 
 STAGE = Stage(

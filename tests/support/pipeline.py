@@ -88,7 +88,8 @@ class Pipeline:
         # set it back to auto. Heatmaps are asked for by name: without the network nobody reads them.
         forced = [f"effects.{e}={state}" for e, state in FORCED.items()]
         matched = [] if any(s.startswith("views.sources") for s in self.settings) else ["depth.method=sgbm"]
-        fixed = ["run.scheduler=serial", "views.trust=all", "network.weights=none", *HEATMAPS, *matched, *forced]
+        fixed = ["run.scheduler=serial", "views.trust=all", "network.weights=none", "refinement.steps=0"]
+        fixed += [*HEATMAPS, *matched, *forced]
         return [f"partition.frames={self.partition}", f"views.held_out={self.held_out}", *fixed, *self.settings]
 
     @property

@@ -148,15 +148,13 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     def stages(name: str, **kw: Any) -> set[str]:
         return {t.stage for t in tasks(make(tmp_path / name, **kw))}
 
-    everything = {s.name for s in STAGES if s.name != "refinement"} - {
-        "detection",
-        "tracks",
-        "people",
-    }  # joints came with it, or nobody estimates them
+    # joints came with it, or nobody estimates them
+    everything = {s.name for s in STAGES} - {"detection", "tracks", "people"}
     assert stages("a") == everything
     assert stages("b", masks=False) == everything, "joints and the background say who is judged"
     assert stages("c", joints=False) == everything - {"pose", "smoothing"}, "masks are surveyed"
     assert stages("d", held_out=()) == everything - {"metrics"}
+    assert stages("h", cameras=3) == everything - {"refinement"}, "two sources, and none of them can judge"
     unasked = dict.fromkeys(
         (
             "noise_averaging",

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from posegaussian.stages.refinement.schedule import FEWEST, Schedule, schedule
+from posegaussian.stages.refinement.params import FEWEST
+from posegaussian.stages.refinement.schedule import Schedule, schedule
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 
 
