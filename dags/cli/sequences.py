@@ -139,7 +139,8 @@ def scans(
     ] = 1.8,
     up: Annotated[str, typer.Option("--up", help="Axis of the files that points up: x, y or z.")] = "y",
     part: Annotated[
-        str | None, typer.Option("--part", help="Some of the scans in order of their names, as first:end.")
+        str | None,
+        typer.Option("--part", help="Some of the scans, by name in order: first:end, gps_train or gps_val."),
     ] = None,
     threads: Annotated[
         int | None, typer.Option("--threads", help="Pictures at a time; default: one a core.", min=1, max=256)
@@ -150,7 +151,7 @@ def scans(
 ) -> None:
     """Film a folder of textured scans (THuman2.0, Twindom, RenderPeople), one sequence a scan; what is there is kept.
 
-    Example: posegaussian scans THuman2.0_Release --cameras 8 --part 426:526 --archive ./archive
+    Example: posegaussian scans THuman2.0_Release --cameras 8 --part gps_val --archive ./archive
     """
     from posegaussian.dags.simulation.scans import ScanRig, chosen, film_scans, find_scans
 

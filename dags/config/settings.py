@@ -24,6 +24,7 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.roles import EVENLY
 from posegaussian.storage.model.spec import ArraySpec, Keep
+from posegaussian.storage.model.splits import PROTOCOLS
 from posegaussian.storage.model.yaml_documents import yaml_text
 
 GLOBAL = {"archive", "partition", "run", "sequences"}
@@ -32,6 +33,9 @@ GLOBAL = {"archive", "partition", "run", "sequences"}
 PACKAGED = Path(__file__).with_name("pipeline.yaml")
 """The full configuration with every default."""
 
+
+SOURCES = rf"^({EVENLY}|{'|'.join(PROTOCOLS)})$"
+"""What `views.sources` may be beside names of cameras."""
 
 UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 """Bytes of a size's unit."""
@@ -54,8 +58,10 @@ class PartitionSettings(Params):
 class ViewSettings(Params):
     """Roles of the cameras."""
 
-    sources: list[str] | Annotated[str, Field(pattern=EVENLY)] | None = setting(
-        None, "Cameras to reconstruct from; null: all that are not held out, uniform N: N of these, evenly by angle."
+    sources: list[str] | Annotated[str, Field(pattern=SOURCES)] | None = setting(
+        None,
+        "Cameras to reconstruct from; null: all that are not held out, uniform N: N of these, evenly by angle; or a"
+        f" protocol of the data set: {', '.join(PROTOCOLS)}.",
     )
     held_out: list[str] | None = setting(
         None, "Cameras that only metrics may look at; null: those that the capture holds out, [] none."
@@ -66,10 +72,13 @@ class ViewSettings(Params):
         " whatever they show, and of the others those that auto believes.",
     )
 
-    @property
-    def named_sources(self) -> list[str]:
-        """The sources as far as they are named."""
-        return self.sources if isinstance(self.sources, list) else []
+    @field_validator("sources", mode="before")
+    @classmethod
+    def _a_choice_of_cameras(cls, value: Any) -> Any:
+        if isinstance(value, str) and re.fullmatch(SOURCES, value) is None:
+            known = ", ".join(PROTOCOLS)
+            raise ValueError(f"a list of cameras, uniform N or a protocol ({known}) is expected, got {value!r}")
+        return value
 
 
 class RunSettings(Params):

@@ -32,7 +32,8 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import captured_to_calibrated, unexplained_sizes
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
-from posegaussian.storage.model.roles import sources_of
+from posegaussian.storage.model.roles import Roles, roles_in
+from posegaussian.storage.model.splits import frames_of
 from posegaussian.storage.model.timegrid import TimeGrid, select
 
 
@@ -81,40 +82,31 @@ class Context:
         """Settings of one stage."""
         return getattr(self.settings, stage.name)
 
-    @cached_property
+    @property
     def held_out(self) -> tuple[str, ...]:
-        """Names of the cameras that only metrics may look at: as set, else as the capture says, but for those that
-        are set to be sources."""
-        roles = self.settings.views
-        if roles.held_out is not None:
-            return tuple(roles.held_out)
-        return tuple(n for n in self.capture.held_out if n in self.capture.rig.names and n not in roles.named_sources)
+        """Names of the cameras that only metrics may look at."""
+        return self._roles.held_out
+
+    @cached_property
+    def _roles(self) -> Roles:
+        """Names of cameras by role, as set. Raises ConfigError."""
+        views = self.settings.views
+        return roles_in(self.capture, views.sources, views.held_out, self.sequence.name)
 
     @cached_property
     def asked_views(self) -> Views:
         """Roles of the cameras as they are set, before any of them is disbelieved. Raises ConfigError for names that
         the capture does not have or that play both roles."""
-        names = self.capture.rig.names
-        roles, held_out = self.settings.views, self.held_out
-        trust = roles.trust if isinstance(roles.trust, list) else []
-        for key, chosen in (("sources", roles.named_sources), ("held_out", held_out), ("trust", trust)):
-            for name in chosen:
-                if name not in names:
-                    raise ConfigError(
-                        f"views.{key}: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}"
-                    )
-        sources = sources_of(roles.sources, self.capture.rig, held_out)
-        both = sorted(set(sources) & set(held_out))
-        if both:
-            raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
-        if not sources:
-            raise ConfigError(
-                f"views: no camera of sequence {self.sequence.name} is left as a source; shorten views.held_out"
-            )
+        names, roles = self.capture.rig.names, self._roles
+        for name in self.settings.views.trust if isinstance(self.settings.views.trust, list) else []:
+            if name not in names:
+                raise ConfigError(
+                    f"views.trust: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}"
+                )
         return Views(
             names,
-            tuple(i for i, n in enumerate(names) if n in sources),
-            tuple(i for i, n in enumerate(names) if n in held_out),
+            tuple(i for i, n in enumerate(names) if n in roles.sources),
+            tuple(i for i, n in enumerate(names) if n in roles.held_out),
         )
 
     @cached_property
@@ -161,14 +153,20 @@ class Context:
         """[V, 3] (scale, dx, dy): `frames.crop`, else what the import found."""
         return captured_to_calibrated(self.capture.rig.names, {**self.capture.crops, **self.settings.frames.crop})
 
+    @property
+    def frame_range(self) -> str:
+        """`frames.range` as start:stop:stride. Raises ConfigError for a protocol that the capture does not have."""
+        capture = self.capture
+        return frames_of(self.settings.frames.range, capture.splits, self.sequence.name, capture.layout)
+
     @cached_property
     def source_frames(self) -> np.ndarray:
         """[F] source frame numbers. Raises ConfigError when the range selects none."""
         numbers = self.capture.numbers
-        chosen = select(numbers, self.settings.frames.range)
+        chosen = select(numbers, self.frame_range)
         if not len(chosen):
             raise ConfigError(
-                f"frames.range {self.settings.frames.range!r} selects no frame of sequence {self.sequence.name}; its"
+                f"frames.range {self.frame_range!r} selects no frame of sequence {self.sequence.name}; its"
                 f" source frames are {numbers[0]}..{numbers[-1]}"
             )
         return chosen

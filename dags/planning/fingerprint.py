@@ -33,11 +33,7 @@ def own_parts(context: Context, task: Task) -> dict[str, Any]:
         "bounds": _bounds(context, task),
         "cameras": _cameras(context, task),
         "sources": {} if stage.sequence_wide else _sources(context, stage, task),
-        **(
-            {"worked": [context.settings.frames.range, *context.source_frames[[0, -1]].tolist()]}
-            if stage.sequence_wide
-            else {}
-        ),
+        **({"worked": [context.frame_range, *context.source_frames[[0, -1]].tolist()]} if stage.sequence_wide else {}),
     }
 
 

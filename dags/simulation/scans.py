@@ -19,6 +19,7 @@ from posegaussian.dags.simulation.simulate import film_scene
 from posegaussian.stages.simulator.scene import Scene, faults
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError, SourceError, UserError
+from posegaussian.storage.model.splits import SCAN_PARTS
 
 FILL = 0.86
 """Share of the picture's height that a scan fills."""
@@ -65,13 +66,17 @@ def find_scans(folder: Path) -> dict[str, Path]:
 
 
 def chosen(names: Sequence[str], part: str | None) -> list[str]:
-    """Those of the sorted names in `part`, "first:end" as Python counts, or all. Raises SourceError."""
+    """Those of the sorted names in `part`, "first:end" as Python counts or the name of a part that papers take, or all.
+    Raises SourceError."""
     if part is None:
         return list(names)
-    ends = re.fullmatch(r"(-?\d+)?:(-?\d+)?", part)
+    ends = re.fullmatch(r"(-?\d+)?:(-?\d+)?", SCAN_PARTS.get(part, part))
     some = [] if ends is None else list(names)[slice(*(None if e is None else int(e) for e in ends.groups()))]
     if not some:
-        raise SourceError(f"scans --part {part}: it is none of the {len(names)} scans; 0:426 are the first 426")
+        named = ", ".join(f"{n} is {p}" for n, p in SCAN_PARTS.items())
+        raise SourceError(
+            f"scans --part {part}: it is none of the {len(names)} scans; 0:100 are the first 100, and {named}"
+        )
     return some
 
 

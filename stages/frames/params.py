@@ -19,6 +19,7 @@ from posegaussian.stages.contract.facts import (
 )
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.storage.model.crop import Crop
+from posegaussian.storage.model.splits import PROTOCOLS
 from posegaussian.storage.model.timegrid import parse_range
 
 Matte = Literal["given", "person", "plate", "none"]
@@ -31,8 +32,8 @@ class FramesParams(Params):
 
     range: str = setting(
         "::",
-        "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one. It enters a"
-        " fingerprint through the partition's frames alone.",
+        "Source frames as start:stop:stride; empty parts mean from the first, to the last, every one; or a protocol of"
+        " the data set, whose test frames they are. It enters a fingerprint through the partition's frames alone.",
         volatile=True,
     )
     size: int | None = setting(
@@ -72,7 +73,11 @@ class FramesParams(Params):
     @field_validator("range")
     @classmethod
     def _range_parses(cls, text: str) -> str:
-        parse_range(text)
+        if text not in PROTOCOLS:
+            parse_range(text)
+        elif not PROTOCOLS[text].frames:
+            told = [n for n, p in PROTOCOLS.items() if p.frames]
+            raise ValueError(f"protocol {text} tells no frames; these do: {', '.join(told)}")
         return text
 
 

@@ -16,6 +16,7 @@ from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Rig
 from posegaussian.storage.model.capture import ONE_FILE, PER_VIEW, Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import ArchiveError, BrokenRecord, CalibrationError, SourceError
+from posegaussian.storage.model.timegrid import parse_range
 
 FORMAT = 1
 """Number of the archive format this version writes; newer ones are refused."""
@@ -132,6 +133,11 @@ def _fault(capture: Capture) -> str | None:
             kind == "pictures" and None in streams
         ):
             return f"{len(streams)} streams of {kind} for {count} cameras"
+    split_texts = [t for s in capture.splits.values() for t in (*s.sources, *s.held_out, s.frames or "")]
+    if not all(isinstance(t, str) for t in (*capture.splits, *split_texts)):
+        return "protocols name cameras and frames by other than text"
+    for split in capture.splits.values():
+        parse_range(split.frames or "::")
     for what, named in (("crops", capture.crops), ("held_out", capture.held_out)):
         if strange := [n for n in named if n not in rig.names]:
             return f"{what} name {str(strange[0])[:40]!r}, which is no camera"

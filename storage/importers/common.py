@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,9 +12,10 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from posegaussian.storage.formats.joint_files import frame_number
-from posegaussian.storage.model.capture import SourceFile, Stream
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.splits import said_of, splits_of
 from posegaussian.storage.readers import images
 from posegaussian.storage.readers.video import VIDEO_SUFFIXES, VideoFile
 
@@ -196,6 +198,13 @@ def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple
                 f" frame / {rate:g}"
             )
     return streams, rate, notes
+
+
+def with_splits(capture: Capture, order: Sequence[str], subject: str) -> Capture:
+    """The capture with the protocols of its data set and a sentence on each; `order` and `subject` as in
+    `splits_of`."""
+    splits = splits_of(capture.layout, order, capture.rig.names, subject)
+    return replace(capture, splits=splits, notes=(*capture.notes, *said_of(splits, capture.rig.names)))
 
 
 def gap_notes(

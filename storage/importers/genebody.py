@@ -14,7 +14,7 @@ import numpy as np
 
 from posegaussian.storage.formats.plain_pickle import read_object
 from posegaussian.storage.importers.cameras import RawCamera, numbers
-from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders
+from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders, with_splits
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
 from posegaussian.storage.model.capture import Capture
@@ -47,7 +47,7 @@ def find(source: Path, options: GeneBodyOptions) -> Capture:
     ]
     notes = [f"pictures of camera {n} have no calibration and are left out" for n in unknown]
     notes += [f"camera {n} has no pictures and is left out" for n in cams if n not in found]
-    return capture_of(GENEBODY, filmed, options, notes=notes)
+    return with_splits(capture_of(GENEBODY, filmed, options, notes=notes), list(found), base.name)
 
 
 def _cams(path: Path) -> dict[str, Any]:

@@ -18,7 +18,14 @@ from pydantic import Field
 
 from posegaussian.storage.formats.plain_npy import read_numbers
 from posegaussian.storage.importers.cameras import DISTORTION, build_rig, check_principal_point, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, folder, mask_file_streams, natural, subfolders
+from posegaussian.storage.importers.common import (
+    ImportOptions,
+    folder,
+    mask_file_streams,
+    natural,
+    subfolders,
+    with_splits,
+)
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction
@@ -70,7 +77,7 @@ def find(source: Path, options: GpsOptions) -> Capture:
     }
     masks, mask_notes = mask_file_streams(names, beside["mask"], pictures)
     depth_maps, depth_notes = depth_file_streams(names, beside["depth"], pictures, INVERSE_UNIT, inverse=True)
-    return Capture(
+    capture = Capture(
         "gps_gaussian",
         rig,
         rate,
@@ -88,6 +95,7 @@ def find(source: Path, options: GpsOptions) -> Capture:
             *rig_notes(rig),
         ),
     )
+    return with_splits(capture, names, "") if held_out == TARGETS else capture
 
 
 def _cameras(base: Path, samples: list[str], options: GpsOptions) -> tuple[Cameras, tuple[str, ...]]:

@@ -18,7 +18,7 @@ from pydantic import Field
 from posegaussian.storage.formats.joint_files import frame_number
 from posegaussian.storage.formats.plain_pickle import read_object
 from posegaussian.storage.importers.cameras import RawCamera, numbers
-from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders
+from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders, with_splits
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
 from posegaussian.storage.importers.posed_images import checked_name
@@ -66,7 +66,7 @@ def find(source: Path, options: ZjuOptions) -> Capture:
         raise SourceError(f"none of the pictures that {path} names is in {base}; unpack them beside it")
     if not any(f.masks for f in filmed):
         notes.append("there are no masks")
-    return capture_of(ZJU_MOCAP, filmed, options, notes=notes)
+    return with_splits(capture_of(ZJU_MOCAP, filmed, options, notes=notes), list(pictures), base.name)
 
 
 def _file(base: Path) -> Path | None:

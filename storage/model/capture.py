@@ -22,6 +22,7 @@ from posegaussian.storage.model.documents import regular
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.plausible import check_rate
 from posegaussian.storage.model.spec import digest
+from posegaussian.storage.model.splits import Split
 
 PER_VIEW = ("pictures", "masks", "joints", "depth", "depth_maps")
 """Kinds of sources with a stream a view; 3D joints have one for all."""
@@ -181,6 +182,8 @@ class Capture:
     `frames.crop` overrules it."""
     held_out: tuple[str, ...] = ()
     """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
+    splits: Mapping[str, Split] = field(default_factory=dict)
+    """By name, the protocols of its data set, for `views.sources` and `frames.range`."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
 
@@ -232,6 +235,8 @@ class Capture:
         out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
         out["crops"] = {name: crop.model_dump() for name, crop in self.crops.items()}
         out["held_out"] = self.held_out
+        if self.splits:
+            out["splits"] = {name: asdict(split) for name, split in self.splits.items()}
         return out
 
     @classmethod
@@ -258,7 +263,7 @@ class Capture:
             np.array(r["size"], dtype=np.int64),
         )
         kinds: dict[str, Any] = {k: tuple(stream(s) for s in data.get(k, ())) for k in PER_VIEW}
-        # archives of older versions have neither
+        # archives of older versions have none of these
         crops = {name: Crop.model_validate(c) for name, c in data.get("crops", {}).items()}
         return cls(
             data["layout"],
@@ -267,6 +272,10 @@ class Capture:
             joints3d=stream(data["joints3d"]),
             crops=crops,
             held_out=tuple(data.get("held_out", ())),
+            splits={
+                name: Split(tuple(s["sources"]), tuple(s["held_out"]), s["frames"])
+                for name, s in data.get("splits", {}).items()
+            },
             notes=tuple(data["notes"]),
             **kinds,
         )

@@ -1,16 +1,59 @@
-"""Which cameras are reconstructed from: named, or so many, evenly around the scene."""
+"""Which cameras are reconstructed from: named, by a protocol of the data set, or so many, evenly around the scene."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.splits import PROTOCOLS, split_named
 
-EVENLY = r"^uniform [1-9][0-9]{0,3}$"
+EVENLY = r"uniform [1-9][0-9]{0,3}"
 """How a setting asks for that many cameras."""
+
+
+class Roles(NamedTuple):
+    """Names of cameras."""
+
+    sources: tuple[str, ...]
+    """To reconstruct from."""
+    held_out: tuple[str, ...]
+    """Only metrics may look at."""
+
+
+def roles_in(
+    capture: Capture, sources: Sequence[str] | str | None, held_out: Sequence[str] | None, sequence: str
+) -> Roles:
+    """The roles of a capture's cameras as `views.sources` and `views.held_out` ask for them.
+
+    What is held out is what is set, else what the protocol says that the sources are named by, else what the capture
+    says, but for those that are named as sources. Raises ConfigError for names that the capture does not have or that
+    play both roles, and where no source is left.
+    """
+    names, named = capture.rig.names, [] if sources is None or isinstance(sources, str) else list(sources)
+    apart = tuple(n for n in capture.held_out if n in names and n not in named)
+    asked, key = sources, "sources"
+    if isinstance(sources, str) and sources in PROTOCOLS:
+        split = split_named(sources, capture.splits, "views.sources", sequence, capture.layout)
+        asked = named = list(split.sources)
+        apart, key = split.held_out, f"sources {sources}"
+    apart = apart if held_out is None else tuple(held_out)
+    for what, chosen in ((key, named), ("held_out", apart)):
+        for name in chosen:
+            if name not in names:
+                raise ConfigError(
+                    f"views.{what}: sequence {sequence} has no camera {name!r}; it has {', '.join(names)}"
+                )
+    used = tuple(sources_of(asked, capture.rig, apart))
+    if both := sorted({*used} & {*apart}):
+        raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")
+    if not used:
+        raise ConfigError(f"views: no camera of sequence {sequence} is left as a source; shorten views.held_out")
+    return Roles(used, apart)
 
 
 def sources_of(asked: Sequence[str] | str | None, rig: Rig, held_out: Sequence[str]) -> list[str]:

@@ -22,12 +22,12 @@ POINT = PLACE + np.array([0.12, -0.2, 0.07])
 DISTORTION = np.array([-0.05, 0.1, 1e-3, -2e-3, 0.01])
 
 
-def intrinsics(v: int) -> np.ndarray:
+def intrinsics(v: float) -> np.ndarray:
     """[3, 3] px, pixel centres at integers; every camera has its own."""
     return np.array([[70.0 + v, 0, 31.0 - 0.5 * v], [0, 71.0 + v, 24.5 + 0.25 * v], [0, 0, 1]])
 
 
-def rotation(v: int) -> np.ndarray:
+def rotation(v: float) -> np.ndarray:
     """[3, 3] world to camera; y of the world is down, camera v stands 50 v + 20 degrees around the place and 20 v
     degrees above it."""
     around, above = np.radians(50 * v + 20), np.radians(20 * v)
@@ -37,17 +37,17 @@ def rotation(v: int) -> np.ndarray:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def centre(v: int) -> np.ndarray:
+def centre(v: float) -> np.ndarray:
     """[3] metres."""
     return PLACE - DISTANCE * rotation(v)[2]
 
 
-def translation(v: int) -> np.ndarray:
+def translation(v: float) -> np.ndarray:
     """[3] metres, world to camera."""
     return -rotation(v) @ centre(v)
 
 
-def pose(v: int) -> np.ndarray:
+def pose(v: float) -> np.ndarray:
     """[4, 4] world to camera, metres."""
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = rotation(v), translation(v)

@@ -29,5 +29,7 @@ def test_a_plan_has_that_many_sources(tmp_path: Path) -> None:
 def test_a_setting_that_is_no_number_of_cameras_is_refused(tmp_path: Path) -> None:
     for text in ("uniform", "uniform 0", "uniform -3", "uniform 8 9", "even 8", "uniform 99999"):
         (tmp_path / "pipeline.yaml").write_text(f"views: {{sources: {text}}}\n")
-        with pytest.raises(ConfigError, match=r"pipeline.yaml:1:9 views.sources: .*match pattern"):
+        with pytest.raises(
+            ConfigError, match=r"pipeline.yaml:1:9 views.sources: a list.*uniform N or a protocol \(zju_4, .*, got '"
+        ):
             load_configuration(tmp_path / "pipeline.yaml", folder=tmp_path)

@@ -40,6 +40,8 @@ def test_scans_are_found_by_name_and_parts_of_them_by_their_order(tmp_path: Path
     assert chosen(list(found), "1:") == ["0001", "0002"]
     assert chosen(list(found), ":-1") == ["0000", "0001"]
     assert chosen(list(found), None) == list(found)
+    every = [f"{n:04d}" for n in range(526)]
+    assert (chosen(every, "gps_train"), chosen(every, "gps_val")) == (every[:426], every[426:])
     for part in ("7:9", "all", "1", "1:2:3"):
         with pytest.raises(SourceError, match=f"scans --part {part}: it is none of the 3 scans"):
             chosen(list(found), part)

@@ -57,6 +57,14 @@ def test_cameras_pictures_and_masks_are_those_of_the_files(base: Path) -> None:
     ring.check_masks(capture, (0, 1, 2), FRAMES)
 
 
+def test_the_paper_s_four_sources_are_a_protocol(base: Path) -> None:
+    assert "protocol genebody_4 needs cameras that are not there: 37" in find(base).notes
+    save(base, {"cams": {**cams(), "37": cams()["25"]}})
+    shutil.copytree(base / "image" / "25", base / "image" / "37")
+    shutil.copytree(base / "mask" / "25", base / "mask" / "37")
+    assert find(base).splits["genebody_4"].sources == ("01", "13", "25", "37")
+
+
 def test_cameras_that_are_missing_are_said(base: Path) -> None:
     save(base, {"cams": cams((0, 1))})
     assert "pictures of camera 25 have no calibration and are left out" in find(base).notes

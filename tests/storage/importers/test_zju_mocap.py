@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -10,6 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.importing.register import register
+from posegaussian.dags.planning.context import Context
+from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
@@ -20,7 +25,7 @@ FRAMES = 3
 NAMES = ("Camera (1)", "Camera (2)", "Camera (10)")
 
 
-def cams(order: tuple[int, ...] = (0, 1, 2)) -> dict[str, list[np.ndarray]]:
+def cams(order: tuple[float, ...] = (0, 1, 2)) -> dict[str, list[np.ndarray]]:
     return {
         "K": [ring.intrinsics(v) for v in order],
         "D": [ring.DISTORTION[:, None] for _ in order],
@@ -121,6 +126,51 @@ def test_the_refined_layout_lists_no_pictures(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "images" / "02")
     with pytest.raises(UserError, match="has 2 folders for 3 cameras; cameras go with the folders in order"):
         find(tmp_path)
+
+
+def test_the_protocols_of_the_papers_are_known_by_name(tmp_path: Path) -> None:
+    """Four cameras by place, the others held out, and the subject's test frames; a plan takes them by one name."""
+    base = tmp_path / "CoreView_313"
+    order = [f"Camera ({n})" for n in (3, 1, 2, *range(4, 20), 22, 23)]
+    turns = {name: 0.15 * i for i, name in enumerate(order)}
+    save(
+        base / "annots.npy",
+        {"cams": cams(tuple(turns.values())), "ims": [{"ims": [f"{c}/{n:06d}.jpg" for c in order]} for n in (0, 1)]},
+    )  # type: ignore[arg-type]
+    for name in order:
+        for n in (0, 1):
+            ring.write_picture(base / name / f"{n:06d}.jpg", 0, n)
+    capture = find(base)
+    sources = ["Camera (3)", "Camera (7)", "Camera (13)", "Camera (19)"]
+    assert capture.splits["zju_4"].sources == tuple(sources)
+    assert (
+        "views.sources: zju_4 is a protocol of this data set: sources Camera (3), Camera (7), Camera (13), Camera (19),"
+        " 17 held out; frames.range: zju_4 takes its test frames, 0:60:30" in capture.notes
+    )
+    assert Capture.from_json(json.loads(json.dumps(capture.to_json()))).splits == capture.splits
+
+    def planned(*settings: str) -> Context:
+        configuration = load_configuration(None, settings, folder=tmp_path)
+        own = configuration.for_sequence("a")
+        sequence, _ = register(Archive.open(str(tmp_path / "archive"), create=True), "a", capture, own)
+        return Context(sequence, own, ())
+
+    context = planned("views.sources=zju_4", "frames.range=zju_4")
+    views = context.asked_views
+    assert [views.names[v] for v in views.sources] == sources
+    assert (len(views.held_out), context.source_frames.tolist()) == (17, [0])
+    assert len(planned("views.sources=zju_21").asked_views.sources) == 21
+    held = planned("views.sources=zju_4", "views.held_out=[Camera (1)]").asked_views
+    assert [held.names[v] for v in held.held_out] == ["Camera (1)"]
+    with pytest.raises(
+        UserError, match=r"views.sources: genebody_4 is a protocol of genebody, .* it has zju_4, zju_1, zju_21"
+    ):
+        _ = planned("views.sources=genebody_4").asked_views
+    shutil.rmtree(base / "Camera (7)")
+    capture = find(base)
+    assert "protocol zju_4 needs cameras that are not there: Camera (7)" in capture.notes
+    with pytest.raises(UserError, match=r"views.sources zju_4: sequence a has no camera 'Camera \(7\)'; it has Camera"):
+        _ = planned("views.sources=zju_4").asked_views
 
 
 def changed(key: str, values: list[Any]) -> dict[str, Any]:
