@@ -19,8 +19,8 @@ from pydantic import Field
 
 from posegaussian.storage.importers.caliscope_joints import tracked_joints
 from posegaussian.storage.importers.caliscope_times import Instants, instants
-from posegaussian.storage.importers.cameras import build_rig, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, chosen, folder, picture_gaps, shown, videos_in
+from posegaussian.storage.importers.cameras import build_rig
+from posegaussian.storage.importers.common import ImportOptions, chosen, folder, shown, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
@@ -71,12 +71,11 @@ def find(source: Path, options: CaliscopeOptions) -> Capture:
         f"calibration: {shown(base, [path])}",
         *matched.notes,
         *more,
-        *picture_gaps(rig.names, pictures),
         *_turned(tables),
         *_left_out(base),
         *found,
     ]
-    return Capture("caliscope", rig, rate, tuple(pictures), joints=joints, notes=(*notes, *rig_notes(rig)))
+    return Capture("caliscope", rig, rate, tuple(pictures), joints=joints, notes=tuple(notes))
 
 
 def _id(name: str) -> int:
@@ -204,4 +203,5 @@ IMPORTER = Importer(
         Trait("videos cam_N.mp4", lambda base: or_broken(lambda: recordings(base))),
         Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda base: bool(calibration_files(base))),
     ),
+    by_definition=True,
 )

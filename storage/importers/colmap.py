@@ -16,13 +16,12 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.colmap_model import ColmapCamera, ColmapModel, model_form, read_model
-from posegaussian.storage.importers.cameras import DISTORTION, build_rig, rig_notes
+from posegaussian.storage.importers.cameras import DISTORTION, build_rig
 from posegaussian.storage.importers.common import (
     chosen,
     folder,
     mask_file_streams,
     numbered,
-    picture_gaps,
     shown,
     subfolders,
 )
@@ -104,9 +103,7 @@ def find(source: Path, options: ColmapOptions) -> Capture:
             *facing,
             *fit,
             *more,
-            *picture_gaps(names, pictures),
             *mask_notes,
-            *rig_notes(rig),
         ),
     )
 

@@ -35,6 +35,8 @@ class Importer:
     """`find(source, options)`; raises a UserError."""
     traits: tuple[Trait, ...]
     """By which a folder is recognised."""
+    by_definition: bool = False
+    """Whether the layout defines its poses as metres and world to camera; else its importer says what it found."""
     general: bool = False
     """Whether it counts only where no other layout fits: it reads what more particular ones have, too."""
 

@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.plain_hdf5 import Hdf5File
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, folder, gap_notes, natural, picture_gaps
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point
+from posegaussian.storage.importers.common import ImportOptions, folder, gap_notes, natural
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import Seen, check_points
 from posegaussian.storage.importers.filmed import assumed_rate, placed_notes
@@ -82,11 +82,9 @@ def find(source: Path, options: DnaOptions) -> Capture:
             *notes,
             *placed,
             *fit,
-            *picture_gaps(names, pictures),
             *mask_notes,
             *joint_notes,
             "the file's colour calibration is not applied; exposures are matched by what the pictures show",
-            *rig_notes(rig),
         ),
     )
 

@@ -16,7 +16,7 @@ from pydantic import Field
 from ruamel.yaml.nodes import MappingNode
 
 from posegaussian.storage.formats.joint_files import read_easymocap
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
@@ -24,7 +24,6 @@ from posegaussian.storage.importers.common import (
     image_stream,
     mask_streams,
     numbered,
-    picture_gaps,
     subfolders,
     video_streams,
     videos_in,
@@ -69,9 +68,7 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     notes += more
     files = {n: numbered(base / "annots" / n, (".json",)) for n in names}
     joints, more = picture_joints("easymocap", read_easymocap, names, files, pictures, options.joint_set, "annots")
-    return Capture(
-        "easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more, *rig_notes(rig))
-    )
+    return Capture("easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more))
 
 
 def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], list[Stream], float, list[str]]:
@@ -92,7 +89,7 @@ def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], l
     else:
         names = options.pick(tuple(videos))
         streams, rate, notes = video_streams({n: videos[n] for n in names}, options.frame_rate)
-    return names, streams, rate, [*notes, *picture_gaps(names, streams)]
+    return names, streams, rate, notes
 
 
 class _Constructor(TextConstructor):
@@ -184,4 +181,5 @@ IMPORTER = Importer(
             lambda base: has_pictures(base) or or_broken(lambda: videos_in(base / "videos")),
         ),
     ),
+    by_definition=True,
 )

@@ -17,6 +17,9 @@ APART = (0.2, 20.0)
 """Metres between which the largest distance of two cameras of a rig lies, unless the user says a unit."""
 AWAY, TOWARDS = 60.0, 25.0
 """Degrees between a camera's axis and the common point beyond and below which a rig looks away or at it."""
+PARALLEL = 20.0
+"""Degrees between any two axes below which cameras stand side by side: where such axes meet says nothing, as they may
+well spread a little."""
 FAR_OFF, WORTH_SAYING = 0.02, 1e-3
 """Median distance of a point from where it was seen, over the longer side: what is refused, and what is worth a word.
 Tangential coefficients in the other order, say, are harmless below."""
@@ -94,18 +97,21 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
 
     Raises CalibrationError where they look away from one another's scene, while the inverted poses look at one point (a
     file whose poses have the other direction), and where all look away from one point (axes of another convention).
+    Cameras side by side show neither.
     """
     if len(names) < 3 or not (np.isfinite(rotations).all() and np.isfinite(centres).all()):
         return []
     off = _off_axis(rotations, centres)
     translations = -np.einsum("vij,vj->vi", rotations, centres)
     inverted = _off_axis(rotations.transpose(0, 2, 1), translations)
-    if not off <= AWAY and inverted < TOWARDS:
+    if not off <= AWAY and inverted < TOWARDS and _turned(rotations.transpose(0, 2, 1)) >= PARALLEL:
         raise CalibrationError(
             f"read as {direction}, as the format has it, the cameras look past one another, {off:.0f} degrees off a"
             f" common point; inverted, all look at one point to {inverted:.0f} degrees: the poses were written in the"
             " other direction. Invert every pose and write the file again"
         )
+    if (turned := _turned(rotations)) < PARALLEL:
+        return [f"direction: {direction}, as the format has it; all cameras look one way, to {turned:.0f} degrees"]
     if off >= 180 - TOWARDS:
         raise CalibrationError(
             "every camera looks straight away from one point, so none of them sees what another sees: y and z of the"
@@ -118,6 +124,12 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
     return [
         f"direction: {direction}, as the format has it; the cameras look at no common point ({off:.0f} degrees off)"
     ]
+
+
+def _turned(rotations: np.ndarray) -> float:
+    """The largest angle between the axes of two cameras, degrees."""
+    axes = rotations[:, 2]
+    return float(np.degrees(np.arccos(np.clip(axes @ axes.T, -1, 1).min())))
 
 
 def _off_axis(rotations: np.ndarray, centres: np.ndarray) -> float:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, distances, rig_notes
-from posegaussian.storage.importers.common import ImportOptions, mask_file_streams, picture_gaps
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, distances
+from posegaussian.storage.importers.common import ImportOptions, mask_file_streams
 from posegaussian.storage.importers.evidence import APART, check_direction
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.cameras import Rig
@@ -87,7 +87,7 @@ def capture_of(
         tuple(pictures),
         masks=masks,
         held_out=tuple(n for n in names if n in held_out),
-        notes=(*notes, *placed, *more, *picture_gaps(names, pictures), *mask_notes, *rig_notes(rig)),
+        notes=(*notes, *placed, *more, *mask_notes),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from posegaussian.storage.importers.account import accounted
 from posegaussian.storage.importers.letterbox import fitted
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
 from posegaussian.storage.importers.registry import IMPORTERS
@@ -48,7 +49,7 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
         raise
     if layout == AUTO:
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
-    return _with_roles(fitted(capture, checked.crops), checked.held_out)
+    return _with_roles(accounted(fitted(capture, checked.crops), importer.by_definition), checked.held_out)
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.plain_npy import read_numbers
-from posegaussian.storage.importers.cameras import DISTORTION, build_rig, check_principal_point, rig_notes
+from posegaussian.storage.importers.cameras import DISTORTION, build_rig, check_principal_point
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
@@ -92,7 +92,6 @@ def find(source: Path, options: GpsOptions) -> Capture:
             *notes,
             *mask_notes,
             *depth_notes,
-            *rig_notes(rig),
         ),
     )
     return with_splits(capture, names, "") if held_out == TARGETS else capture

@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from posegaussian.storage.formats.joint_files import read_openpose
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, rig_notes
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers
 from posegaussian.storage.importers.common import (
     ImportOptions,
     file_stream,
@@ -31,7 +31,6 @@ from posegaussian.storage.importers.common import (
     image_stream,
     mask_streams,
     numbered,
-    picture_gaps,
     subfolders,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
@@ -106,7 +105,7 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     depth_maps, map_notes = depth_map_streams(
         names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale
     )
-    notes += [*picture_gaps(names, pictures), *more, *joint_notes, *depth_notes, *map_notes, *rig_notes(rig)]
+    notes += [*more, *joint_notes, *depth_notes, *map_notes]
     held_out = tuple(n for n in names if entries[n].held_out)
     return Capture(
         "images",
@@ -209,4 +208,5 @@ IMPORTER = Importer(
         Trait("cameras.json that lists cameras", lambda base: or_broken(lambda: _has_cameras_json(base))),
         Trait("pictures images/NAME/<number>.png, .jpg or .exr", has_pictures),
     ),
+    by_definition=True,
 )

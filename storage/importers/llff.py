@@ -15,14 +15,13 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.plain_npy import read_numbers
-from posegaussian.storage.importers.cameras import DISTORTION, build_rig, rig_notes
+from posegaussian.storage.importers.cameras import DISTORTION, build_rig
 from posegaussian.storage.importers.common import (
     folder,
     has_pictures,
     mask_streams,
     natural,
     numbered,
-    picture_gaps,
     subfolders,
     videos_in,
 )
@@ -88,9 +87,7 @@ def find(source: Path, options: LlffOptions) -> Capture:
             unit,
             *facing,
             *more,
-            *picture_gaps(names, pictures),
             *mask_notes,
-            *rig_notes(rig),
         ),
     )
 

@@ -72,7 +72,10 @@ def find(source: Path, options: MvHumanOptions) -> Capture:
         filmed.append(Filmed(camera, files, numbered(base / "fmask" / name, PICTURE_SUFFIXES)))
     if not filmed:
         raise CalibrationError(f"{base / EXTRINSICS} names none of the cameras {', '.join(list(found)[:6])} of images")
-    return capture_of(MVHUMANNET, filmed, options, notes=[f"unit of the cameras: {scale:g} m, as {SCALE} says", *notes])
+    width, height = picture_size(next(iter(next(iter(found.values())).values())))
+    told = f"intrinsics: for {FULL[0]}x{FULL[1]} px, scaled by {width / FULL[0]:.4g} to pictures of {width}x{height} px"
+    unit = f"unit of the cameras: {scale:g} m, as {SCALE} says"
+    return capture_of(MVHUMANNET, filmed, options, notes=[unit, told, *notes])
 
 
 def _key(name: str, extrinsics: dict[str, Any]) -> str | None:

@@ -18,8 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from posegaussian.storage.importers.cameras import DISTORTION, build_rig, numbers, rig_notes
-from posegaussian.storage.importers.common import chosen, folder, mask_file_streams, picture_gaps
+from posegaussian.storage.importers.cameras import DISTORTION, build_rig, numbers
+from posegaussian.storage.importers.common import chosen, folder, mask_file_streams
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction, metres
@@ -150,10 +150,8 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
             *([f"applied_scale {applied:g} is undone"] if applied != 1 else []),
             *facing,
             *rate_notes,
-            *picture_gaps(names, pictures),
             *mask_notes,
             *depth_notes,
-            *rig_notes(rig),
         ),
     )
 

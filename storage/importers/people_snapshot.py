@@ -14,7 +14,7 @@ import numpy as np
 
 from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.formats.plain_pickle import read_pickle
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers, rig_notes
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers
 from posegaussian.storage.importers.common import ImportOptions, folder, video_streams, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
@@ -53,7 +53,7 @@ def find(source: Path, options: SnapshotOptions) -> Capture:
         tuple(pictures),
         masks=masks,
         joints=joints,
-        notes=("unit: metres, as the layout has it", *notes, *mask_notes, *joint_notes, *rig_notes(rig)),
+        notes=("unit: metres, as the layout has it", *notes, *mask_notes, *joint_notes),
     )
 
 

@@ -15,14 +15,13 @@ from typing import Any
 from pydantic import Field
 
 from posegaussian.storage.formats.joint_files import read_openpose
-from posegaussian.storage.importers.cameras import build_rig, rig_notes
+from posegaussian.storage.importers.cameras import build_rig
 from posegaussian.storage.importers.common import (
     ImportOptions,
     chosen,
     folder,
     natural,
     numbered,
-    picture_gaps,
     shown,
     subfolders,
     video_streams,
@@ -79,14 +78,12 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
         if key not in matched.values() and options.cameras is None
     ]
     pictures, rate, more = video_streams(videos, options.frame_rate)
-    notes += [*more, *picture_gaps(names, pictures)]
+    notes += more
     rig = build_rig([table_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
     joints, more = _joints(base, options, names, pictures)
     notes += more
     joints3d, more = _joints3d(base, options)
-    return Capture(
-        "pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more, *rig_notes(rig))
-    )
+    return Capture("pose2sim", rig, rate, tuple(pictures), joints=joints, joints3d=joints3d, notes=(*notes, *more))
 
 
 def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, Mapping[str, Any]]]:
@@ -225,4 +222,5 @@ IMPORTER = Importer(
         Trait("videos in the folder or below", _has_videos),
     ),
     general=True,  # what Caliscope leaves, this importer could read, too
+    by_definition=True,
 )

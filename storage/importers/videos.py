@@ -13,13 +13,12 @@ from pydantic import Field
 
 from posegaussian.storage.importers.calibration_format import CalibrationFormat, read_together
 from posegaussian.storage.importers.calibration_formats import FORMATS
-from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre, rig_notes
+from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre
 from posegaussian.storage.importers.common import (
     chosen,
     folder,
     mask_streams,
     numbered,
-    picture_gaps,
     subfolders,
     videos_in,
 )
@@ -82,9 +81,7 @@ def find(source: Path, options: VideosOptions) -> Capture:
             f"unit: {scale:g} m, {calibration.unit_from}" if said else unit,
             *facing,
             *notes,
-            *picture_gaps(names, pictures),
             *mask_notes,
-            *rig_notes(rig),
         ),
     )
 

@@ -1,0 +1,56 @@
+"""What every import says, whatever the layout: unit, direction, distances between cameras, captured against calibrated
+size, and frames that some cameras lack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posegaussian.storage.importers.cameras import rig_notes
+from posegaussian.storage.importers.common import picture_gaps
+from posegaussian.storage.importers.evidence import check_direction
+from posegaussian.storage.model.capture import Capture
+
+DIRECTION = "world to camera"
+"""Of the poses in layouts that define it."""
+
+
+def accounted(capture: Capture, by_definition: bool) -> Capture:
+    """The capture with these sentences after its own.
+
+    With `by_definition` the layout defines metres and world to camera, and its importer says nothing of it. Raises
+    CalibrationError where the cameras' poses are those of the other direction.
+    """
+    rig = capture.rig
+    placed: list[str] = []
+    if by_definition:
+        placed = ["unit: metres, as the layout has it"]
+        placed += check_direction(rig.names, np.asarray(rig.rotations), np.asarray(rig.centres), DIRECTION)
+    gaps = picture_gaps(rig.names, capture.pictures)
+    notes = (*capture.notes, *placed, *rig_notes(rig), *_sizes(capture), *gaps, *_one_frame_apart(capture))
+    return replace(capture, notes=notes)
+
+
+def _sizes(capture: Capture) -> list[str]:
+    """A sentence on the cameras whose pictures have the calibrated size; those with another size have their own."""
+    rig = capture.rig
+    same = [v for v, s in enumerate(capture.pictures) if tuple(s.size) == tuple(rig.size[v].tolist())]
+    if not same:
+        return []
+    sizes = sorted({capture.pictures[v].size for v in same})
+    listed = ", ".join(f"{w}x{h}" for w, h in sizes[:4]) + (", ..." if len(sizes) > 4 else "")
+    off = np.abs(rig.intrinsics[same][:, [0, 1], 2] / rig.size[same] - 0.5)
+    which = "all cameras" if len(same) == len(rig) else f"{len(same)} of {len(rig)} cameras"
+    told = f"{which}: captured at the calibrated size, {listed} px (scale 1)"
+    return [f"{told}; principal points lie up to {100 * off.max():.2g} % of a side off the middle"]
+
+
+def _one_frame_apart(capture: Capture) -> list[str]:
+    """A sentence where videos differ by one frame in length: which end it is lacking at, they do not tell."""
+    lengths = [len(s.numbers) for s in capture.pictures if s.kind == "video" and "indices" not in s.options]
+    if not lengths or max(lengths) - min(lengths) != 1:
+        return []
+    told = f"videos have {min(lengths)} and {max(lengths)} frames and are taken to begin together"
+    late = "where it is the first frame that is lacking, `inspect` shows who is late, and frames.time_offset moves them"
+    return [f"{told}; {late}"]

@@ -1,0 +1,86 @@
+"""What every import says, whatever the layout: unit, direction, distances, sizes, and frames that differ by one."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from posegaussian.storage.importers.account import accounted
+from posegaussian.storage.importers.evidence import check_direction
+from posegaussian.storage.importers.find import find_capture
+from posegaussian.storage.importers.registry import IMPORTERS
+from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.errors import CalibrationError
+from tests.fuzz import captures
+from tests.storage.importers import test_dynacap, test_videos
+from tests.support import ring
+
+WRITE = {
+    **{layout: getattr(captures, layout) for layout in IMPORTERS if hasattr(captures, layout)},
+    "colmap": partial(captures.colmap, "text"),
+    "dynacap": test_dynacap.write,
+    "videos": partial(captures.films_and, test_videos.kalibr),
+}
+
+
+@pytest.mark.parametrize("layout", IMPORTERS)
+def test_every_layout_says_unit_direction_distances_and_sizes(layout: str, tmp_path: Path) -> None:
+    WRITE[layout](tmp_path / "capture")
+    said = find_capture(layout, tmp_path / "capture", {}).notes
+    assert any(n.startswith("unit:") for n in said), said
+    assert sum(n.startswith(("direction:", "one camera only")) for n in said) >= 1, said
+    assert sum("m apart" in n or "one camera only" in n for n in said) >= 1, said
+    assert any("calibrated size" in n or "the calibration is for" in n for n in said), said
+
+
+def write(base: Path, **changed: Any) -> Path:
+    """The ring as the layout `images` has it."""
+    cameras = []
+    for v in range(4):
+        own = {"R": ring.rotation(v).tolist(), "t": ring.translation(v).tolist()}
+        size = {"width": ring.SIZE[0], "height": ring.SIZE[1]}
+        own |= {key: value(v) for key, value in changed.items()}
+        cameras.append({"name": f"c{v}", **size, "K": ring.intrinsics(v).tolist(), **own})
+        ring.write_picture(base / "images" / f"c{v}" / "0.png", v, 0)
+    (base / "cameras.json").write_text(json.dumps({"pixel_center": "integer", "frame_rate": 30, "cameras": cameras}))
+    return base
+
+
+def test_poses_of_the_other_direction_are_refused_where_the_layout_defines_one(tmp_path: Path) -> None:
+    said = find_capture("images", write(tmp_path), {}).notes
+    assert "direction: world to camera; all cameras look at one point to 0 degrees" in said
+    inverse = {"R": lambda v: ring.rotation(v).T.tolist(), "t": lambda v: ring.centre(v).tolist()}
+    with pytest.raises(CalibrationError, match="the poses were written in the other direction"):
+        find_capture("images", write(tmp_path, **inverse), {})
+
+
+def test_cameras_side_by_side_are_not_judged_by_where_their_axes_meet() -> None:
+    """Three that spread by two degrees each meet behind themselves, which is no error; at 40 degrees it is."""
+
+    def spread(step: float) -> tuple[np.ndarray, np.ndarray]:
+        turned = [cv2.Rodrigues(np.array([0, -np.radians(step * v), 0]))[0] for v in (-1, 0, 1)]
+        return np.stack(turned), np.array([[0.3 * v, 0, 0] for v in (-1, 0, 1)])
+
+    said = check_direction("abc", *spread(2), "world to camera")
+    assert said == ["direction: world to camera, as the format has it; all cameras look one way, to 4 degrees"]
+    with pytest.raises(CalibrationError, match="every camera looks straight away from one point"):
+        check_direction("abc", *spread(40), "world to camera")
+
+
+def test_videos_that_differ_by_a_frame_are_said(tmp_path: Path) -> None:
+    own = find_capture("images", write(tmp_path), {})
+
+    def said(*lengths: int, **options: Any) -> bool:
+        streams = tuple(Stream("video", (), tuple(range(n)), ring.SIZE, options) for n in lengths)
+        capture = Capture("x", own.rig, 30.0, streams)
+        return any("frames and are taken to begin together" in n for n in accounted(capture, True).notes)
+
+    assert said(9, 10, 9, 9)
+    assert not said(9, 9, 9, 9)
+    assert not said(9, 12, 9, 9)
