@@ -101,9 +101,9 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
     """
     if len(names) < 3 or not (np.isfinite(rotations).all() and np.isfinite(centres).all()):
         return []
-    off = _off_axis(rotations, centres)
+    off = off_axis(rotations, centres)
     translations = -np.einsum("vij,vj->vi", rotations, centres)
-    inverted = _off_axis(rotations.transpose(0, 2, 1), translations)
+    inverted = off_axis(rotations.transpose(0, 2, 1), translations)
     if not off <= AWAY and inverted < TOWARDS and _turned(rotations.transpose(0, 2, 1)) >= PARALLEL:
         raise CalibrationError(
             f"read as {direction}, as the format has it, the cameras look past one another, {off:.0f} degrees off a"
@@ -132,7 +132,7 @@ def _turned(rotations: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(axes @ axes.T, -1, 1).min())))
 
 
-def _off_axis(rotations: np.ndarray, centres: np.ndarray) -> float:
+def off_axis(rotations: np.ndarray, centres: np.ndarray) -> float:
     """Degrees between the axes of cameras and the point nearest to all axes, in the median; NaN where all stand in one
     place."""
     axes = rotations[:, 2]

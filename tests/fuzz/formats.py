@@ -17,7 +17,7 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.capture import PER_VIEW, Capture
 from posegaussian.storage.readers.sources import open_source
 from tests.fuzz import captures, models
-from tests.storage.importers import test_anipose, test_biocv, test_dynacap, test_opencv_storage
+from tests.storage.importers import test_anipose, test_biocv, test_dynacap, test_opencv_storage, test_vicon
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -209,6 +209,7 @@ def capture_formats() -> list[Format]:
                 ("cameras.csv", "table", captures.test_videos.realitycapture),
                 ("calibration.toml", "toml", test_anipose.write),
                 ("cam0.mp4.calib", "table", test_biocv.write),
+                ("rig.xcp", "xml", test_vicon.distorted),
                 ("rig.yml", "yaml", test_opencv_storage.one_file),
                 ("rig.json", "json", test_opencv_storage.listed),
             )
