@@ -153,13 +153,13 @@ def scans(
 
     Example: posegaussian scans THuman2.0_Release --cameras 8 --part gps_val --archive ./archive
     """
-    from posegaussian.dags.simulation.scans import ScanRig, chosen, film_scans, find_scans
+    from posegaussian.dags.simulation.scans import ScanRig, body_parameters, chosen, film_scans, find_scans
 
     found = find_scans(folder)
     some = {name: found[name] for name in chosen(list(found), part)}
     session = open_session(config, assignments, archive)
     failed = film_scans(session, some, ScanRig(cameras, held_out, size, height, up), console, threads)
-    say(failed)
+    say([*failed, *body_parameters(folder, some)])
     console.print(
         f"{number(len(some) - len(failed), 'scan')} in {session.archive_url}"
         + (f", {number(len(failed), 'scan')} could not be filmed" if failed else ""),

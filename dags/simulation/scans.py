@@ -65,6 +65,24 @@ def find_scans(folder: Path) -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
+def body_parameters(folder: Path, scans: Mapping[str, Path]) -> list[str]:
+    """A sentence where parameters of a body model lie beside scans, as THuman2.0's do: they are angles, shape and
+    scale, and places of joints only together with the model, which is licensed; none is read."""
+    beside = [p for root in (folder.resolve().parent, folder) for p in sorted(root.glob("*smpl*"))]
+    found = [
+        f
+        for name, file in scans.items()
+        for place in (file.parent, *(p / name for p in beside))
+        for f in sorted(place.glob("*smpl*.pkl"))
+    ]
+    if not found:
+        return []
+    more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+    why = "hold angles and no joints; joints take the licensed model itself and are not made of them"
+    instead = "They are estimated in the films instead: posegaussian models fetch blazepose"
+    return [f"{found[0]}{more}: parameters of SMPL-X {why}. {instead}"]
+
+
 def chosen(names: Sequence[str], part: str | None) -> list[str]:
     """Those of the sorted names in `part`, "first:end" as Python counts or the name of a part that papers take, or all.
     Raises SourceError."""

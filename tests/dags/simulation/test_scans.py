@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from posegaussian.dags.cli.app import app
-from posegaussian.dags.simulation.scans import ScanRig, chosen, find_scans, scene_of
+from posegaussian.dags.simulation.scans import ScanRig, body_parameters, chosen, find_scans, scene_of
 from posegaussian.dags.simulation.simulate import stage_scene
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError, SourceError
@@ -54,6 +54,26 @@ def test_scans_are_found_by_name_and_parts_of_them_by_their_order(tmp_path: Path
         find_scans(tmp_path / "nowhere")
 
 
+def test_parameters_of_a_body_model_are_no_joints_and_that_is_said(tmp_path: Path) -> None:
+    """Beside the scans as THuman2.0 has them, or in a scan's own folder; nothing of them is opened."""
+    folder = tmp_path / "THuman2.0_Release"
+    for name in ("0000", "0001"):
+        scan(folder, name)
+    found = find_scans(folder)
+    assert body_parameters(folder, found) == []
+    for name in found:
+        place = tmp_path / "THuman2.0_smplx" / name
+        place.mkdir(parents=True)
+        (place / "smplx_param.pkl").write_bytes(b"no pickle")
+    (told,) = body_parameters(folder, found)
+    assert told.startswith(
+        f"{tmp_path}/THuman2.0_smplx/0000/smplx_param.pkl and 1 more: parameters of SMPL-X hold angles"
+    )
+    assert "estimated in the films instead: posegaussian models fetch blazepose" in told
+    (folder / "0001" / "smplx_param.pkl").write_bytes(b"")
+    assert "and 1 more" in body_parameters(folder, {"0001": found["0001"]})[0]
+
+
 def test_every_scan_is_brought_to_one_height_and_cameras_stand_around_its_middle(tmp_path: Path) -> None:
     for name, height in (("small", 0.58), ("large", 180.0)):
         scan(tmp_path, name, height)
@@ -79,6 +99,7 @@ def test_one_command_films_all_and_a_broken_one_costs_itself_alone(tmp_path: Pat
     folder, archive = tmp_path / "scans", tmp_path / "archive"
     for name, broken in (("0000", False), ("0001", True), ("0002", False)):
         scan(folder, name, broken=broken)
+    (folder / "0000" / "smplx_param.pkl").write_bytes(b"")
     words = ["scans", str(folder), "--cameras", "4", "--size", "64", "--archive", str(archive)]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 1, done.output
@@ -86,6 +107,7 @@ def test_one_command_films_all_and_a_broken_one_costs_itself_alone(tmp_path: Pat
     assert "0001.obj: line 1" in told
     assert "2 scans in" in told
     assert "1 scan could not be filmed" in told
+    assert "parameters of SMPL-X hold angles and no joints" in told
     assert Archive.open(str(archive)).names() == ["0000", "0002"]
     again = " ".join(CliRunner().invoke(app, [*words, "--part", "0:1"]).output.split())
     assert "scan 1 of 1: 0000, which is there" in again
