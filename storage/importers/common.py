@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -57,6 +57,10 @@ class ImportOptions(BaseModel):
     )
     frame_rate: float | None = Field(
         None, gt=0, description="Frames per second; by default what the videos or the layout say."
+    )
+    timecode: Literal["auto", "ignore"] = Field(
+        "auto",
+        description="Whether videos that all carry a timecode are brought into step by it, or taken to begin together.",
     )
     joint_set: str | None = Field(
         None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name."

@@ -13,6 +13,7 @@ from posegaussian.storage.importers.account import accounted
 from posegaussian.storage.importers.letterbox import fitted
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
 from posegaussian.storage.importers.registry import IMPORTERS
+from posegaussian.storage.importers.timecode import in_step
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import SourceError, UserError
 
@@ -49,7 +50,8 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
         raise
     if layout == AUTO:
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
-    return _with_roles(accounted(fitted(capture, checked.crops), importer.by_definition), checked.held_out)
+    known = in_step(fitted(capture, checked.crops), checked.timecode == "ignore")
+    return _with_roles(accounted(known, importer.by_definition), checked.held_out)
 
 
 def _with_roles(capture: Capture, held_out: tuple[str, ...] | None) -> Capture:

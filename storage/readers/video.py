@@ -43,6 +43,8 @@ class _Index:
     """(frame index, decode time) of every keyframe, ascending."""
     spacing: tuple[float, float]
     """Shortest and longest time between frames, seconds."""
+    timecode: str | None
+    """As the file has it."""
 
 
 class VideoFile:
@@ -77,6 +79,11 @@ class VideoFile:
     def spacing(self) -> tuple[float, float]:
         """Shortest and longest time between consecutive frames, seconds; (0, 0) where the file does not say."""
         return self._index.spacing
+
+    @property
+    def timecode(self) -> str | None:
+        """The first frame's timecode as the file has it, of a tmcd track or a tag; None where it has none."""
+        return self._index.timecode
 
     def read(self, numbers: Sequence[int] | np.ndarray) -> Iterator[np.ndarray]:
         """[h, w, 3] uint8 sRGB for each of the strictly ascending frame indices, decoded as they are asked for.
@@ -161,6 +168,7 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
                 corrupt += p.is_corrupt
         base = float(stream.time_base)
         rate = stream.average_rate or stream.guessed_rate
+        timecode = _timecode(container, stream)
     if corrupt or len(packets) < promised:
         raise SourceError(
             f"video {path} is cut off: it promises {promised} frames"
@@ -191,7 +199,15 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         tuple(times) if exact else None,
         tuple(keys),
         (float(gaps.min()), float(gaps.max())),
+        timecode,
     )
+
+
+def _timecode(container: Any, stream: Any) -> str | None:
+    """What the video, the whole file or a track of timecodes is tagged with, in that order."""
+    tracks = [s for s in container.streams if s.type == "data"]
+    tags = [(k.lower(), v) for m in (stream, container, *tracks) for k, v in m.metadata.items()]
+    return next((str(v) for k, v in tags if k == "timecode"), None)
 
 
 def _quarter_turns(frame: Any, path: str) -> int:

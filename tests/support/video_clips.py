@@ -22,13 +22,16 @@ def write_clip(
     path: Path,
     frames: Sequence[av.VideoFrame],
     codec: str = "libx264",
-    rate: int = 30,
+    rate: int | Fraction = 30,
     tags: dict[str, int] | None = None,
     rotation: int = 0,
+    timecode: str | None = None,
     **options: Any,
 ) -> Path:
     """Encode frames as they are: no colour conversion happens."""
     with av.open(str(path), "w") as container:
+        if timecode is not None:
+            container.metadata["timecode"] = timecode
         stream = container.add_stream(codec, rate=Fraction(rate), options={k: str(v) for k, v in options.items()})
         stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, frames[0].format.name
         for name, value in (tags or {}).items():
@@ -36,7 +39,7 @@ def write_clip(
         if rotation:
             stream.set_display_rotation(rotation)
         for i, frame in enumerate(frames):
-            frame.pts, frame.time_base = i, Fraction(1, rate)
+            frame.pts, frame.time_base = i, 1 / Fraction(rate)
             for name, value in (tags or {}).items():
                 setattr(frame, name, value)
             container.mux(stream.encode(frame))
@@ -44,9 +47,10 @@ def write_clip(
     return path
 
 
-def counting_clip(path: Path, count: int, size: tuple[int, int] = (32, 32), **more: Any) -> Path:
-    """Frame i is grey of luma 16 + 3 i: `counted` reads i back."""
-    return write_clip(path, [planes(np.full(size[::-1], 16 + 3 * i, np.uint8)) for i in range(count)], **more)
+def counting_clip(path: Path, count: int, size: tuple[int, int] = (32, 32), first: int = 0, **more: Any) -> Path:
+    """Frame i is grey of luma 16 + 3 (i + first): `counted` reads i + first back."""
+    greys = [planes(np.full(size[::-1], 16 + 3 * i, np.uint8)) for i in range(first, first + count)]
+    return write_clip(path, greys, **more)
 
 
 def counted(picture: np.ndarray) -> int:

@@ -1,0 +1,146 @@
+"""Timecodes bring videos into step: frame n of all is one label `HH:MM:SS:FF`.
+
+Drop-frame timecode, written with a semicolon, leaves out labels so that it keeps up with the clock at 29.97 frames/s:
+two a minute (four at 59.94), but in minutes that are tens (SMPTE ST 12-1). Frames are counted, labels are not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from posegaussian.storage.model.capture import PER_VIEW, Capture
+from posegaussian.storage.model.documents import shortened
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.video import VideoFile
+
+SAME_RATE = 5e-4
+"""Relative difference of frame rates below which frames of two videos stay in step; 29.97 and 30 differ by 1e-3."""
+NTSC = 1000 / 1001
+"""A drop-frame video's frames per second over its labels'."""
+IGNORE = "the option timecode=ignore takes videos to begin together"
+
+
+class Start(NamedTuple):
+    """Where a video begins."""
+
+    label: str
+    """As written."""
+    drop: bool
+    """Whether labels are left out."""
+    frames: int
+    """Frames since midnight."""
+
+
+def parsed(label: str, rate: float) -> Start | None:
+    """A timecode at so many frames per second; None for a text that is none, or of another rate's labels."""
+    found = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)([:;.])(\d{2,3})", label.strip())
+    nominal = round(rate)
+    if found is None or nominal < 1 or int(found[5]) >= nominal:
+        return None
+    hours, minutes, seconds, frame = (int(found[i]) for i in (1, 2, 3, 5))
+    drop = found[4] != ":"
+    at = ((60 * hours + minutes) * 60 + seconds) * nominal + frame
+    if not drop:
+        return Start(label, False, at)
+    dropped = 2 * nominal // 30
+    gone = minutes % 10 and seconds == 0 and frame < dropped  # a label that is left out
+    if nominal % 30 or abs(rate - nominal * NTSC) > SAME_RATE * rate or gone:
+        return None
+    whole = 60 * hours + minutes
+    return Start(label, True, at - dropped * (whole - whole // 10))
+
+
+def in_step(capture: Capture, ignored: bool) -> Capture:
+    """The capture with the frames of every video numbered from the earliest beginning, where all carry a timecode, and
+    with sentences on what was done.
+
+    Masks, joints and depth of a view go with its pictures. Raises SourceError for timecodes that cannot be brought
+    together: of videos of different rates, of both kinds, or without an instant in common.
+    """
+    names, pictures = capture.rig.names, capture.pictures
+    if len(names) < 2 or any(s.kind != "video" or "indices" in s.options for s in pictures):
+        return capture
+    videos = {n: VideoFile(s.files[0].path) for n, s in zip(names, pictures, strict=True)}
+    labels = {n: v.timecode for n, v in videos.items() if v.timecode is not None}
+    if not labels:
+        return capture
+    why = _not_taken(capture, videos, labels, ignored)
+    if why:
+        return replace(capture, notes=(*capture.notes, f"timecode: {why}"))
+    starts = {n: s for n, v in videos.items() if (s := parsed(labels[n], v.rate)) is not None}
+    late = _offsets(starts, videos)
+    kinds = {
+        kind: tuple(
+            s if s is None else s.renumbered(-late[n], s.numbers[0], s.numbers[-1] + late[n])
+            for n, s in zip(names, capture.streams(kind), strict=False)
+        )
+        for kind in PER_VIEW
+    }
+    return replace(capture, **kinds, notes=(*capture.notes, _told(starts, late)))  # type: ignore[arg-type]
+
+
+def _not_taken(
+    capture: Capture, videos: Mapping[str, VideoFile], labels: Mapping[str, str], ignored: bool
+) -> str | None:
+    """Why timecodes are not used, where they are not. Raises SourceError for rates that differ."""
+    together = "videos are taken to begin together"
+    if ignored:
+        return f"not used, as the option says; {together}"
+    if without := [n for n in videos if n not in labels]:
+        return f"{', '.join(labels)} carry one and {', '.join(without)} not, so {together}"
+    if capture.joints3d is not None:
+        return f"not used, as joints in space are numbered by other frames; {together}"
+    rates = {n: v.rate for n, v in videos.items()}
+    low, high = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    if len({*labels.values()}) > 1 and rates[high] > rates[low] * (1 + SAME_RATE):
+        raise SourceError(
+            f"timecodes of different frame rates cannot be brought into step: camera {low} runs at {rates[low]:g}"
+            f" frames/s, camera {high} at {rates[high]:g}; give all one rate, or {IGNORE}"
+        )
+    unread = [n for n, v in videos.items() if parsed(labels[n], v.rate) is None]
+    if unread:
+        first = unread[0]
+        return f"{shortened(labels[first])} of camera {first} is none at {videos[first].rate:g} frames/s, so {together}"
+    return None
+
+
+def _offsets(starts: Mapping[str, Start], videos: Mapping[str, VideoFile]) -> dict[str, int]:
+    """{camera: frames by which it begins after the earliest}. Raises SourceError."""
+    drop = [n for n, s in starts.items() if s.drop]
+    if drop and len(drop) < len(starts):
+        other = next(n for n in starts if n not in drop)
+        raise SourceError(
+            f"camera {drop[0]} counts drop-frame ({starts[drop[0]].label}) and camera {other} does not"
+            f" ({starts[other].label}), which part by 3.6 s an hour; set all alike, or {IGNORE}"
+        )
+    rate = next(iter(videos.values())).rate
+    day = parsed("23:59:59:00", rate)
+    assert day is not None
+    whole = day.frames + round(rate) - (144 * 18 * (round(rate) // 30) if drop else 0)
+    at = {n: s.frames for n, s in starts.items()}
+    if max(at.values()) - min(at.values()) > whole / 2:  # midnight lies between them
+        at = {n: f + whole if f < whole / 2 else f for n, f in at.items()}
+    earliest = min(at.values())
+    late = {n: f - earliest for n, f in at.items()}
+    last = max(late, key=late.__getitem__)
+    ended = next((n for n in late if late[n] + videos[n].count <= late[last]), None)
+    if ended is not None:
+        raise SourceError(
+            f"timecodes have no instant in common: camera {ended} begins at {starts[ended].label} and has"
+            f" {videos[ended].count} frames, camera {last} begins at {starts[last].label}; were the clocks set alike?"
+            f" {IGNORE[0].upper()}{IGNORE[1:]}"
+        )
+    return late
+
+
+def _told(starts: Mapping[str, Start], late: Mapping[str, int]) -> str:
+    first = min(late, key=late.__getitem__)
+    kind = "drop-frame" if starts[first].drop else "non-drop"
+    begin = f"timecode ({kind}): {first} begins at {starts[first].label}"
+    if not any(late.values()):
+        return f"{begin}, and so do all; `inspect` measures what remains"
+    after = ", ".join(f"{n} by {k}" for n, k in late.items() if k)
+    return f"{begin}, frames are numbered from there; later begin {after} frames; `inspect` measures what remains"
