@@ -39,7 +39,7 @@ MOST_SIDE = 65536
 MOST_NUMBER = 2**31
 """Size of a frame's number, of either sign."""
 
-KINDS = ("video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5")
+KINDS = ("video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5", "bodies")
 """Kinds of streams."""
 
 
@@ -159,6 +159,8 @@ def _stream_fault(stream: Stream) -> str | None:
         return "options of a stream do not fit its frames"
     if not all(type(n) is int and 0 <= n < MOST_NUMBER for n in options.get("indices", ())):
         return "indices of a stream are not whole numbers"
+    if stream.kind == "bodies" and type(options.get("person")) is not int:
+        return "joints in space without a person"
     if not isinstance(options.get("joint_set", ""), str):
         return "a joint set without a name"
     if stream.kind == "hdf5" and not isinstance(options.get("data"), str):

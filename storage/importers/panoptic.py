@@ -2,36 +2,47 @@
 
 `calibration_NAME.json` lists cameras of all kinds with K, distCoef, R and t, world to camera, centimetres. HD cameras
 `00_XX` have `hdVideos/hd_00_XX.mp4` or `hdImgs/00_XX/00_XX_00000000.jpg`, at 29.97 frames/s; VGA cameras and Kinects
-run at other rates, so that their frame n is another instant, and are left out. Joints in space are not read. Format:
-https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox.
+run at other rates, so that their frame n is another instant, and are left out. `hdPose3d_stage1_coco19/` has joints in
+space of every HD frame; those of one body are taken. Format: https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
+from posegaussian.storage.formats.body_scenes import read_bodies
 from posegaussian.storage.importers.cameras import RawCamera, numbers
-from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders, videos_in
+from posegaussian.storage.importers.common import ImportOptions, file_stream, folder, numbered, subfolders, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
 from posegaussian.storage.importers.posed_pictures import Files
-from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.model.joint_sets import PANOPTIC19
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 
 PANOPTIC = DataSet("panoptic", 29.97, "centimetres", "world to camera", rate_told=True)
 METRES = 1e-2
 """In a unit of the files."""
+JOINTS = "hdPose3d_stage1_coco19"
 MOST_SKEW = 0.5
 """Px by which a matrix's skew may move the edge of a picture and be left out."""
 
 
 class PanopticOptions(ImportOptions):
-    """The layout leaves nothing else to choose."""
+    """Whose joints to take."""
+
+    person: int | None = Field(
+        None, description="Id of the body whose joints in space are taken; by default the one in most frames."
+    )
 
 
 def find(source: Path, options: PanopticOptions) -> Capture:
@@ -47,7 +58,9 @@ def find(source: Path, options: PanopticOptions) -> Capture:
     filmed = [Filmed(cameras[n], files) for n, files in found.items() if n in cameras]
     if not filmed:
         raise CalibrationError(f"{path} has none of the HD cameras {', '.join(list(found)[:6])}")
-    return capture_of(PANOPTIC, filmed, options, notes=notes)
+    capture = capture_of(PANOPTIC, filmed, options, notes=notes)
+    joints3d, told = _joints(base, capture, options.person)
+    return replace(capture, joints3d=joints3d, notes=(*capture.notes, *told))
 
 
 def _calibration(base: Path) -> Path:
@@ -63,6 +76,48 @@ def _filmed_files(base: Path) -> dict[str, Files]:
     """{camera: its pictures or video}."""
     images = {f.name: n for f in subfolders(base / "hdImgs") if (n := numbered(f, PICTURE_SUFFIXES))}
     return dict(images) or {n.removeprefix("hd_"): p for n, p in videos_in(base / "hdVideos").items()}
+
+
+def _joints(base: Path, capture: Capture, person: int | None) -> tuple[Stream | None, list[str]]:
+    """(joints in space of one body, notes). Raises SourceError for a person that is in no frame, and CalibrationError
+    where no camera sees the joints."""
+    folder_ = next((f for f in (base / JOINTS, base / JOINTS / "hd") if any(f.glob("body3DScene_*.json"))), None)
+    if folder_ is None:
+        return None, [f"there are no joints in space, {JOINTS}/body3DScene_00000000.json"]
+    files = numbered(folder_, (".json",))
+    files = {n: p for n, p in files.items() if n in set(capture.numbers.tolist())}
+    bodies = {n: read_bodies(p) for n, p in files.items()}
+    count = Counter(who for found in bodies.values() for who in found)
+    if not count:
+        return None, ["the joints in space hold nobody in these frames"]
+    if person is not None and person not in count:
+        raise SourceError(f"option person: no body has the id {person}; there are {', '.join(map(str, sorted(count)))}")
+    chosen = min(count, key=lambda who: (-count[who], who)) if person is None else person
+    points = np.concatenate([f[chosen][f[chosen][:, 3] > 0, :3] for f in bodies.values() if chosen in f])
+    seen = _seeing(capture.rig, points)
+    if not seen:
+        raise CalibrationError(
+            f"{folder_}: joints in space of body {chosen} lie in no camera's picture; are they of this calibration, in"
+            " centimetres?"
+        )
+    others = f", ids {', '.join(str(w) for w in sorted(count) if w != chosen)} are left out" if len(count) > 1 else ""
+    lacking = len(files) - count[chosen]
+    gaps = f"; {lacking} frames lack it, where the same person may have another id" if lacking else ""
+    stream = file_stream("bodies", files, joint_set=PANOPTIC19.id, person=chosen)
+    return stream, [
+        f"joints in space: body {chosen} of {len(count)}{others}, and {seen} of {len(capture.rig)} cameras see it{gaps}"
+    ]
+
+
+def _seeing(rig: Rig, points: np.ndarray) -> int:
+    """Cameras in whose picture most of the points [n, 3] lie; distortion is too little to matter."""
+    seen = 0
+    for k, m, size in zip(rig.intrinsics, rig.world_to_camera, rig.size, strict=True):
+        local = points @ m[:3, :3].T + m[:3, 3]
+        ahead = local[local[:, 2] > 0]
+        landed = (ahead @ k.T)[:, :2] / ahead[:, 2:]
+        seen += int(((landed > 0) & (landed < size)).all(axis=1).sum() * 2 > len(points))
+    return seen
 
 
 def _cameras(path: Path, wanted: dict[str, Files]) -> tuple[dict[str, RawCamera], list[str]]:

@@ -97,9 +97,10 @@ ONE_FILE = ("video", "coco", "caliscope", "trc", "hdf5")
 class Stream:
     """The files of one kind of one view: a video, or one file a frame."""
 
-    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5"]
+    kind: Literal["video", "images", "openpose", "coco", "easymocap", "caliscope", "trc", "hdf5", "bodies"]
     """video: one file, frames by 0-based index; images: one file a frame number; hdf5: one file with pictures, masks or
-    joints, `options["data"]` is the path in it; the others: joint formats."""
+    joints, `options["data"]` is the path in it; bodies: one file a frame number of joints in space; the others: joint
+    formats."""
     files: tuple[SourceFile, ...]
     """One file for the kinds of `ONE_FILE`; else one for every number."""
     numbers: tuple[int, ...]

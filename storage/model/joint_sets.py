@@ -162,8 +162,19 @@ Its hips are centimetres closer together than those that detectors learn, its Pe
 them, its Neck within the spine and its Head where the skull turns: these are no other set's. Knees, ankles,
 shoulders, elbows and wrists are the same joints."""
 
+PANOPTIC19 = _joint_set(
+    "panoptic19",
+    "Neck Nose BodyCenter LShoulder LElbow LWrist LHip LKnee LAnkle RShoulder RElbow RWrist RHip RKnee RAnkle LEye LEar"
+    " REye REar",
+    f"{_FACE} Nose-Neck Neck-*Shoulder Neck-BodyCenter BodyCenter-*Hip {_ARMS_AND_LEGS}",
+    anatomy={"Neck": "PanopticNeck", "BodyCenter": "MidHip"},
+)
+"""coco19 of CMU Panoptic (https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox), left before right.
+
+Its BodyCenter is the middle of the hips; where on the neck its Neck lies is not documented, so it is no other set's."""
+
 JOINT_SETS: Mapping[str, JointSet] = MappingProxyType(
-    {s.id: s for s in (COCO17, BODY_25, BODY_25B, TRC21, BLAZEPOSE33, BLAZEPOSE39, H36M17, HALPE26, SMPL24)}
+    {s.id: s for s in (COCO17, BODY_25, BODY_25B, TRC21, BLAZEPOSE33, BLAZEPOSE39, H36M17, HALPE26, SMPL24, PANOPTIC19)}
 )
 """All known joint sets by id."""
 

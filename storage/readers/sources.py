@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.storage.formats.body_scenes import read_bodies
 from posegaussian.storage.formats.joint_files import (
     Detections,
     no_people,
@@ -228,9 +229,11 @@ class Joints3D(_Source):
 
     def read(self, number: int) -> np.ndarray:
         """[J, 4] float64 (x, y, z, score) in world metres; a frame that the file lacks has score 0 throughout."""
-        names = joint_set(self.joint_set).names
+        stream, names = self._stream(0), joint_set(self.joint_set).names
+        if stream.kind == "bodies":
+            found = read_bodies(next(self._files(0, [int(number)]))) if int(number) in stream.numbers else {}
+            return found.get(stream.options["person"], np.zeros((len(names), 4)))
         if self._joints is None:
-            stream = self._stream(0)
             self._joints = read_trc(self._path(stream.files[0])).joints(names, stream.options["axes"])
         return self._joints.get(int(number), np.zeros((len(names), 4)))
 

@@ -177,7 +177,7 @@ def mvhumannet(base: Path) -> None:
 
 def panoptic(base: Path) -> None:
     """A capture of the data set's."""
-    test_panoptic.write(base)
+    test_panoptic.with_joints(base)
 
 
 def films_and(calibration: Callable[[Path], None], base: Path) -> None:

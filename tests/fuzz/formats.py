@@ -201,6 +201,7 @@ def capture_formats() -> list[Format]:
         Format("genebody: annots.npy", captures.genebody, "annots.npy", "pickle", partial(imported, "genebody")),
         Format("dynacap: calibration", test_dynacap.write, "*.calibration", "table", partial(imported, "dynacap")),
         Format("panoptic: calibration", captures.panoptic, "*.json", "json", partial(imported, "panoptic")),
+        Format("panoptic: joints", captures.panoptic, "hdPose3d*/*.json", "json", partial(imported, "panoptic")),
         *(
             Format(f"videos: {f}", partial(captures.films_and, make), f, kind, partial(imported, "videos"))
             for f, kind, make in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from posegaussian.storage.importers.find import find_capture
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.model.joint_sets import PANOPTIC19
 from posegaussian.storage.readers.sources import open_source
 from tests.support import import_capture, ring
 from tests.support.video_clips import counted, counting_clip
@@ -53,6 +55,27 @@ def base(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def person(where: np.ndarray = ring.POINT) -> np.ndarray:
+    """[19, 4] centimetres: joint j lies j cm below a place; joint 4 was not found."""
+    out = np.column_stack([100 * where + np.outer(np.arange(19), [0, 1, 0]), np.full(19, 0.75)])
+    out[4, 3] = -1
+    return out
+
+
+def scene(base: Path, number: int, bodies: Any) -> None:
+    listed = [{"id": who, "joints19": np.ravel(j).tolist()} for who, j in bodies.items()]
+    import_capture.dump(
+        base / "hdPose3d_stage1_coco19" / f"body3DScene_{number:08d}.json", {"version": 0.7, "bodies": listed}
+    )
+
+
+def with_joints(base: Path) -> None:
+    """Body 3 in both frames, body 0 beside it in the first."""
+    write(base)
+    scene(base, 0, {0: person(ring.PLACE), 3: person()})
+    scene(base, 100, {3: person(ring.POINT + np.array([0.02, 0, 0]))})
+
+
 def find(base: Path, **options: object) -> Capture:
     return find_capture("panoptic", base, options)
 
@@ -63,6 +86,54 @@ def test_cameras_and_pictures_are_those_of_the_files(base: Path) -> None:
     ring.check_cameras(capture, (0, 1, 2))
     ring.check_pictures(capture, (0, 1, 2), FRAMES)
     assert "1 cameras of other kinds run at other rates and are left out" in capture.notes
+
+
+def test_joints_in_space_are_those_of_one_body(base: Path) -> None:
+    """Metres in the world of the cameras: projected, the known point lands where its joint is seen."""
+    assert any("there are no joints in space" in n for n in find(base).notes)
+    with_joints(base)
+    capture = find(base)
+    reader = open_source(capture, "joints3d")
+    assert reader.joint_set == "panoptic19"
+    first, second = reader.read(0), reader.read(100)
+    np.testing.assert_allclose(first[0], [*ring.POINT, 0.75], atol=1e-12)
+    np.testing.assert_allclose(second[0], [*(ring.POINT + np.array([0.02, 0, 0])), 0.75], atol=1e-12)
+    assert (first[4] == 0).all()
+    assert not reader.read(7).any()
+    for v in range(3):
+        landed = ring.landing(capture.rig.intrinsics[v], ring.DISTORTION, capture.rig.world_to_camera[v], first[0, :3])
+        np.testing.assert_allclose(landed, ring.seen(v) + 0.5, atol=1e-6)
+    told = "joints in space: body 3 of 2, ids 0 are left out, and 3 of 3 cameras see it"
+    assert told in capture.notes
+    chosen = find(base, person=0)
+    np.testing.assert_allclose(open_source(chosen, "joints3d").read(0)[0, :3], ring.PLACE, atol=1e-12)
+    assert any("1 frames lack it, where the same person may have another id" in n for n in chosen.notes)
+    assert PANOPTIC19.names[3:6] == ("LShoulder", "LElbow", "LWrist")
+    again = Capture.from_json(json.loads(json.dumps(capture.to_json())))
+    np.testing.assert_array_equal(open_source(again, "joints3d").read(0), first)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "said"),
+    [
+        ({3: person() * [10, 10, 10, 1]}, "lie in no camera's picture; are they of this calibration, in centimetres"),
+        ({3: person()[:18]}, "joints19 of body 3 are not 19 times x, y, z and confidence"),
+        ({3: person() * [1e9, 1, 1, 1]}, "at most 1000 m|m from"),
+    ],
+)
+def test_joints_that_cannot_be_get_a_sentence(base: Path, bodies: Any, said: str) -> None:
+    scene(base, 0, bodies)
+    with pytest.raises(UserError, match=said):
+        find(base)
+
+
+def test_a_body_that_is_not_there_is_refused(base: Path) -> None:
+    with_joints(base)
+    with pytest.raises(UserError, match="option person: no body has the id 9; there are 0, 3"):
+        find(base, person=9)
+    import_capture.dump(base / "hdPose3d_stage1_coco19" / "body3DScene_00000000.json", {"bodies": [{"id": "a"}]})
+    with pytest.raises(UserError, match="the id of a body is 'a'; another whole number each is expected"):
+        find(base)
 
 
 def test_videos_are_taken_where_there_are_no_pictures(base: Path) -> None:

@@ -67,7 +67,7 @@ def test_maps_keep_places_and_flips(source: str, target: str) -> None:
 
 def test_coco_is_complete_from_the_sets_that_have_a_face_and_a_detectors_hips() -> None:
     complete = {id for id in IDS if (joint_map(id, "coco17") >= 0).all()}
-    assert complete == {"coco17", "body_25", "body_25b", "blazepose33", "blazepose39", "halpe26"}
+    assert complete == {"coco17", "body_25", "body_25b", "blazepose33", "blazepose39", "halpe26", "panoptic19"}
 
 
 def lacking(source: str, target: str) -> set[str]:
@@ -115,11 +115,18 @@ def test_known_joints_land_where_they_should() -> None:
 # Every place between and above the shoulders and hips, by the sets that share it.
 # A name alone, Neck or Head, says little.
 SHARED = {
-    "MidHip": {"body_25": "MidHip", "blazepose39": "MidHip", "h36m17": "Hip", "halpe26": "Hip"},
+    "MidHip": {
+        "body_25": "MidHip",
+        "blazepose39": "MidHip",
+        "h36m17": "Hip",
+        "halpe26": "Hip",
+        "panoptic19": "BodyCenter",
+    },
     "HeadTop": {"body_25b": "HeadTop", "trc21": "Head", "h36m17": "Head", "halpe26": "Head"},
     "UpperNeck": {"body_25b": "UpperNeck", "trc21": "Neck"},
     "Neck": {"body_25": "Neck"},
     "HalpeNeck": {"halpe26": "Neck"},
+    "PanopticNeck": {"panoptic19": "Neck"},
     "SmplNeck": {"smpl24": "Neck"},
     "SmplHead": {"smpl24": "Head"},
     "Thorax": {"h36m17": "Thorax"},
