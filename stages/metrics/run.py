@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,23 +16,25 @@ from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
 BOX = f"; box = bounding box of the view's own mask > {FOREGROUND}"
+MASK = (
+    f"; mask = pixels of the view's own mask > {FOREGROUND}: maps are averaged over them, what has no map is measured"
+    " of their bounding box, black beyond them"
+)
 LEFT_OUT = "; pixels in which the subject stands behind something left out"
 DATA_RANGE = 255.0
 UNAVAILABLE = "not available: "
 """How the definition of a row without a value begins."""
-Regions = Mapping[str, tuple[slice, slice]]
-"""{name: rows and columns}."""
 Values = dict[tuple[str, str], Value]
 """{(region, measure): value}."""
 
 
 def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
-    """Yield one table: the measures asked for of every held-out camera and frame, regions full and box.
+    """Yield one table: the measures asked for of every held-out camera and frame, regions full, box and mask.
 
     Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background
-    is the same in both and carries no error. A box value of a map is the mean of the full picture's map over the box;
-    a change is that from the previous frame of the sequence. Frames that a camera does not serve
-    or that have no picture give no rows; an empty mask gives no box rows. A measure that something is missing for has
+    is the same in both and carries no error. A box or mask value of a map is the mean of the full picture's map
+    over it; a change is that from the previous frame of the sequence. Frames that a camera does not serve or that have
+    no picture give no rows; an empty mask gives no rows of box and mask. A measure that something is missing for has
     rows without a value, whose definition says what. Pixels in which the subject stands behind something, as the source
     views say, do not count (`posegaussian.stages.silhouettes.hidden`); the rows' definition and a note tell.
     """
@@ -70,6 +72,28 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     yield Block("metrics/{path}", table, notes=tuple(notes))
 
 
+class Region(NamedTuple):
+    """A part of a picture that is measured."""
+
+    rows: slice
+    columns: slice
+    inside: np.ndarray | None = None
+    """[h, w] bool of the full picture: its pixels, where they are not all of the rows and columns."""
+
+    def counted(self, visible: np.ndarray | None) -> np.ndarray | slice:
+        """Pixels of the rows and columns that count: all, or [rows, columns] bool; `visible` [h, w] bool."""
+        masks = [m[self.rows, self.columns] for m in (self.inside, visible) if m is not None]
+        return np.logical_and.reduce(masks) if masks else slice(None)
+
+    def of(self, pictures: Pictures) -> Pictures:
+        """The part alone, black beyond its pixels."""
+        cut = pictures.region((self.rows, self.columns))
+        if self.inside is None:
+            return cut
+        counted = np.asarray(self.counted(pictures.visible))
+        return Pictures(cut.picture * counted[..., None], cut.truth * counted[..., None], cut.data_range, counted)
+
+
 def _witnesses(inputs: Inputs, span: range) -> list[Witnesses]:
     """What the source views know of the subject, frame by frame."""
     masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
@@ -98,13 +122,12 @@ def measure(
     reference = truth.astype(np.float64) * (mask[..., None].astype(np.float64) / 255)
     if visible is not None:
         picture, reference = picture * visible[..., None], reference * visible[..., None]
-    regions: Regions = {"full": (slice(None), slice(None))}
-    rows, columns = (np.nonzero(foreground(mask).any(axis=a))[0] for a in (1, 0))
+    regions = {"full": Region(slice(None), slice(None))}
+    inside = foreground(mask)
+    rows, columns = (np.nonzero(inside.any(axis=a))[0] for a in (1, 0))
     if rows.size:
-        regions = {
-            **regions,
-            "box": (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)),
-        }
+        box = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+        regions |= {"box": Region(*box), "mask": Region(*box, inside)}
     pictures = Pictures(picture, reference, DATA_RANGE, visible)
     values: Values = {}
     for metric in dict.fromkeys(METRICS[METRICS[m].change_of or m] for m in params.measures):
@@ -112,17 +135,18 @@ def measure(
     return values
 
 
-def _by_region(metric: Metric, pictures: Pictures, regions: Regions, params: MetricsParams) -> dict[str, Value]:
+def _by_region(
+    metric: Metric, pictures: Pictures, regions: Mapping[str, Region], params: MetricsParams
+) -> dict[str, Value]:
     """{region: value} of one metric."""
     if metric.of_pixels is not None:
         seen = metric.of_pixels(pictures, params)
-        counted = (slice(None) if pictures.visible is None else pictures.visible[at] for at in regions.values())
         return {
-            name: float(seen[at][some].astype(np.float64, copy=False).mean())
-            for (name, at), some in zip(regions.items(), counted, strict=True)
+            name: float(seen[r.rows, r.columns][r.counted(pictures.visible)].astype(np.float64, copy=False).mean())
+            for name, r in regions.items()
         }
     assert metric.of_region is not None, f"metric {metric.name} measures nothing"
-    return {name: metric.of_region(pictures.region(at), params) for name, at in regions.items()}
+    return {name: metric.of_region(r.of(pictures), params) for name, r in regions.items()}
 
 
 def _append(
@@ -147,7 +171,7 @@ def _append(
         if isinstance(value, Unavailable):
             number, definition = None, UNAVAILABLE + value.reason
         else:
-            region_of = (BOX if region == "box" else "") + (LEFT_OUT if partly else "")
+            region_of = {"box": BOX, "mask": MASK}.get(region, "") + (LEFT_OUT if partly else "")
             number, definition = float(value), METRICS[name].definition(params) + region_of
         for column, entry in zip(COLUMNS, (camera, int(frame), region, name, number, "black", definition), strict=True):
             table[column].append(entry)

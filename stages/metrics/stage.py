@@ -10,12 +10,12 @@ from posegaussian.storage.model.spec import Shape, TableSpec
 
 
 def needs(shape: Shape, params: MetricsParams) -> Resources:
-    """Two pictures of one camera and all masks per frame, the working memory of the dearest measure, and the weights of
-    networks."""
+    """Two pictures of one camera and all masks per frame, the working memory of the dearest measure, copies that are
+    black beyond the mask (48 bytes a pixel), and the weights of networks."""
     pixels = shape["y"] * shape["x"]
     working = max(METRICS[m].bytes_a_pixel for m in (*params.measures, "ssim"))
     kept = sum(METRICS[m].kept_bytes(params) for m in params.measures)
-    return Resources(cpu=1, ram=shape["frame"] * pixels * (8 + shape["view"]) + pixels * working + kept)
+    return Resources(cpu=1, ram=shape["frame"] * pixels * (8 + shape["view"]) + pixels * (working + 48) + kept)
 
 
 def halo(params: MetricsParams, facts: Facts) -> tuple[int, int]:
@@ -43,7 +43,7 @@ def refusal(params: MetricsParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="metrics",
     summary="Measure rendered held-out views against their pictures.",
-    version=2,
+    version=3,
     run="posegaussian.stages.metrics.run:run",
     check="posegaussian.stages.metrics.run:check",
     reads=(

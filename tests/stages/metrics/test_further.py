@@ -60,7 +60,9 @@ def test_nothing_is_computed_that_was_not_asked_for(monkeypatch: pytest.MonkeyPa
         "flip_evaluator",
     ):
         monkeypatch.setitem(sys.modules, module, None)  # importing it would raise
-    assert set(measure(*scene(), MetricsParams(measures=["psnr"]))) == {("full", "psnr"), ("box", "psnr")}
+    assert set(measure(*scene(), MetricsParams(measures=["psnr"]))) == {
+        (region, "psnr") for region in ("full", "box", "mask")
+    }
     table(MetricsParams(measures=["psnr"]))
 
 
@@ -77,6 +79,7 @@ def test_ms_ssim_of_the_box_is_that_of_the_cut_out() -> None:
     assert values == {
         ("full", "ms_ssim"): ms_ssim(rendered, reference, 255.0),
         ("box", "ms_ssim"): ms_ssim(rendered[BOX], reference[BOX], 255.0),
+        ("mask", "ms_ssim"): ms_ssim(rendered[BOX], reference[BOX], 255.0),  # the mask is its box
     }
 
 
@@ -97,7 +100,7 @@ def test_a_region_that_is_too_small_has_rows_without_a_value_and_one_warning() -
 def test_lpips_without_weights_is_not_available_and_never_a_number(name: str) -> None:
     values = measure(*scene(), MetricsParams(measures=[name]))
     network = name.removeprefix("lpips_")
-    assert set(values) == {("full", name), ("box", name)}
+    assert set(values) == {(region, name) for region in ("full", "box", "mask")}
     for value in values.values():
         assert isinstance(value, Unavailable)
         assert f"metrics.lpips_weights.{network} and metrics.lpips_weights.{network}_linear" in value.reason
@@ -119,6 +122,7 @@ def test_lpips_of_the_files_in_the_settings(tmp_path: Path) -> None:
     assert values == {
         ("full", "lpips_alex"): network.distance(rendered, reference, 255.0),
         ("box", "lpips_alex"): network.distance(rendered[BOX], reference[BOX], 255.0),
+        ("mask", "lpips_alex"): network.distance(rendered[BOX], reference[BOX], 255.0),  # the mask is its box
     }
     assert "lpips_weights" not in params.hashed()  # where the files lie cannot change a result; what they are can
     assert params.hashed()["lpips_sha256"] == {"alex": sha, "alex_linear": heads_sha}
@@ -138,6 +142,7 @@ def test_flip_of_the_box_is_the_mean_of_the_full_map() -> None:
     assert values == {
         ("full", "flip"): pytest.approx(seen.mean(), rel=1e-6),
         ("box", "flip"): pytest.approx(seen[BOX].mean(), rel=1e-6),
+        ("mask", "flip"): pytest.approx(seen[BOX].mean(), rel=1e-6),  # the mask is its box
     }
     assert "40 px a degree" in table(params)["definition"][0]
 

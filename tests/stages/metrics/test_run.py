@@ -8,6 +8,7 @@ import pytest
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.contract.declaration import resolve
 from posegaussian.stages.contract.io import Block, Views
+from posegaussian.stages.metrics.measures.ssim import ssim_map
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import check, measure
 from posegaussian.stages.registry import stage
@@ -68,7 +69,7 @@ def table(
 def test_every_camera_frame_region_and_measure_has_a_row() -> None:
     rows = table()
     for camera in ("mid0", "mid1"):
-        for region in ("full", "box"):
+        for region in ("full", "box", "mask"):
             for frame in range(F):
                 assert {m for c, f, r, m in rows if (c, f, r) == (camera, frame, region)} == {"psnr", "ssim"} | (
                     {"delta_ssim"} if frame else set()
@@ -76,7 +77,7 @@ def test_every_camera_frame_region_and_measure_has_a_row() -> None:
                 if frame:
                     expected = abs(rows[camera, frame, region, "ssim"] - rows[camera, frame - 1, region, "ssim"])
                     assert rows[camera, frame, region, "delta_ssim"] == expected
-    assert len(rows) == 2 * 2 * (2 * F + F - 1)
+    assert len(rows) == 2 * 3 * (2 * F + F - 1)
 
 
 def test_columns_are_the_declared_ones() -> None:
@@ -120,7 +121,7 @@ def test_unserved_frames_and_empty_masks() -> None:
     mask[0, 1] = 90
     rows = table(arrays={"frames/mask": mask})
     assert ("mid0", 0, "full", "psnr") in rows
-    assert ("mid0", 0, "box", "psnr") not in rows
+    assert not {("mid0", 0, "box", "psnr"), ("mid0", 0, "mask", "psnr")} & set(rows)
     assert ("mid0", 1, "full", "delta_ssim") in rows
     assert ("mid0", 1, "box", "delta_ssim") not in rows
     assert all(np.isfinite(v) for v in rows.values())
@@ -141,5 +142,28 @@ def test_the_background_of_the_truth_carries_no_error() -> None:
     assert measure(rendered, color, mask, MetricsParams()) == measure(rendered, other, mask, MetricsParams())
     perfect = color * (mask[..., None] / 255)
     assert measure(perfect, color, mask, MetricsParams()) == {
-        (r, m): pytest.approx(v) for r in ("full", "box") for m, v in (("psnr", 100.0), ("ssim", 1.0))
+        (r, m): pytest.approx(v) for r in ("full", "box", "mask") for m, v in (("psnr", 100.0), ("ssim", 1.0))
     }
+
+
+def test_a_mask_counts_its_own_pixels_alone() -> None:
+    """What is wrong beyond the mask changes full and box, never the mask's PSNR; a map is averaged over its pixels."""
+    random = np.random.default_rng(2)
+    truth = random.integers(0, 256, (40, 40, 3), np.uint8)
+    mask = np.zeros((40, 40), np.uint8)
+    mask[5:30, 5:30] = 255 * np.tri(25, dtype=np.uint8)
+    inside = mask > 127
+    noisy = np.clip(truth + random.normal(0, 9, truth.shape), 0, 255)
+    rendered = np.where(inside[..., None], noisy, 0).astype(np.uint8)
+    beyond = np.where(inside[..., None], rendered, 90).astype(np.uint8)
+    params = MetricsParams(measures=["psnr", "ssim"])
+    good, bad = (measure(r, truth, mask, params) for r in (rendered, beyond))
+    assert good["mask", "psnr"] == bad["mask", "psnr"]
+    assert good["box", "psnr"] > bad["box", "psnr"]
+    assert good["mask", "psnr"] < good["box", "psnr"] < good["full", "psnr"]
+    reference = truth * inside[..., None].astype(np.float64)
+    error = ((rendered - reference) ** 2)[inside].mean()
+    assert good["mask", "psnr"] == pytest.approx(10 * np.log10(255**2 / error), rel=1e-12)
+    ssim = ssim_map(rendered.astype(np.float64), reference, 255.0)
+    assert good["mask", "ssim"] == pytest.approx(ssim[inside].mean(), rel=1e-12)
+    assert bad["mask", "ssim"] < good["mask", "ssim"], "windows that reach beyond the mask see what is there"
