@@ -3,11 +3,12 @@ pictures, their steadiness, depth, joints."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import Any
 
 import numpy as np
 
+from posegaussian.dags.evaluation.measured import DEVIATION, MEAN
+from posegaussian.dags.evaluation.measured import pictures as of_rows
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import depths
 from posegaussian.dags.tradeoff.quality import held_out_path
@@ -28,24 +29,19 @@ def measured(results: Results, joints3d: np.ndarray) -> Measured:
 
 
 def pictures(results: Results) -> Measured:
-    """Of the rows of the metrics stage: means over pictures;
-    the change of SSIM over the frames of each camera, then over cameras."""
-    values: dict[tuple[str, str], list[float]] = defaultdict(list)
-    changes: dict[str, list[float]] = defaultdict(list)
+    """Of the rows of the metrics stage: means over pictures by region, and the change of SSIM in the box over the
+    frames of each camera, then over cameras."""
     rows: list[dict[str, Any]] = results.table("metrics/{path}", held_out_path(results.context).name)
-    for row in rows:
-        if row["measure"] in ("psnr", "ssim", LPIPS) and row["value"] is not None:
-            values[row["measure"].removesuffix("_alex"), row["region"]].append(row["value"])
-        elif (row["measure"], row["region"]) == ("delta_ssim", "box"):
-            changes[row["camera"]].append(row["value"])
-    means: Measured = {f"{name} {region}": float(np.mean(v)) for (name, region), v in values.items()}
-    if not changes:
-        return means
-    return {
-        **means,
-        "change of ssim": float(np.mean([np.mean(v) for v in changes.values()])),
-        "its deviation": float(np.mean([np.std(v) for v in changes.values()])),
+    numbers = {n.key: n.value for n in of_rows(rows)}
+    found: Measured = {
+        f"{measure.removesuffix('_alex')} {region}": value
+        for (measure, region, statistic), value in numbers.items()
+        if measure in ("psnr", "ssim", LPIPS) and value is not None
     }
+    for name, statistic in (("change of ssim", MEAN), ("its deviation", DEVIATION)):
+        if numbers.get(("delta_ssim", "box", MEAN)) is not None:
+            found[name] = numbers["delta_ssim", "box", statistic]
+    return found
 
 
 def _joints(results: Results, truth: np.ndarray) -> Measured:

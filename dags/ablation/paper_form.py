@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from posegaussian.dags.humanize.markdown import markdown_table
 from posegaussian.storage.model.yaml_documents import read_yaml
 
 OTHERS = Path(__file__).with_name("paper_form.yaml")
@@ -56,18 +57,9 @@ def paper_form(groups: Groups) -> list[str]:
     return lines
 
 
-def drawn(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    """A Markdown table with even columns."""
-    widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    rows = [
-        "| " + " | ".join(text.ljust(w) for text, w in zip(line, widths, strict=True)) + " |" for line in [head, *body]
-    ]
-    return [rows[0], "| " + " | ".join("-" * w for w in widths) + " |", *rows[1:]]
-
-
 def _data_sets() -> list[str]:
     found = _others()["data_sets"]
-    return drawn(
+    return markdown_table(
         ["data set", *PICTURE], [[name, *(_said(None, row.get(c)) for c in PICTURE)] for name, row in found.items()]
     )
 
@@ -80,7 +72,7 @@ def _cameras(groups: Groups) -> list[str]:
         n, measure = column.split()
         row = own[f"{n} cameras"]
         ours.append(_said(row["measures"].get(OURS[measure]), row["paper"].get(measure)))
-    return drawn(["method", *columns], [*_foreign("cameras", columns), ["ours", *ours]])
+    return markdown_table(["method", *columns], [*_foreign("cameras", columns), ["ours", *ours]])
 
 
 def _temporal(groups: Groups) -> list[str]:
@@ -91,7 +83,7 @@ def _temporal(groups: Groups) -> list[str]:
         body.append(
             [name, *(_said(row["measures"].get(OURS[c]), row["paper"].get(said)) for c, said in CHANGES.items())]
         )
-    return drawn(["method", *CHANGES], body)
+    return markdown_table(["method", *CHANGES], body)
 
 
 def _fusion(groups: Groups) -> list[str]:
@@ -100,7 +92,7 @@ def _fusion(groups: Groups) -> list[str]:
         size = row["parameters"]
         told = NOT_RUN if size is None else f"{size / 1e6:.2f} M"
         body.append([row["label"], *_cells(row, ("EPE", "1px")), _beside(told, row["paper"].get("parameters"))])
-    return drawn(["strategy", "EPE", "1px", "parameters"], body)
+    return markdown_table(["strategy", "EPE", "1px", "parameters"], body)
 
 
 def _loss(groups: Groups) -> list[str]:
@@ -110,11 +102,11 @@ def _loss(groups: Groups) -> list[str]:
     for label, row in rows.items():
         weights = [part.split()[1] for part in label.split(", ")]
         body.append([*weights, *_cells(row, PICTURE)])
-    return drawn(["β", "γ", "λ", *PICTURE], body)
+    return markdown_table(["β", "γ", "λ", *PICTURE], body)
 
 
 def _rows(group: Mapping[str, Any], first: str, columns: Sequence[str]) -> list[str]:
-    return drawn([first, *columns], [[row["label"], *_cells(row, columns)] for row in group["rows"]])
+    return markdown_table([first, *columns], [[row["label"], *_cells(row, columns)] for row in group["rows"]])
 
 
 def _cells(row: Mapping[str, Any], columns: Iterable[str]) -> list[str]:

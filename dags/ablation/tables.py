@@ -21,9 +21,10 @@ from posegaussian.dags.ablation.groups import (
     groups,
     paper,
 )
-from posegaussian.dags.ablation.paper_form import ENOUGH, NOT_RUN, drawn, paper_form
+from posegaussian.dags.ablation.paper_form import ENOUGH, NOT_RUN, paper_form
 from posegaussian.dags.ablation.pipeline_runs import RunCell
 from posegaussian.dags.ablation.trained_runs import picture_run, ring
+from posegaussian.dags.humanize.markdown import markdown_table
 from posegaussian.dags.humanize.text import number
 from posegaussian.stages.simulator.subjects.splits import FIRST_VALIDATION_SEED
 from posegaussian.stages.training.config import TrainingConfig
@@ -245,12 +246,12 @@ def _table(group: Mapping[str, Any]) -> list[str]:
         )
     others = [row for row in rows if row["label"] != group["reference"]]
     if alone or not any(row["against_reference"] for row in others):
-        return drawn(head, body)
+        return markdown_table(head, body)
     differences = [[row["label"], *(_against(row, group, n) for n in names)] for row in others]
     return [
-        *drawn(head, body),
+        *markdown_table(head, body),
         "",
-        *drawn([f"against {group['reference']}", *(_headed(n) for n in names)], differences),
+        *markdown_table([f"against {group['reference']}", *(_headed(n) for n in names)], differences),
     ]
 
 

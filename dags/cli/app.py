@@ -1,5 +1,5 @@
-"""The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, tradeoff,
-export, inspect, train, ablate, models, demo, doctor, config, init, report.
+"""The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, evaluate,
+tradeoff, export, inspect, train, ablate, models, demo, doctor, config, init, report.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -17,6 +17,7 @@ from rich.markup import escape
 from posegaussian.dags.cli.ablate import ablate
 from posegaussian.dags.cli.config import config
 from posegaussian.dags.cli.doctor import doctor
+from posegaussian.dags.cli.evaluate import evaluate
 from posegaussian.dags.cli.init import init
 from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
@@ -67,6 +68,7 @@ app.command()(verify)
 app.command()(gc)
 app.command()(reshard)
 app.command()(accept)
+app.command()(evaluate)
 app.command()(tradeoff)
 app.command()(export)
 app.command()(inspect)

@@ -8,7 +8,7 @@ when told.
 | range | partitions beyond the present `frames.range` | a longer range |
 | stages | outputs that the capture does not need under these settings | other settings |
 | strays | half written files, shards without a receipt | nothing needs them |
-| variants | archives of `tradeoff`; results of other settings (`run.keep_variants`) | `tradeoff`; those settings |
+| variants | archives of `tradeoff`, `evaluate`; results of other settings (`run.keep_variants`) | these; those settings |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
 Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk
@@ -324,9 +324,9 @@ def _variants(archive: Archive) -> Iterator[Deletable]:
         yield Deletable(
             "variants",
             "",
-            f"{len(list(folder.iterdir()))} variants of tradeoff",
+            f"{len(list(folder.iterdir()))} variants of tradeoff and evaluate",
             size,
-            "the levels of the next tradeoff",
+            "the levels of the next tradeoff, the methods of the next evaluate",
             lambda: delete_folder(folder),
         )
 

@@ -9,13 +9,16 @@ place, so neither side can change the other's bytes.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 from posegaussian.dags.planning.context import Context, make_context
-from posegaussian.dags.planning.plan import Plan, State, judge, make_plan
+from posegaussian.dags.planning.fingerprint import still_good
+from posegaussian.dags.planning.plan import Plan, State, judge, make_plan, pictures_digest
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
+from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.array_metadata import copy_description
 from posegaussian.storage.archive.chunk_keys import named_as_in
 from posegaussian.storage.archive.receipts import Receipt, missing_files, scan_receipts, write_receipt
@@ -26,6 +29,8 @@ from posegaussian.storage.model.spec import digest
 
 FOLDER = "_variants"
 """Folder of all variants below the archive's."""
+Made: TypeAlias = defaultdict[Task, list[tuple[SequenceGroup, Receipt]]]
+"""What was made of each task, and where."""
 
 
 def variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
@@ -47,6 +52,15 @@ def variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], pat
     return make_context(SequenceGroup(root), settings, paths)
 
 
+def settled_variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+    """A variant that has taken over all it can; what a survey says may settle more, so the context is made until
+    nothing comes."""
+    while True:
+        context = variant(origin, settings, different, paths)
+        if not share(context, others(origin)):
+            return context
+
+
 def variants(archive: Archive) -> list[Archive]:
     """The archives of all variants of an archive's sequences."""
     return [Archive(folder) for folder in folders_in(archive.place(FOLDER))]
@@ -64,16 +78,17 @@ def others(origin: SequenceGroup) -> list[SequenceGroup]:
 def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
     """Take over every output that some source made with the fingerprint it would have here; returns how many tasks.
 
-    Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Outputs
-    whose files are not all there, or were dropped, are not taken.
+    Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Constants
+    of the sequence that were taken together with more than is asked for here will do. Outputs whose files are not all
+    there, or were dropped, are not taken.
     """
     here = context.sequence
-    found: dict[tuple[Task, str], tuple[SequenceGroup, Receipt]] = {}
+    found: Made = defaultdict(list)
     for source in sources:
         if source.root == here.root:
             continue
         for r in scan_receipts(source):
-            found.setdefault((Task(here.name, r.stage, r.partition, r.view, r.path), r.fingerprint), (source, r))
+            found[Task(here.name, r.stage, r.partition, r.view, r.path)].append((source, r))
     total = 0
     while taken := _take_equal(
         make_plan(context), found
@@ -82,7 +97,7 @@ def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
     return total
 
 
-def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[SequenceGroup, Receipt]]) -> int:
+def _take_equal(plan: Plan, found: Made) -> int:
     """Take over what a plan would make and somebody has made; returns how many tasks."""
     taken = 0
     for task, verdict in plan.verdicts.items():
@@ -90,12 +105,24 @@ def _take_equal(plan: Plan, found: Mapping[tuple[Task, str], tuple[SequenceGroup
         if verdict.state is State.FRESH or digests is None:
             continue
         state, _, parts = judge(plan.book, task, Selection(), digests)
-        match = found.get((task, digest(parts))) if state is not State.FRESH else None
-        if match is None or any(o.dropped for o in match[1].outputs) or missing_files(*match):
+        match = next((m for m in found.get(task, ()) if _will_do(plan.context, task, parts, m[1])), None)
+        if state is State.FRESH or match is None or missing_files(*match):
             continue
         plan.book.add(task, _take(plan.context.sequence, *match))
         taken += 1
     return taken
+
+
+def _will_do(context: Context, task: Task, parts: dict[str, Any], receipt: Receipt) -> bool:
+    """Whether a receipt is of what a task with these fingerprint parts would make; of constants, which do not depend on
+    the sources, whether they were taken of the same pictures, too."""
+    if any(o.dropped for o in receipt.outputs):
+        return False
+    if not stage_named(task.stage).sequence_wide:
+        return receipt.fingerprint == digest(parts)
+    as_kept = still_good(parts, receipt.parts)
+    same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
+    return same and receipt.facts.get("sources") == pictures_digest(context, task)
 
 
 def _take(here: SequenceGroup, source: SequenceGroup, receipt: Receipt) -> Receipt:

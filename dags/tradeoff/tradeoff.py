@@ -27,7 +27,7 @@ from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
-from posegaussian.dags.planning.variants import others, share, variant
+from posegaussian.dags.planning.variants import others, settled_variant, share
 from posegaussian.dags.runtime import threads
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.tradeoff.pareto import QUALITIES, Level, front
@@ -114,15 +114,6 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
     except ValidationError as e:
         faults = faults_of(e, settings, lambda at: "unknown key")
         raise ConfigError("; ".join(f"--levels {dotted(at)}: {what}" for at, what in faults)) from e
-
-
-def _settled(origin: SequenceGroup, settings: Any, values: dict[str, Any]) -> Context:
-    """A variant that has taken over all it can;
-    what a survey says may settle more, so the context is made until nothing comes."""
-    while True:
-        context = variant(origin, settings, values, PATH)
-        if not share(context, others(origin)):
-            return context
 
 
 class Clock:
@@ -227,7 +218,7 @@ def measured(
             " more with --levels KNOB=LEVEL,LEVEL"
         )
     threads.limit(session.configuration.default.run.threads)
-    levels = [Level(v, _settled(origin.sequence, _settings(origin, v), v)) for v in combinations]
+    levels = [Level(v, settled_variant(origin.sequence, _settings(origin, v), v, PATH)) for v in combinations]
     Clock(session).measure(levels, repeats)
     reference = max(levels, key=lambda level: int(level.context.rig.size.max())).context
     for level in levels:

@@ -238,10 +238,11 @@ def test_minutes_end_the_runs_in_order(tmp_path: Path) -> None:
 def test_the_change_of_ssim_is_taken_over_each_cameras_frames() -> None:
     def rows() -> Iterator[dict[str, Any]]:
         for camera, changes in (("a", (0.1, 0.3)), ("b", (0.5, 0.5))):
+            about = {"camera": camera, "definition": "as it is"}
             for value in changes:
-                yield {"camera": camera, "region": "box", "measure": "delta_ssim", "value": value}
-                yield {"camera": camera, "region": "full", "measure": "delta_ssim", "value": 9.0}
-                yield {"camera": camera, "region": "box", "measure": "psnr", "value": 20.0 + value}
+                yield {**about, "region": "box", "measure": "delta_ssim", "value": value}
+                yield {**about, "region": "full", "measure": "delta_ssim", "value": 9.0}
+                yield {**about, "region": "box", "measure": "psnr", "value": 20.0 + value}
 
     path = SimpleNamespace(kind="held_out", name="held_out-0")
     results = SimpleNamespace(

@@ -91,6 +91,25 @@ def test_a_variant_under_equal_settings_takes_over_everything(
     assert share(context, others(mine)) == 0
 
 
+def test_constants_taken_together_with_others_are_taken_over(finished: Pipeline, tmp_path: Path) -> None:
+    """A survey that took more than a variant asks for will do, as it does in the sequence itself; one of other pictures
+    will not."""
+    archive = finished.copy(tmp_path / "archive").with_settings(
+        "effects.exposure_matching=auto", "effects.noise_averaging=auto"
+    )
+    archive.run(selection=Selection(only=frozenset({"survey"})))
+    mine = archive.context().sequence
+    taken = {r.view: r for r in scan_receipts(mine) if r.stage == "survey"}
+    fewer = archive.with_settings("effects.exposure_matching=off")
+    context = variant(mine, fewer.context().settings, {"fewer": "measures"}, ("held_out",))
+    wanted = [t for t in make_plan(context).verdicts if t.stage == "survey"]
+    assert wanted
+    share(context, [mine])
+    shared = {r.view: r for r in scan_receipts(context.sequence) if r.stage == "survey"}
+    for task in wanted:
+        assert shared[task.view].fingerprint == taken[task.view].fingerprint
+
+
 def test_levels_share_what_they_have_in_common(tried: tuple) -> None:
     for stage in ("frames", "pose"):
         of_size = {s: {level(tried, m, s).identities[stage] for m in ("hull", "sgbm")} for s in (24, None)}

@@ -1,0 +1,1 @@
+"""How good rendered pictures are, ours and other methods', in one protocol."""

@@ -1,0 +1,167 @@
+"""`posegaussian evaluate`: methods on sequences with held-out cameras, in one protocol, and the table of it.
+
+Everything is made by the pipeline's own planning, ours in the archive, the others in variants of it, so that what is
+there is not computed anew and methods share what they have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from posegaussian.dags.evaluation.measured import pictures
+from posegaussian.dags.evaluation.methods import OURS, Method
+from posegaussian.dags.evaluation.results import Result, data_set, with_means
+from posegaussian.dags.evaluation.spent import costs, hosts
+from posegaussian.dags.evaluation.tables import definitions, latex, markdown, rows
+from posegaussian.dags.humanize.text import next_command
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.tradeoff.quality import held_out_path
+from posegaussian.dags.tradeoff.tradeoff import write_parquet
+from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.model.errors import ConfigError, UserError
+
+PATHS = ("held_out",)
+NAME = "evaluation"
+"""Of the files."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What came of a call."""
+
+    results: list[Result]
+    """Of every sequence and method, by sequence, then the means."""
+    protocol: str
+    """One sentence: what was compared with what."""
+    status: int
+    """0 all done, 1 something failed, 130 interrupted: there are no results then."""
+
+
+def measurable(session: Session, globs: Sequence[str]) -> list[str]:
+    """Names of the sequences that a glob matches, all without globs, and that have held-out cameras; the others are
+    told.
+
+    Raises ConfigError where none has any, ArchiveError where a glob matches none.
+    """
+    names = session.names(globs)
+    contexts = {n: Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in names}
+    blind = [n for n, c in contexts.items() if not c.held_out]
+    if len(blind) == len(names):
+        last = contexts[blind[0]].capture.rig.names[-1]
+        raise ConfigError(
+            f"evaluate: {', '.join(blind)}: no held-out camera to measure against; name cameras to keep aside, for"
+            f" example --set 'views.held_out=[{last}]'"
+        )
+    session.say((f"{n}: left out, it has no held-out camera (views.held_out names some)" for n in blind), "yellow")
+    return [n for n in names if n not in blind]
+
+
+def evaluate(session: Session, names: Sequence[str], methods: Sequence[Method]) -> Evaluation:
+    """Run what is missing, method by method, and gather what each came to. Raises ConfigError for settings that cannot
+    be."""
+    found: dict[tuple[str, str], Result] = {}
+    contexts: dict[str, Context] = {}
+    status = 0
+    for method in methods:
+        why = method.lacks()
+        plans: dict[str, Plan | str] = dict.fromkeys(names, why) if why is not None else {}
+        if why is None:
+            session.hint([f"{method.name}: {method.summary}"])
+            plans, came = _run(session, names, method)
+            if came == INTERRUPTED:
+                return Evaluation([], "", came)
+            status = max(status, came)
+        for name, plan in plans.items():
+            kind = data_set(session.archive.sequence(name).capture)
+            found[name, method.name] = _result(name, kind, method, plan)
+            if isinstance(plan, Plan):
+                contexts.setdefault(name, plan.context)
+    results = [found[n, m.name] for n in names for m in methods]
+    return Evaluation(with_means(results), protocol(contexts, results), status)
+
+
+def _run(session: Session, names: Sequence[str], method: Method) -> tuple[dict[str, Plan | str], int]:
+    """The method's plans by sequence after its run, a sentence for one that cannot be planned; and the exit status."""
+    configuration = method.over(session.configuration)
+    own = replace(session, configuration=configuration)
+    if method.name != OURS:
+        for name in names:
+            settings = configuration.for_sequence(name)
+            made = settled_variant(session.archive.sequence(name), settings, method.different, PATHS)
+            own = replace(own, archive_url=str(made.sequence.root.parent))
+    plans, refused = own.usable(names, PATHS, Selection())
+    status = own.run_and_report(plans, Selection(), refused)
+    if status == INTERRUPTED:
+        return {}, status
+    why = dict(sentence.split(": ", 1) for sentence in refused)
+    return {n: why[n] if n in why else own.plan(n, Selection(), PATHS) for n in names}, status
+
+
+def _result(name: str, kind: str, method: Method, plan: Plan | str) -> Result:
+    if isinstance(plan, str):
+        return Result(name, kind, method.name, why=plan)
+    if not plan.all_fresh:
+        return Result(name, kind, method.name, why="a task failed; the run says which, and how it is tried again")
+    table = Results(plan.context, plan.book).table("metrics/{path}", held_out_path(plan.context).name)
+    numbers = [*pictures(table), *costs(plan)]
+    return Result(name, kind, method.name, {n.key: n for n in numbers}, hosts=tuple(hosts(plan)))
+
+
+def protocol(contexts: dict[str, Context], results: Sequence[Result]) -> str:
+    """One sentence: views, size, background, regions, LPIPS' network, and where seconds come from."""
+    views: dict[str, list[str]] = {}
+    for name, c in contexts.items():
+        path = held_out_path(c)
+        sizes = ", ".join(dict.fromkeys(f"{w} x {h}" for w, h in path.size.tolist()))
+        told = f"{', '.join(path.names)} ({sizes} px, {len(c.views.sources)} source views, {c.grid.frames} frames)"
+        views.setdefault(told, []).append(name)
+    held = "; ".join(f"{told} of {', '.join(of)}" for told, of in views.items())
+    measured = {k[0] for r in results for k, n in r.numbers.items() if n.value is not None}
+    networks = [n for m, n in (("lpips_alex", "AlexNet"), ("lpips_vgg", "VGG16")) if m in measured]
+    lpips = f"LPIPS is version 0.1 on {' and '.join(networks)}" if networks else "LPIPS was not measured"
+    machines = "; ".join(dict.fromkeys(h for r in results for h in r.hosts)) or "no machine"
+    return (
+        f"Protocol: what held-out cameras filmed ({held}) is compared with what is rendered for them, both on black"
+        " (the truth times its own soft mask), over the full picture, the bounding box of the mask, and the mask's own"
+        f" pixels (above 127 of 255); {lpips}; numbers are means over pictures, those of several sequences means over"
+        f" sequences; seconds are wall seconds of tasks, one at a time a worker, on {machines}."
+    )
+
+
+def run_evaluate(session: Session, globs: Sequence[str], methods: Sequence[Method], output: Path) -> int:
+    """The command: run, print the table, write it as Parquet, Markdown and LaTeX; returns the exit status.
+
+    Raises ConfigError and ArchiveError for sequences and settings that cannot be, NotWritten.
+    """
+    names = measurable(session, globs)
+    try:
+        made = evaluate(session, names, methods)
+    except UserError as e:
+        raise ConfigError(f"evaluate: {e}") from e
+    if made.status == INTERRUPTED:
+        return made.status
+    page = markdown(made.results, made.protocol)
+    session.say(page)
+    told = ["", "What each number is:", "", *definitions(made.results)]
+    write_atomically(output / f"{NAME}.md", "\n".join([*page, *told, ""]).encode())
+    write_atomically(output / f"{NAME}.tex", "\n".join([*latex(made.results, made.protocol), ""]).encode())
+    write_parquet(output / f"{NAME}.parquet", rows(made.results), {"protocol": made.protocol})
+    session.say([f"table: {output / NAME}.md, .tex and .parquet (with every number's definition)"])
+    session.say([following(session, globs, methods)])
+    return made.status
+
+
+def following(session: Session, globs: Sequence[str], methods: Sequence[Method]) -> str:
+    """The next useful command: other methods beside ours, else what seconds buy."""
+    if [m.name for m in methods] == [OURS]:
+        return next_command("evaluate", *globs, *session.options, "--methods", f"{OURS},hull")
+    sequence = measurable(session, globs)[0]
+    return next_command("tradeoff", "--knob", "depth.method", "--sequence", sequence, *session.options)

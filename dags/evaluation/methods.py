@@ -1,0 +1,93 @@
+"""The methods that are compared: each is a name, a sentence and the settings that make it, laid over the user's own.
+
+What a method shares with another is made once; results of all but the first, which is the configuration as it stands,
+lie in variants (`dags/planning/variants.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from posegaussian.dags.config.settings import Configuration, from_assignments, validate
+from posegaussian.dags.config.yaml_source import Document
+from posegaussian.stages.network.card import read_card, shipped
+from posegaussian.stages.network.model.presets import Preset
+from posegaussian.storage.model.errors import ConfigError
+
+OURS = "posegaussian"
+"""The configuration as it stands."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One line of the comparison."""
+
+    name: str
+    """As `--methods` knows it."""
+    summary: str
+    """What it is, in a sentence."""
+    assignments: tuple[str, ...] = ()
+    """`stage.key=value`, laid over everything else."""
+    lacks: Callable[[], str | None] = lambda: None
+    """Why it cannot be run, or None."""
+
+    @property
+    def different(self) -> dict[str, Any]:
+        """{stage.key: value as text} of what sets it apart; it names the folder of its results."""
+        return dict(a.split("=", 1) for a in self.assignments)
+
+    def over(self, configuration: Configuration) -> Configuration:
+        """The configuration with its settings on top, those of single sequences, too. Raises ConfigError."""
+        if not self.assignments:
+            return configuration
+        own = from_assignments(self.assignments).values
+        everywhere = {**own, "sequences": dict.fromkeys(configuration.overrides, own)}
+        return validate((*configuration.layers, Document(f"method {self.name}", everywhere)))
+
+
+def without_pose() -> str | None:
+    """Name of weights that ship and were trained to read no pose, or None."""
+    blind = [name for name, file in shipped().items() if not Preset.from_json(read_card(file).network).pose_in]
+    return blind[0] if blind else None
+
+
+def _no_weights() -> str | None:
+    return None if without_pose() else "no weights trained for it ship"
+
+
+def methods() -> dict[str, Method]:
+    """All of them by name, in the order in which tables show them."""
+    every = (
+        Method(OURS, "the configuration as it stands"),
+        Method(
+            "fast",
+            "the cheap end: depth by the sweep, no network, nothing judged",
+            ("depth.method=sweep", "network.weights=none", "refinement.steps=0"),
+        ),
+        Method("dear", "the dear end: every frame refined on its own pictures, 50 steps", ("refinement.steps=50",)),
+        Method(
+            "pose_off",
+            "the network without pose, by weights trained without it",
+            (f"network.weights={without_pose()}",),
+            _no_weights,
+        ),
+        Method(
+            "hull",
+            "the visual hull alone as depth, no network",
+            ("depth.method=hull", "network.weights=none", "refinement.steps=0"),
+        ),
+    )
+    return {m.name: m for m in every}
+
+
+def chosen(text: str | None) -> list[Method]:
+    """Those of a list with commas, in its order; only ours without one. Raises ConfigError for a name that is none."""
+    known = methods()
+    names = [n.strip() for n in text.split(",")] if text is not None else [OURS]
+    for name in names:
+        if name not in known:
+            told = "; ".join(f"{m.name} ({m.summary})" for m in known.values())
+            raise ConfigError(f"--methods {text}: there is no method {name!r}; there are {told}")
+    return [known[n] for n in dict.fromkeys(names)]

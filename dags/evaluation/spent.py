@@ -1,0 +1,105 @@
+"""What a method costs on a sequence: seconds by the receipts of its tasks, which are the ledger's, and Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from posegaussian.dags.evaluation.measured import MEAN, Number
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.results import Results
+from posegaussian.stages.network.asset import card_of
+from posegaussian.stages.network.choice import settled
+from posegaussian.stages.network.params import NETWORK
+from posegaussian.stages.registry import stage as stage_named
+from posegaussian.stages.rendering.sources import REFINED, REFINEMENT, unrefined_arrays
+from posegaussian.storage.archive.receipts import Receipt
+from posegaussian.storage.model.errors import ShardMissing
+
+MEASURES = "metrics"
+"""The stage that measures and makes nothing: its seconds are no cost of the pictures."""
+DRAWS = "rendering"
+"""The stage that draws."""
+OPTIMISES = (REFINEMENT,)
+"""Stages that optimise on a frame's own pictures."""
+SECONDS = "wall seconds of finished tasks by their receipts, one task at a time on one worker, metrics left out"
+
+
+def costs(plan: Plan) -> list[Number]:
+    """Of a plan that is all fresh: time a frame and by kind, Gaussians a frame."""
+    return [*_times(plan), _gaussians(plan)]
+
+
+def receipts(plan: Plan) -> list[Receipt]:
+    """Of all that the method needs and that makes pictures."""
+    return [plan.book.receipts[t] for t in plan.verdicts if t.stage != MEASURES]
+
+
+def hosts(plan: Plan) -> list[str]:
+    """`host, device` of the machines that the seconds were taken on."""
+    return sorted({f"{r.facts.get('host')}, {r.facts.get('device')}" for r in receipts(plan)})
+
+
+def _times(plan: Plan) -> Iterator[Number]:
+    frames, drawn = plan.context.grid.frames, 0
+    for path in plan.context.paths.values():
+        drawn += int(np.count_nonzero(path.served))
+    once = optimised = drawing = every = 0.0
+    for r in receipts(plan):
+        seconds = float(r.facts.get("seconds") or 0.0)
+        if stage_named(r.stage).sequence_wide:
+            once += seconds
+            continue
+        every += seconds
+        drawing += seconds if r.stage == DRAWS else 0.0
+        optimised += seconds if r.stage in OPTIMISES else 0.0
+    all_stages = f"{SECONDS}; all stages but what is made once a sequence"
+    yield Number("ms_a_frame", "", MEAN, 1000 * every / frames, "ms", f"{all_stages}, over frames", frames)
+    yield Number(
+        "frames_a_second", "", MEAN, frames / every if every else None, "1/s", f"frames over {all_stages}", frames
+    )
+    yield Number(
+        "drawing", "", MEAN, 1000 * drawing / max(drawn, 1), "ms", f"{SECONDS}; drawing alone, over pictures", drawn
+    )
+    yield Number("once", "", MEAN, once, "s", f"{SECONDS}; what is made once a sequence, whatever its frames")
+    yield Number(
+        "optimised", "", MEAN, optimised / frames, "s", f"{SECONDS}; optimising a frame on its own pictures", frames
+    )
+    yield _weights(plan.context)
+
+
+def _weights(context: Context) -> Number:
+    """How long the weights that the network has were trained, once for all sequences."""
+    if NETWORK not in context.facts:
+        return Number("trained", "", MEAN, 0.0, "s", "no weights: nothing was trained")
+    answer = settled(context.settings.network, context.facts)
+    card = card_of(answer)
+    told = f"training of the weights {card.name}, once for all sequences, on {card.machine}"
+    return Number("trained", "", MEAN, 60 * card.minutes, "s", told)
+
+
+def _gaussians(plan: Plan) -> Number:
+    """The mean over frames of those of all source views that are drawn."""
+    context, results = plan.context, Results(plan.context, plan.book)
+    told = "Gaussians of all source views a frame, of which pictures draw those of the nearest views"
+    try:
+        counts = [_count(context, results, context.grid.bounds(p)) for p in context.grid.partitions]
+    except ShardMissing as e:
+        return Number("gaussians", "", MEAN, None, "1", f"not known: {e}")
+    every = np.concatenate(counts)
+    return Number("gaussians", "", MEAN, float(every.mean()), "1", told, len(every))
+
+
+def _count(context: Context, results: Results, frames: range) -> np.ndarray:
+    """[F] Gaussians of each frame: pixels with depth and opacity, before refinement, after it, or of both where both
+    are drawn."""
+    share = results.read("refinement/outcome", frames)[:, -1] if REFINEMENT in context.facts else np.zeros(len(frames))
+    kinds = ((share < 1, unrefined_arrays(context.facts)), (share > 0, REFINED))
+    found = np.zeros(len(frames), np.int64)
+    for drawn, arrays in kinds:
+        for view in context.views.sources if drawn.any() else ():
+            depth, opacity = (results.read(arrays[i], frames, view) for i in (1, 4))
+            found += np.where(drawn, ((depth > 0) & (opacity[:, 0] > 0)).sum(axis=(1, 2)), 0)
+    return found

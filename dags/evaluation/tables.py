@@ -1,0 +1,156 @@
+"""The results as a table: Markdown, LaTeX, and rows of a Parquet file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from posegaussian.dags.evaluation.results import Key, Result, keys
+from posegaussian.dags.humanize.markdown import markdown_table
+from posegaussian.stages.metrics.measures.registry import METRICS
+
+NOT_RUN = "not run"
+COSTS = {
+    "ms_a_frame": ("ms a frame", "lower"),
+    "frames_a_second": ("frames/s", "higher"),
+    "drawing": ("drawing, ms a picture", "lower"),
+    "once": ("once, s", "lower"),
+    "optimised": ("optimised, s a frame", "lower"),
+    "trained": ("weights trained, s", "lower"),
+    "gaussians": ("Gaussians a frame", ""),
+}
+"""{number that is none of pictures: (heading, which is better)}."""
+TITLES = {"delta_ssim": "ΔSSIM"}
+"""Of measures whose title is long."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the table."""
+
+    key: Key
+    title: str
+    """Of the measure, with its unit where that is not 1."""
+    better: str
+    """higher, lower or ""."""
+    unit: str
+
+    @property
+    def part(self) -> str:
+        """What tells it from the others of its title: the region."""
+        return self.key[1]
+
+    def text(self, result: Result) -> str:
+        """The value; `-` where there is none."""
+        value = result.value(self.key)
+        if value is None:
+            return "-"
+        if self.key[0] in COSTS:
+            return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+        return f"{value:.2f}" if self.unit == "dB" else f"{value:.4f}"
+
+
+def columns(results: Sequence[Result]) -> list[Column]:
+    """Measures of pictures with their regions, then costs; those that have a value."""
+    units = {k: n.unit for r in results for k, n in r.numbers.items() if n.value is not None}
+    found = []
+    for key in (k for k in keys(results) if k in units):
+        measure, _, statistic = key
+        if measure in COSTS:
+            title, better = COSTS[measure]
+        else:
+            of = {"deviation": "σ ", "mean": "µ "}[statistic] if METRICS[measure].change_of else ""
+            better = METRICS[measure].better
+            title = of + TITLES.get(measure, METRICS[measure].title)
+            title += "" if units[key] == "1" else f", {units[key]}"
+        found.append(Column(key, title, better, units[key]))
+    first = {c.title: i for i, c in reversed(list(enumerate(found)))}
+    return sorted(found, key=lambda c: (c.key[0] in COSTS, first[c.title]))
+
+
+def markdown(results: Sequence[Result], protocol: str) -> list[str]:
+    """The page: the table, one sentence on protocol, what each column is."""
+    shown = columns(results)
+    head = ["sequence", "method", *(f"{c.title} {c.part}".strip() for c in shown)]
+    body = [[r.sequence, r.method, *_cells(r, shown)] for r in results]
+    about = dict.fromkeys(f"- {r.method}: {NOT_RUN}: {r.why}." for r in results if not r.numbers)
+    about |= dict.fromkeys(
+        f"- {k[0]} {k[2]}: {n.definition}."
+        for r in results
+        for k, n in r.numbers.items()
+        if n.value is None and k not in {c.key for c in shown}
+    )
+    return [*markdown_table(head, body), "", protocol, *(["", *about] if about else [])]
+
+
+def definitions(results: Sequence[Result]) -> list[str]:
+    """A line of Markdown for every column: what exactly it is."""
+    told = {}
+    for c in columns(results):
+        number = next(r.numbers[c.key] for r in results if c.key in r.numbers)
+        told[c.key] = f"- {f'{c.title} {c.part}'.strip()}: {number.definition}."
+    return list(dict.fromkeys(told.values()))
+
+
+def _cells(result: Result, shown: Sequence[Column]) -> list[str]:
+    if not result.numbers:
+        return [NOT_RUN, *("" for _ in shown[1:])]
+    return [c.text(result) for c in shown]
+
+
+def latex(results: Sequence[Result], protocol: str) -> list[str]:
+    """A table for booktabs: a heading over the regions of each measure, its arrow to the better side."""
+    shown = columns(results)
+    groups = [(t, [c for c in shown if c.title == t]) for t in dict.fromkeys(c.title for c in shown)]
+    arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", "": ""}
+    heads = [rf"\multicolumn{{{len(of)}}}{{c}}{{{_tex(t)}{arrows[of[0].better]}}}" for t, of in groups]
+    lines = [
+        r"\begin{table*}[t]",
+        r"\centering",
+        r"\resizebox{\textwidth}{!}{%",
+        rf"\begin{{tabular}}{{ll{'|'.join('r' * len(of) for _, of in groups)}}}",
+        r"\toprule",
+        " & ".join(["", "", *heads]) + r" \\",
+        " & ".join(["Sequence", "Method", *(_tex(c.part) for c in shown)]) + r" \\",
+    ]
+    before = None
+    for r in results:
+        lines += [r"\midrule"] if r.sequence != before else []
+        name, before = ("" if r.sequence == before else _tex(r.sequence)), r.sequence
+        if r.numbers:
+            cells = [_tex(text) for text in _cells(r, shown)]
+        else:
+            cells = [rf"\multicolumn{{{len(shown)}}}{{c}}{{{NOT_RUN}}}"]
+        lines.append(" & ".join([name, _tex(r.method), *cells]) + r" \\")
+    return [*lines, r"\bottomrule", r"\end{tabular}%", "}", rf"\caption{{{_tex(protocol)}}}", r"\end{table*}"]
+
+
+_TEX = {
+    "\\": r"\textbackslash{}",
+    "Δ": r"$\Delta$",
+    "µ": r"$\mu$",
+    "σ": r"$\sigma$",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{c: rf"\{c}" for c in "&%$#_{}"},
+}
+
+
+def _tex(text: str) -> str:
+    """Text with what LaTeX reads as commands escaped."""
+    return "".join(_TEX.get(c, c) for c in text)
+
+
+def rows(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """A row a number, with its unit, definition and count; of what was not run one row that says why."""
+    found = []
+    for r in results:
+        about = {"sequence": r.sequence, "data_set": r.data_set, "method": r.method}
+        empty: dict[str, Any] = dict.fromkeys(("measure", "region", "statistic", "value", "unit"))
+        found += [{**about, **asdict(n)} for n in r.numbers.values()]
+        if not r.numbers:
+            found.append({**about, **empty, "definition": f"{NOT_RUN}: {r.why}", "count": 0})
+    return found
