@@ -38,6 +38,7 @@ CAPTURE_FACTS = (
     "single_source",
     "tracked",
     "quaternions",
+    "fitted_gaussians",
 )
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
 FACTS = (*CAPTURE_FACTS, *EFFECTS)

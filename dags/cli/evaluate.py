@@ -30,8 +30,8 @@ def evaluate(
         str | None,
         typer.Option(
             "--methods",
-            help="Methods, with commas between: posegaussian, fast, dear, pose_off, hull. Default: posegaussian, which"
-            " is the configuration as it stands.",
+            help="Methods, with commas between: posegaussian, fast, dear, pose_off, hull, ibr, 3dgs."
+            " Default: posegaussian, which is the configuration as it stands.",
         ),
     ] = None,
     measures: Annotated[

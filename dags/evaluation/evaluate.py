@@ -13,7 +13,7 @@ from pathlib import Path
 from posegaussian.dags.evaluation.measured import pictures
 from posegaussian.dags.evaluation.methods import OURS, Method
 from posegaussian.dags.evaluation.results import Result, data_set, with_means
-from posegaussian.dags.evaluation.spent import costs, hosts
+from posegaussian.dags.evaluation.spent import MEASURES, costs, hosts
 from posegaussian.dags.evaluation.tables import definitions, latex, markdown, rows
 from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.context import Context
@@ -110,7 +110,8 @@ def _result(name: str, kind: str, method: Method, plan: Plan | str) -> Result:
         return Result(name, kind, method.name, why=plan)
     if not plan.all_fresh:
         return Result(name, kind, method.name, why="a task failed; the run says which, and how it is tried again")
-    table = Results(plan.context, plan.book).table("metrics/{path}", held_out_path(plan.context).name)
+    measured = [t for t in plan.verdicts if t.stage == MEASURES]  # receipts may lie there of frames not worked on now
+    table = Results(plan.context, plan.book).rows(o for t in measured for o in plan.book.receipts[t].outputs)
     numbers = [*pictures(table), *costs(plan)]
     return Result(name, kind, method.name, {n.key: n for n in numbers}, hosts=tuple(hosts(plan)))
 

@@ -18,6 +18,8 @@ from posegaussian.storage.model.errors import ConfigError
 
 OURS = "posegaussian"
 """The configuration as it stands."""
+OF_HULL = ("depth.method=hull", "network.weights=none", "refinement.steps=0")
+"""Settings of whatever starts from the visual hull alone."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def methods() -> dict[str, Method]:
             "the cheap end: depth by the sweep, no network, nothing judged",
             ("depth.method=sweep", "network.weights=none", "refinement.steps=0"),
         ),
-        Method("dear", "the dear end: every frame refined on its own pictures, 50 steps", ("refinement.steps=50",)),
+        Method("dear", "the dear end: every frame refined on its own pictures, 200 steps", ("refinement.steps=200",)),
         Method(
             "pose_off",
             "the network without pose, by weights trained without it",
@@ -76,7 +78,18 @@ def methods() -> dict[str, Method]:
         Method(
             "hull",
             "the visual hull alone as depth, no network",
-            ("depth.method=hull", "network.weights=none", "refinement.steps=0"),
+            OF_HULL,
+        ),
+        Method(
+            "ibr",
+            "image-based rendering: source pictures blended over the visual hull by angle and visibility",
+            (*OF_HULL, "rendering.method=ibr"),
+        ),
+        Method(
+            "3dgs",
+            "3D Gaussian splatting, fitted to each frame's source pictures from points of the visual hull, by our own"
+            " rasterizer",
+            (*OF_HULL, "rendering.method=3dgs"),
         ),
     )
     return {m.name: m for m in every}

@@ -14,6 +14,8 @@ from posegaussian.stages.network.asset import card_of
 from posegaussian.stages.network.choice import settled
 from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import stage as stage_named
+from posegaussian.stages.rendering.facts import FITTED
+from posegaussian.stages.rendering.params import IBR
 from posegaussian.stages.rendering.sources import REFINED, REFINEMENT, unrefined_arrays
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import ShardMissing
@@ -22,8 +24,8 @@ MEASURES = "metrics"
 """The stage that measures and makes nothing: its seconds are no cost of the pictures."""
 DRAWS = "rendering"
 """The stage that draws."""
-OPTIMISES = (REFINEMENT,)
-"""Stages that optimise on a frame's own pictures."""
+OPTIMISING = "optimising"
+"""Module of the stage that draws, where it fits Gaussians to a frame's own pictures."""
 SECONDS = "wall seconds of finished tasks by their receipts, one task at a time on one worker, metrics left out"
 
 
@@ -53,8 +55,9 @@ def _times(plan: Plan) -> Iterator[Number]:
             once += seconds
             continue
         every += seconds
-        drawing += seconds if r.stage == DRAWS else 0.0
-        optimised += seconds if r.stage in OPTIMISES else 0.0
+        fitting = float((r.facts.get("modules") or {}).get(OPTIMISING, 0.0))
+        drawing += seconds - fitting if r.stage == DRAWS else 0.0
+        optimised += seconds if r.stage == REFINEMENT else fitting
     all_stages = f"{SECONDS}; all stages but what is made once a sequence"
     yield Number("ms_a_frame", "", MEAN, 1000 * every / frames, "ms", f"{all_stages}, over frames", frames)
     yield Number(
@@ -81,9 +84,12 @@ def _weights(context: Context) -> Number:
 
 
 def _gaussians(plan: Plan) -> Number:
-    """The mean over frames of those of all source views that are drawn."""
+    """The mean over frames: of all source views that are drawn, or that were fitted."""
     context, results = plan.context, Results(plan.context, plan.book)
+    if context.settings.rendering.method == IBR:
+        return Number("gaussians", "", MEAN, None, "1", "not available: pictures are blended, there are no Gaussians")
     told = "Gaussians of all source views a frame, of which pictures draw those of the nearest views"
+    told = "Gaussians fitted to a frame, all of which pictures draw" if FITTED in context.facts else told
     try:
         counts = [_count(context, results, context.grid.bounds(p)) for p in context.grid.partitions]
     except ShardMissing as e:
@@ -93,8 +99,11 @@ def _gaussians(plan: Plan) -> Number:
 
 
 def _count(context: Context, results: Results, frames: range) -> np.ndarray:
-    """[F] Gaussians of each frame: pixels with depth and opacity, before refinement, after it, or of both where both
-    are drawn."""
+    """[F] Gaussians of each frame: those fitted to it; else pixels with depth and opacity, before refinement, after it,
+    or of both where both are drawn."""
+    if FITTED in context.facts:
+        (path,) = context.paths
+        return results.read(f"rendering/{path}/gaussians", frames).astype(np.int64)
     share = results.read("refinement/outcome", frames)[:, -1] if REFINEMENT in context.facts else np.zeros(len(frames))
     kinds = ((share < 1, unrefined_arrays(context.facts)), (share > 0, REFINED))
     found = np.zeros(len(frames), np.int64)

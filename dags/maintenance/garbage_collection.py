@@ -8,7 +8,7 @@ when told.
 | range | partitions beyond the present `frames.range` | a longer range |
 | stages | outputs that the capture does not need under these settings | other settings |
 | strays | half written files, shards without a receipt | nothing needs them |
-| variants | archives of `tradeoff`, `evaluate`; results of other settings (`run.keep_variants`) | these; those settings |
+| variants | archives of `tradeoff`, `evaluate`; results of other settings (`run.keep_variants`) | these; those |
 | runs | settings and logs of runs but the newest ones | not at all: they are history |
 
 Giving something up needs a little room itself: a lease, and where bytes are dropped a receipt that says so. On a disk

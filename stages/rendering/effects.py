@@ -3,6 +3,8 @@ outlines, anti-aliasing, colour by the angle of view."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
@@ -13,6 +15,7 @@ from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.rendering import facts
+from posegaussian.stages.rendering.params import GAUSSIANS
 from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 from posegaussian.stages.survey.trust import outlines_agree
 from posegaussian.storage.model.cameras import Rig
@@ -205,6 +208,16 @@ def _stand_apart(evidence: Evidence, bound: float) -> Decision:
     )
 
 
+def _of_ours(lacks: Callable[[Evidence], str | None]) -> Callable[[Evidence], str | None]:
+    """What an effect of our Gaussians' pictures lacks: those, where another method draws."""
+
+    def lacked(evidence: Evidence) -> str | None:
+        method = evidence.params.method
+        return lacks(evidence) if method == GAUSSIANS else f"rendering.method is {method}: our Gaussians are not drawn"
+
+    return lacked
+
+
 SURFACE_CLOSING = Effect(
     facts.SURFACE_CLOSING,
     "Close gaps of rendered pictures by the limbs between the source views, in the colours of those that see them.",
@@ -213,7 +226,7 @@ SURFACE_CLOSING = Effect(
     50.0,
     "degrees",
     _stand_apart,
-    lacks=_no_limbs,
+    lacks=_of_ours(_no_limbs),
 )
 SILHOUETTE_CLIPPING = Effect(
     facts.SILHOUETTE_CLIPPING,
@@ -223,7 +236,7 @@ SILHOUETTE_CLIPPING = Effect(
     "1",
     _clipping,
     asks=(AGREEMENT,),
-    lacks=_no_masks,
+    lacks=_of_ours(_no_masks),
 )
 HOLE_FILLING = Effect(
     facts.HOLE_FILLING,
@@ -233,7 +246,7 @@ HOLE_FILLING = Effect(
     "1",
     _filling,
     asks=(AGREEMENT,),
-    lacks=_no_masks,
+    lacks=_of_ours(_no_masks),
 )
 OUTLINE_EVENING = Effect(
     facts.OUTLINE_EVENING,
@@ -243,7 +256,7 @@ OUTLINE_EVENING = Effect(
     "1",
     _evening,
     asks=(AGREEMENT,),
-    lacks=_no_masks,
+    lacks=_of_ours(_no_masks),
 )
 POSE_BLENDING = Effect(
     facts.POSE_BLENDING,
@@ -255,7 +268,7 @@ POSE_BLENDING = Effect(
     "1",
     _views_doubt,
     asks=(SCORES, POSE),
-    lacks=_nothing_weighed,
+    lacks=_of_ours(_nothing_weighed),
 )
 ANTI_ALIASING = Effect(
     facts.ANTI_ALIASING,
@@ -265,6 +278,7 @@ ANTI_ALIASING = Effect(
     1.25,
     "px/px",
     _aliases,
+    lacks=_of_ours(lambda evidence: None),
 )
 VIEW_DEPENDENT_COLOR = Effect(
     facts.VIEW_DEPENDENT_COLOR,
@@ -276,5 +290,5 @@ VIEW_DEPENDENT_COLOR = Effect(
     "of 255",
     _views_disagree,
     asks=(COLORS, SURFACE, NOISE, COLOR),
-    lacks=_one_view,
+    lacks=_of_ours(_one_view),
 )

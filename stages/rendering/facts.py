@@ -11,3 +11,5 @@ VIEW_DEPENDENT_COLOR = fact("view_dependent_color")
 SURFACE_CLOSING = fact("surface_closing")
 POSE_BLENDING = fact("pose_blending")
 OUTLINE_EVENING = fact("outline_evening")
+FITTED = fact("fitted_gaussians")
+"""Pictures are drawn from Gaussians that rendering itself fits to each frame."""

@@ -6,6 +6,9 @@ from typing import Literal
 
 from posegaussian.stages.contract.declaration import Params, setting
 
+GAUSSIANS, IBR, FIT = "gaussians", "ibr", "3dgs"
+"""What pictures are drawn from."""
+
 
 class RenderingParams(Params):
     """Which pictures, from how many views, how exactly."""
@@ -26,4 +29,16 @@ class RenderingParams(Params):
     )
     precision: Literal["float32", "float64"] = setting(
         "float32", "Arithmetic of the rasterizer.", quality_levels=["float32", "float64"]
+    )
+    method: Literal["gaussians", "ibr", "3dgs"] = setting(
+        GAUSSIANS,
+        "What pictures are drawn from: our Gaussians; ibr: the source pictures, blended over the masks' hull; 3dgs:"
+        " Gaussians fitted to each frame's source pictures from points of its depth. To measure other methods by.",
+    )
+    fit_steps: int = setting(
+        3000,
+        "Steps of one source picture each that 3dgs is fitted with; 30000 are published.",
+        unit="steps",
+        ge=1,
+        le=100000,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
-from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import QUATERNIONS, depth_reads
 from posegaussian.stages.rendering.effects import (
@@ -15,7 +15,8 @@ from posegaussian.stages.rendering.effects import (
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
 )
-from posegaussian.stages.rendering.params import RenderingParams
+from posegaussian.stages.rendering.facts import FITTED
+from posegaussian.stages.rendering.params import FIT, GAUSSIANS, RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.pose_blending import PAST
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
@@ -47,20 +48,26 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     )
 
 
+def _ours(params: RenderingParams, facts: Facts) -> bool:
+    """Whether pictures are drawn from our Gaussians."""
+    return params.method == GAUSSIANS
+
+
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
     version=1,
-    run="posegaussian.stages.rendering.run:run",
+    run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(
-        *(Read(name) for name in ("frames/color", *OF_GAUSSIANS)),
-        Read(TWIST, when=lambda p, f: QUATERNIONS in f),
+        Read("frames/color"),
+        *(Read(name, when=_ours) for name in OF_GAUSSIANS),
+        Read(TWIST, when=lambda p, f: _ours(p, f) and QUATERNIONS in f),
         *depth_reads(),
-        *(Read(name, when=lambda p, f: REFINEMENT in f) for name in (*REFINED, OUTCOME)),
+        *(Read(name, when=lambda p, f: _ours(p, f) and REFINEMENT in f) for name in (*REFINED, OUTCOME)),
         Read(
             "frames/mask",
-            when=lambda p, f: bool(f & {e.name for e in OF_MASKS}),
+            when=lambda p, f: not _ours(p, f) or bool(f & {e.name for e in OF_MASKS}),
         ),
         Read(
             "pose/joints3d",
@@ -81,10 +88,19 @@ STAGE = Stage(
             "Rendered picture, premultiplied on black.",
         ),
         ArraySpec("rendering/{path}/alpha", ("frame", "camera", "camera_y", "camera_x"), "uint8", "1/255", "Coverage."),
+        ArraySpec(
+            "rendering/{path}/gaussians",
+            ("frame",),
+            "int32",
+            "1",
+            "Gaussians that were fitted to the frame's pictures.",
+            when=FITTED,
+        ),
     ),
     over=("sequence", "time", "path"),
     params=RenderingParams,
     needs=needs,
     effects=(NOISE_AVERAGING, POSE_BLENDING, VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
     paths=PATHS,
+    facts=lambda capture, views, params, facts: [FITTED] if params.method == FIT else [],
 )

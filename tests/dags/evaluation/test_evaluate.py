@@ -91,6 +91,34 @@ def test_a_second_call_computes_nothing_and_says_the_same(evaluated: tuple) -> N
     assert all(after[k] == v for k, v in before.items() if "_receipts" in k or "/c." in k)
 
 
+def test_only_frames_that_are_worked_on_are_measured(finished: Pipeline, tmp_path: Path) -> None:
+    """Rows of other frames may lie in the archive from before."""
+    archive = finished.copy(tmp_path / "archive")
+    made = evaluate(archive.with_settings("frames.range=0:3").session, [NAME], chosen(OURS))
+    (ours,) = made.results
+    assert ours.numbers["psnr", "box", "mean"].count == 3
+    assert ours.numbers["delta_ssim", "box", "mean"].count == 2
+
+
+def test_other_methods_are_measured_alike_and_said_what_they_cost(evaluated: tuple) -> None:
+    archive, made, _ = evaluated
+    few = archive.with_settings("rendering.fit_steps=3")
+    peers = evaluate(few.session, [NAME], chosen("ibr,3dgs"))
+    assert peers.status == 0
+    hull, ibr, fit = of(made, "hull"), of(peers, "ibr"), of(peers, "3dgs")
+    for key, number in hull.numbers.items():
+        if key[0] in ("psnr", "ssim", "delta_ssim"):
+            assert all(r.numbers[key].definition == number.definition for r in (ibr, fit))
+            assert all(r.numbers[key].count == number.count for r in (ibr, fit))
+    optimised, drawing = ("optimised", "", "mean"), ("drawing", "", "mean")
+    assert fit.numbers[optimised].value > 0 == ibr.numbers[optimised].value
+    a_frame = fit.numbers["ms_a_frame", "", "mean"].value / 1000
+    assert a_frame > fit.numbers[optimised].value + fit.numbers[drawing].value / 1000 - 1e-9
+    assert fit.numbers["gaussians", "", "mean"].value > 3
+    assert ibr.numbers["gaussians", "", "mean"].value is None
+    assert "no Gaussians" in ibr.numbers["gaussians", "", "mean"].definition
+
+
 def test_what_cannot_be_run_is_said_and_never_made_up(evaluated: tuple) -> None:
     _, made, _ = evaluated
     assert not of(made, "pose_off").numbers

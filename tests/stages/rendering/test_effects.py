@@ -6,6 +6,7 @@ import pytest
 
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.rendering.effects import ANTI_ALIASING, HOLE_FILLING, OUTLINE_EVENING, SILHOUETTE_CLIPPING
+from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import CameraPath
 
@@ -24,6 +25,7 @@ def outlines(apart: np.ndarray) -> np.ndarray:
 
 def evidence(c: PersonCapture, targets: tuple[CameraPath, ...] = (), **noted: np.ndarray) -> SimpleNamespace:
     return SimpleNamespace(
+        params=RenderingParams(),
         facts=frozenset({"masks"}),
         sources=c.views.sources,
         rig=c.rig,
@@ -46,7 +48,12 @@ def test_masks_are_trusted_where_most_outlines_agree(person: PersonCapture) -> N
         unknown = effect.decide(evidence(person, survey__agreement=np.zeros((8, 8, 4, 2))), effect.threshold)  # type: ignore[arg-type]
         assert unknown is not None
         assert (unknown.on, unknown.measured) == (False, None)
-        assert effect.lacks(SimpleNamespace(facts=frozenset(), sources=(0, 1, 2)))  # type: ignore[arg-type]
+        assert effect.lacks(unmasked())  # type: ignore[arg-type]
+
+
+def unmasked() -> SimpleNamespace:
+    """Evidence of a capture without masks."""
+    return SimpleNamespace(params=RenderingParams(), facts=frozenset(), sources=(0, 1, 2))
 
 
 def test_anti_aliasing_is_for_targets_coarser_than_the_sources(person: PersonCapture) -> None:
@@ -69,11 +76,11 @@ def test_anti_aliasing_is_for_targets_coarser_than_the_sources(person: PersonCap
 
 
 def test_estimated_masks_fill_holes_and_clip_nothing_unless_asked() -> None:
-    estimated = SimpleNamespace(facts=frozenset({"segmented"}), sources=(0, 1, 2), noted={})
+    estimated = SimpleNamespace(params=RenderingParams(), facts=frozenset({"segmented"}), sources=(0, 1, 2), noted={})
     filling, clipping = (e.decide(estimated, e.threshold) for e in (HOLE_FILLING, SILHOUETTE_CLIPPING))  # type: ignore[arg-type]
     assert filling is not None
     assert clipping is not None
     assert (filling.on, clipping.on) == (True, False)
     for effect in (HOLE_FILLING, SILHOUETTE_CLIPPING):
         assert effect.lacks(estimated) is None  # type: ignore[arg-type]
-        assert "nobody segments" in (effect.lacks(SimpleNamespace(facts=frozenset(), sources=(0, 1, 2))) or "")  # type: ignore[arg-type]
+        assert "nobody segments" in (effect.lacks(unmasked()) or "")  # type: ignore[arg-type]
