@@ -213,7 +213,7 @@ def test_a_keep_of_its_own_wins_over_the_run_s(finished: Pipeline, tmp_path: Pat
 def test_nothing_is_dropped_before_its_readers_are_done(
     finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import posegaussian.stages.rendering.run as rendering
+    import posegaussian.stages.peers.run as rendering
 
     pipeline = Pipeline(tmp_path / "archive", finished.folder, [DROP, "keep.pose/joints3d=never"])
     pipeline.register()

@@ -122,7 +122,7 @@ def test_ctrl_c_ends_a_wait(archive: Pipeline) -> None:
 
 AT_ONCE = """
 import sys, time
-import posegaussian.stages.rendering.run as rendering
+import posegaussian.stages.peers.run as rendering
 real = rendering.run
 def slow(inputs, params):
     time.sleep(1.0)  # so that they meet

@@ -33,6 +33,6 @@ def test_what_is_given_must_fit() -> None:
     with pytest.raises(SourceError, match="holds 17 joints a person; joint_set halpe26 has 26"):
         guess_joint_set(17, "halpe26", "", WHERE)
     with pytest.raises(
-        SourceError, match=r"holds 18 joints a person, which no known joint set has \(coco17: 17, .*smpl24: 24\)"
+        SourceError, match=r"holds 18 joints a person, which no known joint set has \(coco17: 17, .*panoptic19: 19\)"
     ):
         guess_joint_set(18, None, "", WHERE)
