@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import rig_notes
+from posegaussian.storage.importers.cameras import of_another_size, rig_notes
 from posegaussian.storage.importers.common import picture_gaps
 from posegaussian.storage.importers.evidence import check_direction
 from posegaussian.storage.model.capture import Capture
@@ -43,7 +43,9 @@ def _sizes(capture: Capture) -> list[str]:
     off = np.abs(rig.intrinsics[same][:, [0, 1], 2] / rig.size[same] - 0.5)
     which = "all cameras" if len(same) == len(rig) else f"{len(same)} of {len(rig)} cameras"
     told = f"{which}: captured at the calibrated size, {listed} px (scale 1)"
-    return [f"{told}; principal points lie up to {100 * off.max():.2g} % of a side off the middle"]
+    far = [rig.names[v] for v in same if of_another_size(rig.intrinsics[v], rig.size[v])]
+    doubt = f", in {', '.join(far[:4])} as if the intrinsics were for pictures of another size" if far else ""
+    return [f"{told}; principal points lie up to {100 * off.max():.2g} % of a side off the middle{doubt}"]
 
 
 def _one_frame_apart(capture: Capture) -> list[str]:

@@ -119,14 +119,20 @@ def _check_model(c: RawCamera) -> None:
 
 def check_principal_point(where: str, intrinsics: np.ndarray, size: tuple[int, int]) -> None:
     """Raise CalibrationError for intrinsics [3, 3] px that are for pictures of another size (width, height) px."""
+    if of_another_size(intrinsics, size):
+        raise CalibrationError(
+            f"{where}: the principal point {intrinsics[:2, 2].tolist()} px is not near the middle of"
+            f" {size[0]}x{size[1]} px; the intrinsics are for pictures of another size, so scale them or the"
+            " pictures"
+        )
+
+
+def of_another_size(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray) -> bool:
+    """Whether the principal point of intrinsics [3, 3] px says that they are for pictures of another size than (width,
+    height) px."""
     with np.errstate(invalid="ignore"):
         halves = intrinsics[[0, 1], 2] / (np.array(size) / 2)
-        if (halves > _OTHER_SIZE).all() or (halves < 1 / _OTHER_SIZE).all():
-            raise CalibrationError(
-                f"{where}: the principal point {intrinsics[:2, 2].tolist()} px is not near the middle of"
-                f" {size[0]}x{size[1]} px; the intrinsics are for pictures of another size, so scale them or the"
-                " pictures"
-            )
+    return bool((halves > _OTHER_SIZE).all() or (halves < 1 / _OTHER_SIZE).all())
 
 
 def distances(places: np.ndarray) -> np.ndarray:

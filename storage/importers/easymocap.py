@@ -16,7 +16,7 @@ from pydantic import Field
 from ruamel.yaml.nodes import MappingNode
 
 from posegaussian.storage.formats.joint_files import read_easymocap
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers, rotation_matrix
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
@@ -36,6 +36,7 @@ from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.model.yaml_documents import TextConstructor, TextResolver, loader, parse
 from posegaussian.storage.readers import images as media
 
+BOTH = "R_ and Rot_ are different rotations; Rot_ is taken, and EasyMocap itself reads R_"
 DEFAULT_RATE = 30.0
 """Frames per second of folders of images, which do not say theirs."""
 
@@ -62,7 +63,12 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
             )
     if options.cameras is None:
         notes += [f"calibration {n} has no pictures and is left out" for n in calibrated if n not in names]
-    rig = build_rig([_camera(n, intri, extri) for n in names], [s.size for s in pictures], half=False)
+    cameras = [_camera(n, intri, extri) for n in names]
+    for camera, stream in zip(cameras, pictures, strict=True):
+        if camera.size is None:  # of the picture's own size, which its principal point shows
+            check_principal_point(f"camera {camera.name}", camera.intrinsics, stream.size)
+    rig = build_rig(cameras, [s.size for s in pictures], half=False)
+    notes += [f"camera {n}: {BOTH}" for n in names if _differ(n, extri)]
     mask_root = next((base / f for f in ("masks", "mask") if (base / f).is_dir()), base / "masks")
     masks, more = mask_streams(names, [mask_root / n for n in names], pictures)
     notes += more
@@ -143,6 +149,16 @@ def _node(data: Mapping[str, Any], keys: Sequence[str], file: str, name: str) ->
         if key in data:
             return data[key]
     raise CalibrationError(f"camera {name}: {file} has no {' or '.join(keys)}")
+
+
+def _differ(name: str, extri: Mapping[str, Any]) -> bool:
+    """Whether a camera has both spellings of its rotation, and they are not the same to the digits of the files."""
+    if f"R_{name}" not in extri or f"Rot_{name}" not in extri:
+        return False
+    vector = numbers(extri[f"R_{name}"], name, f"R_{name}", [(3,), (3, 3)])
+    matrix = numbers(extri[f"Rot_{name}"], name, f"Rot_{name}", [(3, 3), (3,)])
+    turns = [rotation_matrix(r) if r.size == 3 else r for r in (vector, matrix)]
+    return not np.abs(turns[0] - turns[1]).max() < 1e-4
 
 
 def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> RawCamera:

@@ -116,6 +116,16 @@ def test_a_rotation_matrix_goes_before_the_vector(base):
     np.testing.assert_allclose(find(base).rig.world_to_camera, by_vector.world_to_camera, atol=1e-14)
 
 
+def test_two_rotations_of_one_camera_that_differ_are_said(base):
+    assert not any("different rotations" in n for n in find(base).notes)
+    other = import_capture.RODRIGUES[1] + [0, 0.01, 0]
+    with (base / "extri.yml").open("a") as f:
+        f.write(matrix(f"Rot_{NAMES[0]}", rotation_matrix(import_capture.RODRIGUES[0])))
+        f.write(matrix(f"Rot_{NAMES[1]}", rotation_matrix(other)))
+    told = "camera 02: R_ and Rot_ are different rotations; Rot_ is taken, and EasyMocap itself reads R_"
+    assert [n for n in find(base).notes if "different rotations" in n] == [told]
+
+
 def test_videos_or_images(base):
     (base / "videos").mkdir()
     for name in NAMES:

@@ -103,6 +103,19 @@ def test_samples_of_cameras_that_stand_still_are_frames(tmp_path: Path) -> None:
     np.testing.assert_allclose(levels, [100, 120], atol=2)  # JPEG
 
 
+def test_poses_of_the_other_direction_and_millimetres_are_refused(tmp_path: Path) -> None:
+    for place, change, said in (
+        ("a", lambda m: np.linalg.inv(np.vstack([m, [0, 0, 0, 1]]))[:3], "poses were written in the other direction"),
+        ("b", lambda m: m * [1, 1, 1, 1000], "is it in millimetres|at most 1000 m"),
+    ):
+        for step in range(6):
+            write_sample(tmp_path / place, f"0000_{step:03d}", 60.0 * step)
+        for path in (tmp_path / place / "parm").rglob("*_extrinsic.npy"):
+            np.save(path, change(np.load(path)))
+        with pytest.raises(UserError, match=said):
+            find(tmp_path / place, sample="0000")
+
+
 def test_intrinsics_for_another_size_are_refused(tmp_path: Path) -> None:
     for v in range(2):
         write_view(tmp_path, "0000_000", v, 20.0 * v, k=np.diag([2.0, 2, 1]) @ K)

@@ -13,7 +13,7 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_png
 from posegaussian.storage.readers.sources import open_source
-from tests.support import import_capture
+from tests.support import import_capture, ring
 from tests.support.video_clips import counting_clip
 
 ORDER = ("cam1", "cam10", "cam2")
@@ -71,6 +71,24 @@ def test_videos_as_dynerf_has_them(tmp_path: Path, folder: str) -> None:
         counting_clip(tmp_path / folder / f"{name}.mp4", 4, import_capture.SIZE, rate=30)
     capture = find(tmp_path)
     assert (capture.rig.names, len(capture.numbers), capture.frame_rate) == (ORDER, 4, 30)
+
+
+def test_world_to_camera_in_the_place_of_camera_to_world_is_refused(tmp_path: Path) -> None:
+    def of(matrix: np.ndarray) -> np.ndarray:
+        """[17] of a pose [3, 4] with columns right, down, forward, place."""
+        right, down, forward, place = matrix.T
+        rows = np.column_stack([down, right, -forward, place, [ring.SIZE[1], ring.SIZE[0], 70.0]])
+        return np.concatenate([rows.reshape(-1), [1.0, 9.0]])
+
+    for v in range(3):
+        ring.write_picture(tmp_path / "images" / f"cam{v}.png", v, 0)
+    to_world = [np.linalg.inv(ring.pose(v))[:3] for v in range(3)]
+    np.save(tmp_path / "poses_bounds.npy", np.stack([of(m) for m in to_world]))
+    rig = find(tmp_path, moment=True).rig
+    np.testing.assert_allclose(rig.world_to_camera, [ring.pose(v) for v in range(3)], atol=1e-9)
+    np.save(tmp_path / "poses_bounds.npy", np.stack([of(ring.pose(v)[:3]) for v in range(3)]))
+    with pytest.raises(UserError, match="the poses were written in the other direction"):
+        find(tmp_path, moment=True)
 
 
 def test_a_walk_is_refused_unless_it_is_an_instant(tmp_path: Path) -> None:
