@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -29,6 +30,7 @@ from posegaussian.stages.rendering.pose_blending import PAST, Sureness, stabilis
 from posegaussian.stages.rendering.sources import (
     angles_at,
     choose,
+    faded_in,
     left_out,
     refined_arrays,
     refined_shares,
@@ -41,6 +43,8 @@ from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Draw
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.joint_sets import to_set
 
+Picture: TypeAlias = tuple[torch.Tensor, torch.Tensor]
+"""Colour [h, w, 3] premultiplied on black, and alpha [h, w]."""
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -107,9 +111,8 @@ class FrameRenderer:
     def __init__(self, reader: MapReader, i: int, params: RenderingParams) -> None:
         inputs = reader.inputs
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
-        share = float(reader.shares[i])
-        self.shares = {refined: s for refined, s in ((True, share), (False, 1 - share)) if s > 0}
-        """Share of the picture of the refined Gaussians, and of the others; none that is 0."""
+        self.share = float(reader.shares[i])
+        """Of the refined Gaussians' picture, 0..1; 0 where there is none."""
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
@@ -123,10 +126,13 @@ class FrameRenderer:
         any source view."""
         if not self.usable.any():
             return None
-        drawn = [(share, self._drawn(camera, refined)) for refined, share in self.shares.items()]
-        color = torch.stack([share * d[0] for share, d in drawn]).sum(dim=0)
-        alpha = torch.stack([share * d[1] for share, d in drawn]).sum(dim=0)
-        return *self._retouched(color, alpha, camera), sum(d[2] for _, d in drawn)
+        color, alpha, masked = self._drawn(camera, False)
+        if self.share > 0:
+            *refined, more = self._drawn(camera, True)
+            fade = faded_in(angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable])
+            color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, fade)
+            masked += more
+        return *self._retouched(color, alpha, camera), masked
 
     def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, int]:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
@@ -200,3 +206,14 @@ class FrameRenderer:
             share = self.sureness.share(seen.mean.double().cpu().numpy(), view, views)
             opacity = opacity * torch.from_numpy(share).to(opacity)
         return replace(seen, opacity=opacity, color=color)
+
+
+def mixed(unrefined: Picture, refined: Picture, share: float, fade: float) -> Picture:
+    """`share` 0..1 of the refined picture where it has faded in, `fade` 1. Where it has not, 0, it lies behind the
+    other: what the nearest view leaves transparent because a neighbour is to draw it, which has itself faded out there.
+    """
+    (color, alpha), (behind, behind_alpha) = unrefined, refined
+    left = (1 - fade) * (1 - alpha)
+    color, alpha = color + left[..., None] * behind, alpha + left * behind_alpha
+    s = share * fade
+    return s * behind + (1 - s) * color, s * behind_alpha + (1 - s) * alpha
