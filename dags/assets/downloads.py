@@ -7,43 +7,19 @@ One wheel is pinned, whatever the platform, as all of them hold the same files.
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
-import sys
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from posegaussian.dags.assets import lpips
+from posegaussian.dags.assets.wheels import LARGEST, Wheel, download, megabytes, member, sha256
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
 from posegaussian.stages.estimators.description import read_description
 from posegaussian.stages.network.card import shipped
 from posegaussian.storage.files.write import write_atomically
-from posegaussian.storage.model.documents import MEGABYTE, read_bytes, reader_of
+from posegaussian.storage.model.documents import read_bytes, reader_of
 from posegaussian.storage.model.errors import NotWritten, SourceError
-
-LARGEST = 64 * MEGABYTE
-"""Bytes of a model file; a packed one may promise more than memory holds."""
-
-
-@dataclass(frozen=True)
-class Wheel:
-    """The wheel that models are taken out of."""
-
-    requirement: str
-    """What pip is asked for."""
-    platform: str
-    """Platform tag of the one pinned file; its contents are used on every platform."""
-    python: str
-    """Python version of the one pinned file."""
-    file: str
-    """Its file name."""
-    sha256: str
-    """Hex digest of it."""
-    licence: str
-    """Under which the models are given."""
-
 
 MEDIAPIPE = Wheel(
     requirement="mediapipe==0.10.21",
@@ -53,24 +29,25 @@ MEDIAPIPE = Wheel(
     sha256="05dc4a9e593655a79558d05d6227d31018c2537a4bd3362b51e230cf22aecfe3",
     licence="Apache-2.0",
 )
-KNOWN = ("blazepose",)
+KNOWN = ("blazepose", "lpips")
 """Models that can be fetched."""
 
 
 def listing() -> list[str]:
-    """Sentences: which of BlazePose's files are there, their sizes,
+    """Sentences: which of BlazePose's and LPIPS' files are there, their sizes,
     what is missing or spoilt and the command that mends it."""
     folder = blazepose_folder()
     states = [_state(folder / m.name, m) for m in BLAZEPOSE]
     lines = [f"blazepose (pose and person segmentation, licence {MEDIAPIPE.licence}) in {folder}"]
-    lines += [f"  {m.name:28} {_megabytes(m.size)}  {state}" for m, state in zip(BLAZEPOSE, states, strict=True)]
+    lines += [f"  {m.name:28} {megabytes(m.size)}  {state}" for m, state in zip(BLAZEPOSE, states, strict=True)]
     if set(states) != {"there"}:
         lines.append(
             f"  bring it with `{FETCH}`, or `posegaussian models add FILE`"
             f" with {MEDIAPIPE.file} where there is no network"
         )
+    lines += lpips.listing()
     lines += [
-        f"{name} (the network's weights, {_megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what"
+        f"{name} (the network's weights, {megabytes(f.stat().st_size)}, ships): --set network.weights={name}; what"
         f" they were trained on and measured at: {f.with_suffix('.md')}"
         for name, f in shipped().items()
     ]
@@ -92,14 +69,16 @@ def fetch(name: str) -> list[str]:
             f"no model named {name!r} can be fetched;"
             f" known are {', '.join(KNOWN)}, and `posegaussian models add` takes files"
         )
+    if name == "lpips":
+        return lpips.fetch()
     folder = blazepose_folder()
     if all(_state(folder / m.name, m) == "there" for m in BLAZEPOSE):
         return [f"blazepose is in {folder} already, every sha256 is right; nothing was fetched"]
     with TemporaryDirectory(prefix="posegaussian-models-") as work:
-        wheel = _download(Path(work))
+        wheel = download(MEDIAPIPE, Path(work))
         return [
             (
-                f"fetched {wheel.name} ({_megabytes(wheel.stat().st_size)}) with pip, sha256 {MEDIAPIPE.sha256}; it is"
+                f"fetched {wheel.name} ({megabytes(wheel.stat().st_size)}) with pip, sha256 {MEDIAPIPE.sha256}; it is"
                 " not installed, and goes again"
             ),
             *_from_wheel(wheel),
@@ -107,8 +86,8 @@ def fetch(name: str) -> list[str]:
 
 
 def add(files: Sequence[Path]) -> list[str]:
-    """Take models from files the user has: the mediapipe wheel, single .tflite files, or descriptions of ONNX models
-    (.yaml), which are checked.
+    """Take models from files the user has: the mediapipe or lpips wheel, single .tflite and .pth files, or descriptions
+    of ONNX models (.yaml), which are checked.
 
     Returns sentences about what was done; raises SourceError for a file that is missing or is not what was published.
     """
@@ -116,11 +95,13 @@ def add(files: Sequence[Path]) -> list[str]:
     for file in files:
         if not file.is_file():
             raise SourceError(
-                f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose,"
-                " or the description (.yaml) of an ONNX model"
+                f"no file {file}; give a mediapipe wheel, a .tflite file of BlazePose, a .pth file of LPIPS, or the"
+                " description (.yaml) of an ONNX model"
             )
         if file.suffix == ".whl":
-            said += _from_wheel(file)
+            said += lpips.from_wheel(file) if file.name.startswith("lpips-") else _from_wheel(file)
+        elif file.suffix == ".pth":
+            said += lpips.add(file)
         elif file.suffix == ".tflite":
             content = read_bytes(file, "model", LARGEST)
             said += _put({_which(file, content): content}, str(file))
@@ -131,44 +112,10 @@ def add(files: Sequence[Path]) -> list[str]:
                 f" detection.estimator=onnx --set detection.model={file.resolve()}"
             )
         else:
-            raise SourceError(f"{file}: models come as .whl or .tflite, or as the description (.yaml) of an ONNX model")
+            raise SourceError(
+                f"{file}: models come as .whl, .tflite or .pth, or as the description (.yaml) of an ONNX model"
+            )
     return said
-
-
-def _download(work: Path) -> Path:
-    """The pinned wheel, by pip's own client, so that the user's index, proxy and certificates count."""
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "download",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--only-binary=:all:",
-        "--platform",
-        MEDIAPIPE.platform,
-        "--python-version",
-        MEDIAPIPE.python,
-    ]
-    done = subprocess.run(
-        [*command, "--dest", str(work), MEDIAPIPE.requirement], capture_output=True, text=True, check=False
-    )
-    wheel = work / MEDIAPIPE.file
-    if done.returncode or not wheel.is_file():
-        reasons = [
-            line.removeprefix("ERROR: ") for line in done.stderr.splitlines() if line.startswith("ERROR: ")
-        ] or done.stderr.splitlines()[-1:]
-        raise SourceError(
-            f"pip could not download {MEDIAPIPE.file} (exit status"
-            f" {done.returncode}{', ' + reasons[0] if reasons else ''}); connect to a package index, or bring that file"
-            f" from another machine and run `posegaussian models add {MEDIAPIPE.file}`"
-        )
-    if (found := _sha256(wheel.read_bytes())) != MEDIAPIPE.sha256:
-        raise SourceError(
-            f"{MEDIAPIPE.file} has sha256 {found}, the published one has {MEDIAPIPE.sha256}; nothing was kept. Look"
-            " which package index pip is configured for (`pip config list`)"
-        )
-    return wheel
 
 
 def _from_wheel(wheel: Path) -> list[str]:
@@ -176,7 +123,7 @@ def _from_wheel(wheel: Path) -> list[str]:
     each is checked by itself, so any platform's wheel of that version will do."""
     try:
         with reader_of(wheel, "wheel"), zipfile.ZipFile(wheel) as z:
-            contents = {m: _member(z, m) for m in BLAZEPOSE}
+            contents = {m: member(z, m.member) for m in BLAZEPOSE}
     except (zipfile.BadZipFile, SourceError) as e:
         raise SourceError(
             f"{wheel} does not hold BlazePose's models ({e}); {MEDIAPIPE.file} does, later versions of mediapipe do not"
@@ -184,15 +131,9 @@ def _from_wheel(wheel: Path) -> list[str]:
     return _put(contents, wheel.name)
 
 
-def _member(wheel: zipfile.ZipFile, model: ModelFile) -> bytes:
-    if (size := wheel.getinfo(model.member).file_size) > LARGEST:
-        raise SourceError(f"{model.member} would be {size} bytes")
-    return wheel.read(model.member)
-
-
 def _which(file: Path, content: bytes) -> ModelFile:
     """The model file that a .tflite file is, told by its content, so that its name does not matter."""
-    found = _sha256(content)
+    found = sha256(content)
     for m in BLAZEPOSE:
         if m.sha256 == found:
             return m
@@ -205,7 +146,7 @@ def _which(file: Path, content: bytes) -> ModelFile:
 def _put(contents: dict[ModelFile, bytes], source: str) -> list[str]:
     """Write checked files into the cache folder, each whole or not at all."""
     for m, content in contents.items():
-        if (found := _sha256(content)) != m.sha256:
+        if (found := sha256(content)) != m.sha256:
             raise SourceError(
                 f"{source}: {m.name} has sha256 {found}, the published one has {m.sha256}; nothing was kept. Take it"
                 f" from {MEDIAPIPE.file}"
@@ -223,19 +164,11 @@ def _put(contents: dict[ModelFile, bytes], source: str) -> list[str]:
 
 
 def _written(models: Iterable[ModelFile], folder: Path) -> list[str]:
-    return [f"wrote {folder / m.name} ({_megabytes(m.size)}, sha256 {m.sha256})" for m in models]
+    return [f"wrote {folder / m.name} ({megabytes(m.size)}, sha256 {m.sha256})" for m in models]
 
 
 def _state(file: Path, model: ModelFile) -> str:
     """`there`, `missing`, or what is wrong with it."""
     if not file.is_file():
         return "missing"
-    return "there" if _sha256(file.read_bytes()) == model.sha256 else "spoilt: not the published sha256"
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.2f} MB"
+    return "there" if sha256(file.read_bytes()) == model.sha256 else "spoilt: not the published sha256"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -38,8 +37,8 @@ def evaluate(
         str | None,
         typer.Option(
             "--measures",
-            help="Further measures, with commas between: ms_ssim, flip, lpips_alex, lpips_vgg. Default: those of"
-            " metrics.measures.",
+            help="Further measures, with commas between: ms_ssim, flip, lpips_alex, lpips_vgg (`posegaussian models"
+            " fetch lpips` brings their weights). Default: those of metrics.measures.",
         ),
     ] = None,
     output: Annotated[
@@ -56,6 +55,7 @@ def evaluate(
 
     Example: posegaussian evaluate walk --methods posegaussian,hull --output evaluation
     """
+    from posegaussian.dags.evaluation.asked import asked
     from posegaussian.dags.evaluation.evaluate import run_evaluate
     from posegaussian.dags.evaluation.methods import chosen
 
@@ -63,8 +63,6 @@ def evaluate(
     some = chosen(methods)
     own = [*(assignments or [])]
     if measures is not None:
-        plain = open_session(config, assignments, archive).configuration.default.metrics.measures
-        every = dict.fromkeys([*plain, *(m.strip() for m in measures.split(","))])
-        own.append(f"metrics.measures={json.dumps(list(every))}")
+        own += asked(open_session(config, assignments, archive).configuration.default.metrics, measures)
     session = open_session(config, own, archive, scheduler, voice=voice(verbose, quiet))
     raise typer.Exit(run_evaluate(session, sequences or [], some, output))

@@ -25,14 +25,16 @@ def list_models() -> None:
 
 
 @models.command()
-def fetch(name: Annotated[str, typer.Argument(help="blazepose")]) -> None:
-    """Bring a model's files from the package index, checked by their sha256, into the cache folder.
+def fetch(name: Annotated[str, typer.Argument(help="blazepose or lpips")]) -> None:
+    """Bring a model's files from the package index, networks of LPIPS from torchvision's server, checked by their
+    sha256, into the cache folder.
 
     Example: posegaussian models fetch blazepose
     """
     from posegaussian.dags.assets.downloads import fetch as bring
 
-    say([*bring(name), next_command("import", "auto", "FOLDER")])
+    following = ("evaluate", "--measures", "lpips_alex") if name == "lpips" else ("import", "auto", "FOLDER")
+    say([*bring(name), next_command(*following)])
 
 
 @models.command()
@@ -41,7 +43,7 @@ def add(
         list[Path],
         typer.Argument(
             help=(
-                "The mediapipe 0.10.21 wheel, .tflite files of BlazePose,"
+                "The mediapipe 0.10.21 or lpips 0.1.4 wheel, .tflite files of BlazePose, .pth files of LPIPS,"
                 " or descriptions (.yaml) of ONNX models to check."
             )
         ),

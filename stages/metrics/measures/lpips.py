@@ -24,7 +24,7 @@ def without_weights(name: str, settings: MetricSettings) -> str | None:
     missing = [file for file in FILES[name] if file not in settings.lpips_weights]
     return (
         f"no weight files; give {' and '.join(f'metrics.lpips_weights.{file}' for file in missing)} with their"
-        " metrics.lpips_sha256"
+        " metrics.lpips_sha256, or bring them with `posegaussian models fetch lpips`"
         if missing
         else None
     )
