@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from posegaussian.dags.assets import lpips
 from posegaussian.dags.humanize.text import gigabytes, number
 from posegaussian.dags.planning.resources import machine_memory, visible_gpus
 from posegaussian.stages.estimators.blazepose_files import FETCH, blazepose_folder, check_files, model_files
@@ -161,7 +162,6 @@ def _people() -> Check:
 
 
 def _lpips(metrics: Any) -> Check:
-    wanted = [m for m in metrics.measures if m.startswith("lpips")]
     given = metrics.lpips_weights
     absent = [f"{name} ({path})" for name, path in given.items() if not Path(path).is_file()]
     if absent:
@@ -169,9 +169,16 @@ def _lpips(metrics: Any) -> Check:
         return Check("LPIPS", State.LACKS, f"files of metrics.lpips_weights are missing: {', '.join(absent)}", mend)
     if given:
         return Check("LPIPS", State.GOOD, f"weights of {', '.join(given)}")
-    mend = "metrics.lpips_weights and metrics.lpips_sha256, see docs/reference/metrics.md"
+    wanted = any(m.startswith("lpips") for m in metrics.measures)
+    state = State.LACKS if wanted else State.GOOD
+    if fetched := lpips.there():
+        mend = "metrics.lpips_weights, see docs/reference/metrics.md; `posegaussian evaluate` finds them by itself"
+        return Check("LPIPS", state, f"weights of {', '.join(fetched)} in {lpips.folder()}", mend if wanted else "")
     return Check(
-        "LPIPS", State.LACKS if wanted else State.GOOD, "no weights; nothing else needs them", mend if wanted else ""
+        "LPIPS",
+        state,
+        f"no weights; nothing else needs them; `{lpips.FETCH}` brings them",
+        lpips.FETCH if wanted else "",
     )
 
 

@@ -44,6 +44,17 @@ def test_an_archive_below_a_file_stops_every_run(tmp_path: Path) -> None:
     assert "--archive FOLDER" in checks["disk"]["mend"]
 
 
+def test_weights_of_lpips_that_are_missing_come_with_the_command_that_brings_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    _, checks = looked_at()
+    assert checks["LPIPS"]["state"] == "good"
+    assert "`posegaussian models fetch lpips` brings them" in checks["LPIPS"]["found"]
+    _, checks = looked_at("--set", "metrics.measures=[psnr, lpips_alex]")
+    assert (checks["LPIPS"]["state"], checks["LPIPS"]["mend"]) == ("lacks", "posegaussian models fetch lpips")
+
+
 def test_files_of_lpips_that_are_not_there_are_named() -> None:
     status, checks = looked_at("--set", "metrics.lpips_weights={alex: gone.pth}")
     assert (status, checks["LPIPS"]["state"]) == (0, "lacks")
