@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, get_args
 
 from posegaussian.stages.network.model.presets import FusionKind
@@ -21,10 +19,7 @@ from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import ConfigError
-from posegaussian.storage.model.yaml_documents import read_yaml
 
-PAPER = Path(__file__).with_name("paper.yaml")
-"""The paper's numbers, by group and row."""
 ERROR = "epe"
 """The measure of depth in which rows are compared with the reference, seed by seed."""
 PICTURES = "pictures"
@@ -113,23 +108,6 @@ class Group:
         return next(r for r in self.rows if r.label == label)
 
 
-@dataclass(frozen=True)
-class Paper:
-    """What the paper prints for a group."""
-
-    label: str
-    """Where it stands."""
-    note: str
-    """What a reader should know about it, "" for nothing."""
-    rows: Mapping[str, Mapping[str, str]]
-    """{label of a row: {measure: as printed}}."""
-
-    @property
-    def measures(self) -> list[str]:
-        """All that it prints, in its order."""
-        return list(dict.fromkeys(m for row in self.rows.values() for m in row))
-
-
 def groups(config: TrainingConfig) -> tuple[Group, ...]:
     """All tables, in the order in which they are shown."""
     return (
@@ -152,13 +130,6 @@ def chosen(config: TrainingConfig, names: Sequence[str]) -> tuple[Group, ...]:
         if name not in {g.name for g in every}:
             raise ConfigError(f"--only {name}: no such group; these are {', '.join(g.name for g in every)}")
     return tuple(g for g in every if not names or g.name in names)
-
-
-@lru_cache(maxsize=1)
-def paper() -> dict[str, Paper]:
-    """{group: what the paper prints}."""
-    read = read_yaml(PAPER)
-    return {name: Paper(found["label"], found.get("note", ""), found.get("rows", {})) for name, found in read.items()}
 
 
 def _fusion() -> Group:

@@ -19,13 +19,13 @@ from posegaussian.dags.ablation.groups import (
     Row,
     SimulatedFootage,
     groups,
-    paper,
 )
 from posegaussian.dags.ablation.paper_form import ENOUGH, NOT_RUN, paper_form
 from posegaussian.dags.ablation.pipeline_runs import RunCell
 from posegaussian.dags.ablation.trained_runs import picture_run, ring
 from posegaussian.dags.humanize.markdown import markdown_table
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.paper.printed import ablation
 from posegaussian.stages.simulator.subjects.splits import FIRST_VALIDATION_SEED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.files.write import write_atomically
@@ -57,7 +57,7 @@ def report(config: TrainingConfig, folder: Path, seeds: Sequence[int], failures:
 def _group(
     config: TrainingConfig, group: Group, seeds: Sequence[int], folder: Path, failures: Mapping[str, str]
 ) -> dict[str, Any]:
-    printed = paper()[group.name]
+    printed = ablation()[group.name]
     by_row = {row.label: _seeds(config, group, row, seeds, folder) for row in group.rows}
     rows = [_row(config, group, row, seeds, folder, by_row, failures) for row in group.rows]
     about = {
@@ -166,7 +166,7 @@ def _row(
         ),
         "parameters": counts.pop() if counts else None,
         "cells": cells,
-        "paper": dict(paper()[group.name].rows.get(row.label, {})),
+        "paper": dict(ablation()[group.name].rows.get(row.label, {})),
     }
 
 

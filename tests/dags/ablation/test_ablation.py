@@ -16,8 +16,9 @@ import pytest
 
 from posegaussian.dags.ablation.cells import PLAIN, cell, in_order, with_steps
 from posegaussian.dags.ablation.driver import AblationOrder, ablate, plan_lines
-from posegaussian.dags.ablation.groups import Row, groups, paper
+from posegaussian.dags.ablation.groups import Row, groups
 from posegaussian.dags.ablation.tables import NOT_RUN, page, report, spread
+from posegaussian.dags.paper.printed import ablation
 from posegaussian.dags.training.frame_producers import FrameError
 from posegaussian.dags.training.state import packed, unpacked
 from posegaussian.stages.training.config import TrainingConfig
@@ -95,8 +96,8 @@ def test_each_variant_of_the_encoders_changes_one_thing_and_is_another_network()
 
 
 def test_the_paper_speaks_of_rows_that_there_are() -> None:
-    assert list(paper()) == list(EVERY)
-    for name, printed in paper().items():
+    assert list(ablation()) == list(EVERY)
+    for name, printed in ablation().items():
         assert set(printed.rows) <= {r.label for r in EVERY[name].rows}, name
         assert printed.label
 

@@ -12,10 +12,11 @@ import pytest
 
 from posegaussian.dags.ablation.cells import cell, take
 from posegaussian.dags.ablation.driver import AblationOrder, plan_lines
-from posegaussian.dags.ablation.groups import DRAWN, FOOTAGE, PICTURES, Row, SimulatedFootage, groups, paper
+from posegaussian.dags.ablation.groups import DRAWN, FOOTAGE, PICTURES, Row, SimulatedFootage, groups
 from posegaussian.dags.ablation.paper_form import NOT_RUN, OURS, paper_form
 from posegaussian.dags.ablation.tables import report
 from posegaussian.dags.ablation.trained_runs import drawn_row, lpips_settings, picture_run, picture_runs, ring
+from posegaussian.dags.paper.printed import ablation
 from posegaussian.stages.network.card import SHIPPED
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.model.errors import ConfigError
@@ -145,5 +146,9 @@ def test_the_papers_form_has_its_tables_and_says_what_was_not_run(tmp_path: Path
     rows = [[c.strip() for c in line.split("|")[1:-1]] for line in loss[:9] if line.startswith("| ")][2:]
     assert rows[0] == ["0.5", "0.5", "0", *(f"{NOT_RUN} ({n})" for n in ("19.9", "0.879", "0.205"))]
     assert len({tuple(r[:3]) for r in rows}) == len(rows), "a training stands once"
-    printed = {m for p in paper().values() for m in p.measures} - {"parameters", "mean change of SSIM", "its deviation"}
+    printed = {m for p in ablation().values() for m in p.measures} - {
+        "parameters",
+        "mean change of SSIM",
+        "its deviation",
+    }
     assert printed <= set(OURS)
