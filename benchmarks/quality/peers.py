@@ -29,7 +29,7 @@ from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.evaluation.evaluate import evaluate
 from posegaussian.dags.evaluation.measured import MEAN
 from posegaussian.dags.evaluation.methods import OURS, Method, chosen
-from posegaussian.dags.evaluation.results import Result, with_means
+from posegaussian.dags.evaluation.results import Result, overall
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.simulation.simulate import stage_scene
@@ -100,7 +100,7 @@ def table(results: Sequence[Result]) -> list[dict[str, Any]]:
     for part in dict.fromkeys(r.data_set for r in results):
         own = [r for r in results if r.data_set == part]
         scenes = len({r.sequence for r in own})
-        for mean in with_means(own)[-len(METHODS) :]:
+        for mean in overall(own):
             numbers = {c: mean.value(key) for c, key in COLUMNS.items()}
             told = mean.why or "run"
             rows.append({"scenes": part, "count": scenes, "method": mean.method, **numbers, "state": told})

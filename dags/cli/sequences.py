@@ -142,6 +142,14 @@ def scans(
         str | None,
         typer.Option("--part", help="Some of the scans, by name in order: first:end, gps_train or gps_val."),
     ] = None,
+    data_set: Annotated[
+        str,
+        typer.Option(
+            "--data-set",
+            help="What they are published as, for example THuman2.0 or Twindom: `evaluate` groups by it, and puts"
+            " those of the paper's data sets beside its numbers.",
+        ),
+    ] = "scans",
     threads: Annotated[
         int | None, typer.Option("--threads", help="Pictures at a time; default: one a core.", min=1, max=256)
     ] = None,
@@ -151,14 +159,14 @@ def scans(
 ) -> None:
     """Film a folder of textured scans (THuman2.0, Twindom, RenderPeople), one sequence a scan; what is there is kept.
 
-    Example: posegaussian scans THuman2.0_Release --cameras 8 --part gps_val --archive ./archive
+    Example: posegaussian scans THuman2.0_Release --cameras 8 --part gps_val --data-set THuman2.0 --archive ./archive
     """
     from posegaussian.dags.simulation.scans import ScanRig, body_parameters, chosen, film_scans, find_scans
 
     found = find_scans(folder)
     some = {name: found[name] for name in chosen(list(found), part)}
     session = open_session(config, assignments, archive)
-    failed = film_scans(session, some, ScanRig(cameras, held_out, size, height, up), console, threads)
+    failed = film_scans(session, some, ScanRig(cameras, held_out, size, height, up), data_set, console, threads)
     say([*failed, *body_parameters(folder, some)])
     console.print(
         f"{number(len(some) - len(failed), 'scan')} in {session.archive_url}"

@@ -29,6 +29,8 @@ SIMULATED = "simulated people"
 
 def data_set(capture: Capture) -> str:
     """Name of the data set a capture is of; its layout, where that is nobody's."""
+    if capture.data_set:
+        return capture.data_set
     if capture.has("depth"):
         return SIMULATED
     return DATA_SETS.get(capture.layout, capture.layout)
@@ -73,6 +75,12 @@ def with_means(results: Sequence[Result]) -> list[Result]:
             label = f"mean of {len(sequences)}" + (f", {name}" if name else "")
             means += [_mean(label, name, m, of, sequences) for m in dict.fromkeys(r.method for r in of)]
     return [*results, *means]
+
+
+def overall(results: Sequence[Result]) -> list[Result]:
+    """A result a method: its mean over all sequences, or what it came to on the only one."""
+    methods = dict.fromkeys(r.method for r in results)
+    return with_means(results)[-len(methods) :] if methods else []
 
 
 def _mean(label: str, name: str, method: str, results: Sequence[Result], sequences: Sequence[str]) -> Result:

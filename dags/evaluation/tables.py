@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from posegaussian.dags.evaluation.results import Key, Result, keys
+from posegaussian.dags.humanize.latex import latex_text
 from posegaussian.dags.humanize.markdown import markdown_table
 from posegaussian.stages.metrics.measures.registry import METRICS
 
@@ -104,7 +105,7 @@ def latex(results: Sequence[Result], protocol: str) -> list[str]:
     shown = columns(results)
     groups = [(t, [c for c in shown if c.title == t]) for t in dict.fromkeys(c.title for c in shown)]
     arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", "": ""}
-    heads = [rf"\multicolumn{{{len(of)}}}{{c}}{{{_tex(t)}{arrows[of[0].better]}}}" for t, of in groups]
+    heads = [rf"\multicolumn{{{len(of)}}}{{c}}{{{latex_text(t)}{arrows[of[0].better]}}}" for t, of in groups]
     lines = [
         r"\begin{table*}[t]",
         r"\centering",
@@ -112,36 +113,18 @@ def latex(results: Sequence[Result], protocol: str) -> list[str]:
         rf"\begin{{tabular}}{{ll{'|'.join('r' * len(of) for _, of in groups)}}}",
         r"\toprule",
         " & ".join(["", "", *heads]) + r" \\",
-        " & ".join(["Sequence", "Method", *(_tex(c.part) for c in shown)]) + r" \\",
+        " & ".join(["Sequence", "Method", *(latex_text(c.part) for c in shown)]) + r" \\",
     ]
     before = None
     for r in results:
         lines += [r"\midrule"] if r.sequence != before else []
-        name, before = ("" if r.sequence == before else _tex(r.sequence)), r.sequence
+        name, before = ("" if r.sequence == before else latex_text(r.sequence)), r.sequence
         if r.numbers:
-            cells = [_tex(text) for text in _cells(r, shown)]
+            cells = [latex_text(text) for text in _cells(r, shown)]
         else:
             cells = [rf"\multicolumn{{{len(shown)}}}{{c}}{{{NOT_RUN}}}"]
-        lines.append(" & ".join([name, _tex(r.method), *cells]) + r" \\")
-    return [*lines, r"\bottomrule", r"\end{tabular}%", "}", rf"\caption{{{_tex(protocol)}}}", r"\end{table*}"]
-
-
-_TEX = {
-    "\\": r"\textbackslash{}",
-    "Δ": r"$\Delta$",
-    "µ": r"$\mu$",
-    "σ": r"$\sigma$",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    **{c: rf"\{c}" for c in "&%$#_{}"},
-}
-
-
-def _tex(text: str) -> str:
-    """Text with what LaTeX reads as commands escaped."""
-    return "".join(_TEX.get(c, c) for c in text)
+        lines.append(" & ".join([name, latex_text(r.method), *cells]) + r" \\")
+    return [*lines, r"\bottomrule", r"\end{tabular}%", "}", rf"\caption{{{latex_text(protocol)}}}", r"\end{table*}"]
 
 
 def rows(results: Sequence[Result]) -> list[dict[str, Any]]:

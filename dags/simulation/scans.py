@@ -118,10 +118,15 @@ def scene_of(scan: Path, rig: ScanRig) -> Scene:
 
 
 def film_scans(
-    session: Session, scans: Mapping[str, Path], rig: ScanRig, console: Console, threads: int | None = None
+    session: Session,
+    scans: Mapping[str, Path],
+    rig: ScanRig,
+    data_set: str,
+    console: Console,
+    threads: int | None = None,
 ) -> list[str]:
-    """Film every scan that is no sequence of the archive yet, and register it; returns a sentence for each that cannot
-    be filmed, which keeps none of the others."""
+    """Film every scan that is no sequence of the archive yet, and register it as one of the data set; returns a
+    sentence for each that cannot be filmed, which keeps none of the others."""
     failed = []
     for number, (name, file) in enumerate(scans.items(), 1):
         there = name in Archive.open(session.archive_url, create=True).names()
@@ -130,7 +135,8 @@ def film_scans(
         if there:
             continue
         try:
-            film_scene(session, scene_of(file, rig), file.parent, name, f"scan {file.name}", console, None, threads)
+            scene, origin = scene_of(file, rig), f"scan {file.name}"
+            film_scene(session, scene, file.parent, name, origin, console, None, threads, data_set=data_set)
         except UserError as e:
             failed.append(f"{name}: {e}")
     return failed

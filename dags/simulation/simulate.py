@@ -3,6 +3,7 @@ registered like any other, with its truth beside it."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import time
@@ -136,8 +137,10 @@ def film_scene(
     output: Path | None = None,
     threads: int | None = None,
     replace: bool = False,
+    data_set: str = "",
 ) -> SequenceGroup:
-    """As `simulate`, of a scene whose paths are relative to the folder `beside` and which comes from `origin`."""
+    """As `simulate`, of a scene whose paths are relative to the folder `beside` and which comes from `origin`;
+    `data_set` is the published one that its subject is of."""
     archive = Archive.open(session.archive_url, create=True)
     archive.check_sequence_name(name)
     folder = output or archive.place(f"_captures/{name}")
@@ -153,7 +156,8 @@ def film_scene(
     pictures = int(staged.valid.sum())
     seconds = time.perf_counter() - start
     held_out = list(staged.written.names[staged.sources :])
-    capture = find_capture("images", folder, [], session.configuration.for_sequence(name))
+    found = find_capture("images", folder, [], session.configuration.for_sequence(name))
+    capture = dataclasses.replace(found, data_set=data_set)
     made, said = register(archive, name, capture, session.configuration.for_sequence(name), replace=replace)
     put_truth(made, staged, truth)
     for line in (*capture.notes, *said):

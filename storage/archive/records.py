@@ -125,8 +125,8 @@ def _fault(capture: Capture) -> str | None:
         isinstance(capture.frame_rate, int | float) and math.isfinite(capture.frame_rate) and capture.frame_rate > 0
     ):
         return f"frame rate {capture.frame_rate}"
-    if not isinstance(capture.layout, str) or not all(isinstance(n, str) for n in capture.notes):
-        return "layout and notes are not text"
+    if not all(isinstance(text, str) for text in (capture.layout, capture.data_set, *capture.notes)):
+        return "layout, data set and notes are not text"
     for kind in PER_VIEW:
         streams = capture.streams(kind)
         if len(streams) not in ((count,) if kind == "pictures" else (0, count)) or (

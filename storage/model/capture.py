@@ -185,6 +185,8 @@ class Capture:
     """Cameras that only metrics may look at, where the capture says so; `views` of the settings overrules it."""
     splits: Mapping[str, Split] = field(default_factory=dict)
     """By name, the protocols of its data set, for `views.sources` and `frames.range`."""
+    data_set: str = ""
+    """Name of the published data set that it is of, where the layout does not say it, as of scans."""
     notes: tuple[str, ...] = ()
     """Sentences the user is shown after the import: what was found, chosen, left out."""
 
@@ -236,6 +238,8 @@ class Capture:
         out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
         out["crops"] = {name: crop.model_dump() for name, crop in self.crops.items()}
         out["held_out"] = self.held_out
+        if self.data_set:
+            out["data_set"] = self.data_set
         if self.splits:
             out["splits"] = {name: asdict(split) for name, split in self.splits.items()}
         return out
@@ -277,6 +281,7 @@ class Capture:
                 name: Split(tuple(s["sources"]), tuple(s["held_out"]), s["frames"])
                 for name, s in data.get("splits", {}).items()
             },
+            data_set=data.get("data_set", ""),
             notes=tuple(data["notes"]),
             **kinds,
         )

@@ -100,7 +100,7 @@ def test_one_command_films_all_and_a_broken_one_costs_itself_alone(tmp_path: Pat
     for name, broken in (("0000", False), ("0001", True), ("0002", False)):
         scan(folder, name, broken=broken)
     (folder / "0000" / "smplx_param.pkl").write_bytes(b"")
-    words = ["scans", str(folder), "--cameras", "4", "--size", "64", "--archive", str(archive)]
+    words = ["scans", str(folder), "--cameras", "4", "--size", "64", "--data-set", "Twindom", "--archive", str(archive)]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 1, done.output
     told = " ".join(done.output.split())
@@ -109,6 +109,7 @@ def test_one_command_films_all_and_a_broken_one_costs_itself_alone(tmp_path: Pat
     assert "1 scan could not be filmed" in told
     assert "parameters of SMPL-X hold angles and no joints" in told
     assert Archive.open(str(archive)).names() == ["0000", "0002"]
+    assert Archive.open(str(archive)).sequence("0002").capture.data_set == "Twindom"
     again = " ".join(CliRunner().invoke(app, [*words, "--part", "0:1"]).output.split())
     assert "scan 1 of 1: 0000, which is there" in again
     assert "next: posegaussian run" in again

@@ -1,0 +1,1 @@
+"""The paper's tables in its own form: what it prints, and beside it what was measured here."""
