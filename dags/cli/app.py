@@ -1,5 +1,5 @@
 """The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, evaluate,
-tradeoff, export, inspect, train, ablate, models, demo, doctor, config, init, report.
+tradeoff, export, inspect, train, ablate, models, demo, doctor, config, init, report, view.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -28,6 +28,7 @@ from posegaussian.dags.cli.results import export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
 from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
 from posegaussian.dags.cli.train import train
+from posegaussian.dags.cli.view import view
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import UserError
 
@@ -73,6 +74,7 @@ app.command()(tradeoff)
 app.command()(export)
 app.command()(inspect)
 app.command()(report)
+app.command()(view)
 app.command()(train)
 app.command()(ablate)
 app.command()(demo)

@@ -8,7 +8,7 @@ finished pictures (closing of gaps, evening of outlines) needs the masks and is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -84,12 +84,11 @@ def export_page(
     views = chosen_views(context, names)
     side = _side(results, views, most)
     counts: list[int] = []
-    size = write_page(
-        file,
-        context.sequence.name,
-        _frames(results, views, side, counts),
-        _head(results, views, side, counts, path, backdrop),
-    )
+
+    def head() -> dict[str, Any]:
+        return page_head(context, views, path, backdrop, _middle(results, views), side, counts)
+
+    size = write_page(file, context.sequence.name, _frames(results, views, side, counts), head)
     frames = f"{number(len(counts), 'frame')} of {min(counts)} to {max(counts)} Gaussians"
     told = [f"page: {file}, {size / 1e6:.1f} MB, {frames}; open it in any browser"]
     if size > LARGE:
@@ -104,12 +103,20 @@ def _frames(
     results: Results, views: Sequence[int], side: int, counts: list[int]
 ) -> Iterator[tuple[list[CodedView], list[bytes]]]:
     """Coded views and small pictures, frame by frame; appends every frame's number of Gaussians to `counts`."""
-    valid = results.context.valid
     for frame in range(len(results.context.source_frames)):
-        silhouettes = silhouettes_at(results, frame)
-        found = [coded(merged(view_maps(results, frame, v, silhouettes), side)) for v in views]
+        found, pictures = coded_frame(results, frame, views, side)
         counts.append(sum(c.count for c in found))
-        yield found, [_thumbnail(results, frame, v) if valid[frame, v] else b"" for v in views]
+        yield found, pictures
+
+
+def coded_frame(
+    results: Results, frame: int, views: Sequence[int], side: int = 1
+) -> tuple[list[CodedView], list[bytes]]:
+    """The coded views of one frame, blocks of `side` x `side` px as one Gaussian, and of each view a small picture
+    (WebP), empty where its camera took none. Raises ShardMissing where the frame is not finished."""
+    valid, silhouettes = results.context.valid, silhouettes_at(results, frame)
+    found = [coded(merged(view_maps(results, frame, v, silhouettes), side)) for v in views]
+    return found, [_thumbnail(results, frame, v) if valid[frame, v] else b"" for v in views]
 
 
 def _side(results: Results, views: Sequence[int], most: int | None) -> int:
@@ -162,51 +169,65 @@ def _thumbnail(results: Results, frame: int, view: int) -> bytes:
     return data.tobytes()
 
 
-def _head(
-    results: Results, views: Sequence[int], side: int, counts: list[int], path: str | None, backdrop: Backdrop
-) -> Callable[[], dict[str, Any]]:
-    """What the page knows besides frames, to be asked for when all frames are counted."""
+def _middle(results: Results, views: Sequence[int]) -> list[float]:
+    """[3] metres in the world: the middle of the Gaussians halfway through the sequence, which whoever turns the view
+    turns about."""
+    import torch
+
     context = results.context
+    means = frame_gaussians(results, len(context.source_frames) // 2, views, torch.float32).mean
+    if len(means):
+        return [float(x) for x in means.median(dim=0).values]
+    return [float(x) for x in look_at_point(context.rig.subset(context.views.sources))]
+
+
+def page_head(
+    context: Context,
+    views: Sequence[int],
+    path: str | None,
+    backdrop: Backdrop,
+    target: Sequence[float] | None = None,
+    side: int = 1,
+    counts: Sequence[int] = (),
+) -> dict[str, Any]:
+    """What a page knows besides frames, as JSON has it.
+
+    `target`: [3] metres in the world, what the view turns about, without one the point the source cameras look at;
+    `counts`: Gaussians of every frame, empty where they are not known yet.
+    """
+    from posegaussian.stages.splatting.definition.scene import Cutoffs
+
     sources = context.rig.subset(context.views.sources)
     cameras, steps = _cameras(context, _path(context, path))
     stride = np.diff(context.source_frames)
-
-    def head() -> dict[str, Any]:
-        import torch
-
-        from posegaussian.stages.splatting.definition.scene import Cutoffs
-
-        cutoffs = asdict(Cutoffs())
-        means = frame_gaussians(results, len(counts) // 2, views, torch.float32).mean
-        middle = means.median(dim=0).values.tolist() if len(means) else look_at_point(sources).tolist()
-        return {
-            "title": context.sequence.name,
-            "frames": [int(n) for n in context.source_frames],
-            "rate": float(context.capture.frame_rate / (np.median(stride) if len(stride) else 1)),
-            "steps": steps,
-            "views": [_coarser(_camera(context, v), side) for v in views],
-            "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(counts))],
-            "sources": context.settings.rendering.sources,
-            "allSides": REFINEMENT in context.facts,
-            "subject": look_at_point(sources).tolist(),
-            "target": middle,
-            "up": up_direction(sources).tolist(),
-            "coarse": 1.0 if ANTI_ALIASING.name in context.facts else ANTI_ALIASING.threshold,
-            "cutoffs": {name: cutoffs[key] for name, key in SHADER_CUTOFFS.items()},
-            "coding": {
-                "normalSteps": coding.NORMAL_STEPS,
-                "scaleSteps": coding.SCALE_STEPS,
-                "scaleZero": coding.SCALE_ZERO,
-                "opacitySteps": coding.OPACITY_STEPS,
-                "turnSteps": coding.TURN_STEPS,
-                "turns": len(map_arrays(context.facts)) > 5,
-            },
-            "cameras": cameras,
-            "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,
-            "info": _info(context, views, side, counts),
-        }
-
-    return head
+    cutoffs = asdict(Cutoffs())
+    subject = [float(x) for x in look_at_point(sources)]
+    return {
+        "title": context.sequence.name,
+        "frames": [int(n) for n in context.source_frames],
+        "rate": float(context.capture.frame_rate / (np.median(stride) if len(stride) else 1)),
+        "steps": steps,
+        "views": [_coarser(_camera(context, v), side) for v in views],
+        "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(context.source_frames))],
+        "sources": context.settings.rendering.sources,
+        "allSides": REFINEMENT in context.facts,
+        "subject": subject,
+        "target": subject if target is None else list(target),
+        "up": up_direction(sources).tolist(),
+        "coarse": 1.0 if ANTI_ALIASING.name in context.facts else ANTI_ALIASING.threshold,
+        "cutoffs": {name: cutoffs[key] for name, key in SHADER_CUTOFFS.items()},
+        "coding": {
+            "normalSteps": coding.NORMAL_STEPS,
+            "scaleSteps": coding.SCALE_STEPS,
+            "scaleZero": coding.SCALE_ZERO,
+            "opacitySteps": coding.OPACITY_STEPS,
+            "turnSteps": coding.TURN_STEPS,
+            "turns": len(map_arrays(context.facts)) > 5,
+        },
+        "cameras": cameras,
+        "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,
+        "info": _info(context, views, side, counts),
+    }
 
 
 SHADER_CUTOFFS = {
@@ -282,7 +303,7 @@ def _info(context: Context, views: Sequence[int], side: int, counts: Sequence[in
     effects = [name for name, verdict in context.effects.items() if verdict.state == "on"]
     return [
         ("Frames", f"{len(numbers)} (source {numbers[0]} to {numbers[-1]}, {context.capture.frame_rate:g} a second)"),
-        ("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame"),
+        *([("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame")] if counts else []),
         ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
         ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes) + f", {side} × {side} px merged" * (side > 1)),
         ("Depth", f"depth.method {settings.depth.method}, refinement.steps {settings.refinement.steps}"),

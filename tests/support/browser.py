@@ -135,11 +135,11 @@ class Browser:
         """Size of the page in px, one a CSS px."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
 
-    def open(self, file: Path) -> None:
-        """Open a file and wait until it has run."""
+    def open(self, file: Path | str) -> None:
+        """Open a file, or an address, and wait until it has run."""
         self.complaints.clear()
         self.requests.clear()
-        self.call("Page.navigate", url=file.resolve().as_uri())
+        self.call("Page.navigate", url=file if isinstance(file, str) else file.resolve().as_uri())
         self.wait("document.readyState === 'complete'")
 
     def run(self, code: str) -> Any:

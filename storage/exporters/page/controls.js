@@ -136,7 +136,8 @@ class Controls {
     const { player, head } = this, seconds = (player.step / head.rate).toFixed(2);
     element("play").textContent = player.playing ? "❚❚" : "▶";
     element("scrub").value = player.step;
-    element("time").textContent = `frame ${head.frames[player.frame]} · ${seconds} s`;
+    const shown = player.frame < 0 ? "no frame yet" : `frame ${head.frames[player.frame]}`;
+    element("time").textContent = `${shown} · ${seconds} s`;
     element("camera").value = player.free ? "free" : player.choice;
     element("background").value = player.background;
     element("info-button").setAttribute("aria-pressed", !element("info").hidden);

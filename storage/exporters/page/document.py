@@ -20,6 +20,8 @@ from posegaussian.storage.files.write import whole_file
 HERE = Path(__file__).parent
 SCRIPTS = ("cameras.js", "renderer.js", "sequence.js", "movement.js", "controls.js", "player.js")
 """What the page runs, in this order."""
+LIVE = "live.js"
+"""What a page that is served runs besides."""
 WORKER = ("decode.js", "sorter.js")
 """What its worker runs."""
 SHADERS = ("splat.vert", "splat.frag")
@@ -48,18 +50,33 @@ def write_page(file: str | Path, title: str, frames: Frames, head: Callable[[], 
     return size
 
 
-def _parts(title: str, frames: Frames, head: Callable[[], Mapping[str, Any]]) -> Iterable[str]:
+def _parts(title: str, frames: Frames, head: Callable[[], Mapping[str, Any]], live: bool = False) -> Iterable[str]:
     before, after = _asset("page.html").split("<!-- data -->")
+    before = before.replace("/* ASKED */", "'self'" if live else "'none'")
     yield before.replace("<!-- STYLE -->", _asset("page.css")).replace("<!-- TITLE -->", html.escape(title))
     for name in SHADERS:
         yield _data(name.replace(".", "-"), _asset(name))
     yield _data("worker", "".join(map(_asset, WORKER)))
     for number, (views, pictures) in enumerate(frames):
-        yield _data(f"frame-{number}", base64.b64encode(packed(views)).decode())
-        yield _data(f"pictures-{number}", ",".join(base64.b64encode(p).decode() for p in pictures))
+        coded, small = frame_texts(views, pictures)
+        yield _data(f"frame-{number}", coded)
+        yield _data(f"pictures-{number}", small)
     yield _data("head", _json(head()))
-    yield f'<script>\n"use strict";\n{"".join(map(_asset, SCRIPTS))}</script>\n'
+    yield f'<script>\n"use strict";\n{"".join(map(_asset, (*SCRIPTS, LIVE) if live else SCRIPTS))}</script>\n'
     yield after
+
+
+def frame_texts(views: Sequence[CodedView], pictures: Sequence[bytes]) -> tuple[str, str]:
+    """One frame and its small pictures as the player reads them: base64, that of pictures with commas between."""
+    return base64.b64encode(packed(views)).decode(), ",".join(base64.b64encode(p).decode() for p in pictures)
+
+
+def live_page(title: str, head: Mapping[str, Any]) -> str:
+    """The same page without frames: it asks the server it came from, and nobody else, for those that are there.
+
+    `live.js` says what it asks for; `head` holds `version` besides, which changes with everything else in it.
+    """
+    return "".join(_parts(title, (), lambda: head, live=True))
 
 
 def packed(views: Sequence[CodedView]) -> bytes:

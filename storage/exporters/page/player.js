@@ -23,8 +23,16 @@ class Player {
     requestAnimationFrame((now) => this.tick(now));
   }
 
+  // The frame to show, -1 before any is there.
   get frame() {
-    return Math.min(this.step, this.head.frames.length - 1);
+    return this.sequence.nearest(Math.min(this.step, this.head.frames.length - 1));
+  }
+
+  // Takes a frame that has come, or has come anew.
+  put(frame, coded, pictures) {
+    this.sequence.put(frame, coded, pictures);
+    this.renderer.forget(frame);
+    this.look();
   }
 
   changed() {
@@ -106,13 +114,14 @@ class Player {
 
   // Has the frame decoded and sorted for the camera, then draws it.
   async refresh() {
-    this.busy = true;
     this.stale = false;
+    if (this.frame < 0) return;
+    this.busy = true;
     const { frame, head, renderer } = this, { pose } = this.camera;
     const weights = weightsFor(head, frame, centreOf(pose)), next = (frame + 1) % head.frames.length;
     const texels = !renderer.has(frame), drawn = weights.map((w) => w > 0);
     try {
-      const ahead = this.playing ? next : undefined;
+      const ahead = this.playing && this.sequence.there[next] ? next : undefined;
       const { count, order, total, data } = await this.sequence.order(frame, pose, drawn, texels, ahead);
       if (data) renderer.keep(frame, data);
       renderer.sort(order, total);
@@ -128,6 +137,7 @@ class Player {
   }
 
   draw() {
+    if (this.frame < 0) return;
     const { head, canvas } = this, camera = fitted(this.camera, canvas.width, canvas.height);
     const weights = weightsFor(head, this.frame, centreOf(camera.pose)), n = parseInt(this.background.slice(1), 16);
     const color = [n >> 16, (n >> 8) & 255, n & 255].map((c) => c / 255);
@@ -187,4 +197,4 @@ async function start() {
   }
 }
 
-start();
+const started = start();

@@ -43,6 +43,12 @@ class Renderer {
     return this.textures.has(frame);
   }
 
+  // Gives up a frame that has come anew.
+  forget(frame) {
+    this.gl.deleteTexture(this.textures.get(frame)?.texture ?? null);
+    this.textures.delete(frame);
+  }
+
   // Takes a frame's texels; the frames that were drawn longest ago make room.
   keep(frame, data) {
     const { gl } = this;

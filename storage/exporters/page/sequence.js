@@ -8,6 +8,7 @@ class Sequence {
     for (const view of this.head.views) view.centre = centreOf(view.pose);
     this.bytes = 0;
     const coded = this.head.frames.map((_, f) => this.taken(`frame-${f}`));
+    this.there = coded.map(Boolean);
     this.pictures = this.head.frames.map((_, f) => this.taken(`pictures-${f}`).split(","));
     const code = new Blob([textOf("worker")], { type: "text/javascript" });
     this.worker = new Worker(URL.createObjectURL(code));
@@ -17,12 +18,28 @@ class Sequence {
     this.asked = 0;
   }
 
-  // Text of an element, which is taken out of the document: memory holds it once.
+  // Text of an element, which is taken out of the document: memory holds it once. A page that is served holds no
+  // frames; they come by `put`.
   taken(id) {
-    const element = document.getElementById(id), text = element.textContent;
+    const element = document.getElementById(id), text = element ? element.textContent : "";
+    if (!element) return text;
     element.remove();
     this.bytes += text.length;
     return text;
+  }
+
+  // Takes a frame that has come, or has come anew.
+  put(frame, coded, pictures) {
+    this.there[frame] = true;
+    this.pictures[frame] = pictures.split(",");
+    this.bytes += coded.length + pictures.length;
+    this.worker.postMessage({ put: frame, coded });
+  }
+
+  // The frame itself where it is there, else the last one before it, else the first of all; -1 before any is.
+  nearest(frame) {
+    const before = this.there.lastIndexOf(true, frame);
+    return before < 0 ? this.there.indexOf(true) : before;
   }
 
   arrived(answer) {

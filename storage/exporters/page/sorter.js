@@ -50,6 +50,11 @@ async function answer(message) {
     ({ head, coded } = message);
     return;
   }
+  if (message.put !== undefined) {
+    coded[message.put] = message.coded;
+    frames.delete(message.put);
+    return;
+  }
   const frame = await frameOf(message.frame), { order, total } = ordered(frame, message.axis, message.drawn);
   const data = message.texels ? frame.data.slice() : null;
   postMessage(
