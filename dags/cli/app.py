@@ -23,12 +23,11 @@ from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
 from posegaussian.dags.cli.models import models
 from posegaussian.dags.cli.options import Commands, errors
-from posegaussian.dags.cli.report import report
+from posegaussian.dags.cli.report import report, view
 from posegaussian.dags.cli.results import export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
 from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
 from posegaussian.dags.cli.train import train
-from posegaussian.dags.cli.view import view
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import UserError
 

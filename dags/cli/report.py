@@ -1,4 +1,4 @@
-"""The command `posegaussian report`."""
+"""The commands that show an archive in a browser: report, view."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import typer
 
 from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, open_session, say
 from posegaussian.dags.export.output_paths import output_file
+from posegaussian.dags.humanize.text import next_command, number
 
 
 def report(
@@ -29,3 +30,40 @@ def report(
 
     output_file("report --page", page, (".html", ".htm"))
     say(write_report(open_session(config, assignments, archive), sequences or [], page))
+
+
+def view(
+    archive: Annotated[
+        str | None, typer.Argument(help="Folder of the archive. Default: `archive` of the configuration.")
+    ] = None,
+    sequences: Annotated[
+        list[str] | None, typer.Argument(help="Sequences to show (names or globs). Default: all.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen on; 0.0.0.0 lets the whole network look.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", help="Port to listen on; 0 takes a free one.", min=0, max=65535)
+    ] = 8765,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Show the person in a browser while an archive is being computed: finished frames appear as they come. Nothing is
+    computed or written; Ctrl-C ends it.
+
+    Example: posegaussian view archive walk
+    """
+    from posegaussian.dags.view.live import LiveSequences
+    from posegaussian.dags.view.server import Server
+
+    session = open_session(config, assignments, archive)
+    names = tuple(session.names(sequences or []))
+    with Server(LiveSequences(session, names), host, port) as server:
+        if not server.local:
+            say([f"warning: --host {host}: anyone on the network can see this archive until it ends"], style="yellow")
+        try:
+            say([f"view: {number(len(names), 'sequence')} at {server.url}; open it in a browser, Ctrl-C ends it"])
+            server.serve_forever(poll_interval=0.1)
+        except KeyboardInterrupt:
+            words = ("export", names[0], "--page", "person.html", *session.options)
+            say([next_command(*words, lead="ended; for a file to send round, next")])
