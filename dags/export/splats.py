@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
@@ -105,7 +106,9 @@ def export_splats(
         counts.append(len(splats))
         lifted.append(whole)
     names = ", ".join(context.views.names[v] for v in views)
-    said = f"splats: {len(files)} files in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"
+    said = (
+        f"splats: {number(len(files), 'file')} in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"
+    )
     return [said if budget is None else f"{said}; merged from {min(lifted)} to {max(lifted)} (--budget {budget:g})"]
 
 
@@ -120,8 +123,8 @@ def refuse_strangers(context: Context, folder: Path, kind: str = "ply") -> None:
     strangers = sorted(found - set(_files(context, folder, kind)))
     if strangers:
         raise UserError(
-            f"folder {folder} holds {len(strangers)} splat file(s) of something else, for example {strangers[0].name}; "
-            "empty it or name another folder"
+            f"folder {folder} holds {number(len(strangers), 'splat file')} of something else, for example"
+            f" {strangers[0].name}; empty it or name another folder"
         )
 
 

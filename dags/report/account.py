@@ -12,6 +12,7 @@ from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.diagnostics.run_log import FailedTask, retry_command, still_failed
 from posegaussian.dags.diagnostics.status import Numbers, numbers, rendered_instead
 from posegaussian.dags.diagnostics.tables import grouped
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
@@ -90,7 +91,8 @@ def _account(
     return Account(
         name,
         about=(
-            f"{context.grid.frames} frames at {context.capture.frame_rate:g} a second, {len(context.rig)} cameras"
+            f"{number(context.grid.frames, 'frame')} at {context.capture.frame_rate:g} a second,"
+            f" {number(len(context.rig), 'camera')}"
             + (f", held out: {', '.join(context.held_out)}" if context.held_out else "")
         ),
         stages=numbers(plan, frozenset(f.task for f in failed)),

@@ -73,7 +73,7 @@ def test_names_and_kinds_of_files(made: Pipeline, tmp_path: Path) -> None:
     for kind, names in (("sequence", ["frame0001.ply", "frame0002.ply"]), ("spz", ["000001.spz", "000002.spz"])):
         export_splats(results, (), tmp_path / kind, kind)
         assert sorted(p.name for p in (tmp_path / kind).iterdir()) == names
-    with pytest.raises(UserError, match=r"splat file\(s\) of something else, for example 000001.spz"):
+    with pytest.raises(UserError, match=r"splat files of something else, for example 000001.spz"):
         export_splats(results, (), tmp_path / "spz", "sequence")
     with pytest.raises(ConfigError, match="--splats-as splat: unknown; known are ply, spz, sequence"):
         export_splats(results, (), tmp_path / "other", "splat")
