@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product, takewhile
@@ -24,8 +25,11 @@ from posegaussian.storage.model.timegrid import TimeGrid
 COMPILED = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline", "threading.max_workers": 1}
 """All chunks of a shard are encoded or decoded in one call of a compiled library, on one thread, as tasks run beside
 each other: several times faster than zarr's own way, which starts a thread for every chunk."""
-OF_ZEROS = {"array.write_empty_chunks": True}
+OF_ZEROS = {"codec_pipeline.path": "zarr.core.codec_pipeline.BatchedCodecPipeline", "array.write_empty_chunks": True}
 """zarr's own way, for shards of zeros: the compiled library writes none, and an absent shard must never mean zeros."""
+_CONFIGURING = threading.Lock()
+"""Held while zarr's configuration, which is one for all threads, is another one: what threads put back in turns would
+stay."""
 Guard = Callable[[], object]
 """Called before every file that is written; raises where the writer has lost its right to write."""
 
@@ -54,7 +58,7 @@ def _open(sequence: SequenceGroup, name: str, mode: Literal["r", "r+"], codecs: 
     import zarr  # not above: see storage/archive/store.py
 
     try:
-        with zarr.config.set(codecs):
+        with _CONFIGURING, zarr.config.set(codecs):
             return sequence.open_array(name, mode)
     except FileNotFoundError:
         raise ShardMissing(

@@ -61,8 +61,9 @@ def refuse_strangers(root: Path, cameras: Sequence[str], source_frames: Sequence
     found = sorted(root.glob("*/*.png"))
     others = [p for p in found if p.parent.name not in cameras or not p.stem.isdigit() or int(p.stem) not in known]
     if others:
+        pictures = "1 picture" if len(others) == 1 else f"{len(others)} pictures"
         raise UserError(
-            f"folder {root} holds {len(others)} picture(s) of something else, for example"
+            f"folder {root} holds {pictures} of something else, for example"
             f" {others[0].relative_to(root)}; empty it or name another folder"
         )
 

@@ -78,9 +78,9 @@ def test_pictures_of_something_else_are_found_before_the_run(finished: Pipeline,
     stranger.parent.mkdir(parents=True)
     stranger.write_bytes(b"somebody's")
     order = ExportOrder.of(None, tmp_path / "frames", None, None, (), False, "none")
-    with pytest.raises(UserError, match=r"holds 1 picture\(s\) of something else"):
+    with pytest.raises(UserError, match=r"holds 1 picture of something else"):
         order.check(finished.context())
     (tmp_path / "splats").mkdir()
     (tmp_path / "splats/other.ply").write_bytes(b"somebody's")
-    with pytest.raises(UserError, match=r"holds 1 splat file\(s\) of something else"):
+    with pytest.raises(UserError, match=r"holds 1 splat file of something else"):
         ExportOrder.of(None, None, None, tmp_path / "splats", (), False, "none").check(finished.context())

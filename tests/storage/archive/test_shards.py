@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -115,6 +119,30 @@ def test_zeros_are_written_not_left_out(tmp_path: Path) -> None:
     sequence = make_sequence(tmp_path, VIEWS, PARTITION, range(FRAMES))
     outputs = write_all(sequence, DEPTH, np.zeros_like(make_values(DEPTH)))
     for output in outputs.values():
+        for f in output.files:
+            assert (sequence.root / f.key).stat().st_size == f.size > 0
+
+
+def test_zeros_are_written_after_threads_opened_arrays_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = make_sequence(tmp_path, VIEWS, PARTITION, range(FRAMES))
+    values = make_values(DEPTH)
+    outputs = write_all(sequence, DEPTH, values)
+    opened, second_inside, inside = SequenceGroup.open_array, threading.Event(), []
+
+    def together(self: SequenceGroup, name: str, mode: Literal["r", "r+"] = "r") -> Any:
+        inside.append(threading.get_ident())
+        if len(set(inside)) == 1:
+            second_inside.wait(0.2)  # in vain where the other one waits until this one is out, as it must
+        else:
+            second_inside.set()
+            time.sleep(0.2)  # the first one is out before
+        return opened(self, name, mode)
+
+    with monkeypatch.context() as patch, ThreadPoolExecutor(2) as threads:
+        patch.setattr(SequenceGroup, "open_array", together)
+        for got in threads.map(lambda v: read_frames(sequence, DEPTH.name, outputs, GRID, range(FRAMES), v), (0, 1)):
+            assert got.shape == (FRAMES, HEIGHT, WIDTH)
+    for output in write_all(sequence, DEPTH, np.zeros_like(values)).values():
         for f in output.files:
             assert (sequence.root / f.key).stat().st_size == f.size > 0
 
