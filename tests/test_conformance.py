@@ -38,6 +38,8 @@ CAPTURE_FACTS = (
     "single_source",
     "tracked",
     "quaternions",
+    "turned_pairs",
+    "twisted",
     "fitted_gaussians",
 )
 EFFECTS = tuple(dict.fromkeys(e.name for s in STAGES for e in s.effects))
@@ -53,6 +55,8 @@ EVERY_FACTS = [
     Facts(frozenset(c) | on)
     for n in range(len(CAPTURE_FACTS) + 1)
     for c in combinations(CAPTURE_FACTS, n)
+    if ("twisted" in c) == (("quaternions" in c) != ("turned_pairs" in c))  # one of them is what twists
+    and not {"quaternions", "turned_pairs"} <= set(c)
     if ("joints2d" in c or "detected" not in c) and ({"joints2d", "joints3d"} & set(c) or "segmented" not in c)
     for on in (EFFECT_STATES if n in (0, 1, 2, len(CAPTURE_FACTS)) else EXTREMES)
 ]

@@ -11,12 +11,12 @@ from posegaussian.stages.frames.facts import AVERAGED_WITH, NOISE_AVERAGING
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.imaging.averaging import averaged_depth, sameness
-from posegaussian.stages.network.params import NETWORK, QUATERNIONS, SINGLE_OPACITY, found_depth_array
+from posegaussian.stages.network.params import NETWORK, QUATERNIONS, SINGLE_OPACITY, TURNED, TWISTED, found_depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
 """Maps of one view, in the order they are yielded."""
 TWIST = {"gaussians/twist": 2}
-"""One more, where weights say whole rotations."""
+"""One more, where weights say whole rotations or along turned axes."""
 
 
 def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
@@ -24,9 +24,9 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
     is on, its averaged depth [F, h, w] float32 m, too.
 
     Views that are no source, and pixels without confidence, are 0 throughout. The maps' confidence is the share of the
-    learned value: 0 where the network does not run. The twist that quaternions add is (1, 0) where nothing turns.
+    learned value: 0 where the network does not run. The twist is (1, 0) where nothing turns.
     """
-    channels = {**CHANNELS, **(TWIST if QUATERNIONS in inputs.facts else {})}
+    channels = {**CHANNELS, **(TWIST if TWISTED in inputs.facts else {})}
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
     steady = NOISE_AVERAGING in inputs.facts
     for view in range(len(inputs.rig)):
@@ -42,8 +42,8 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                 if NETWORK in inputs.facts
                 else None
             )
-            turned = NETWORK in inputs.facts and QUATERNIONS in inputs.facts
-            turn = inputs.read("network/turn", view) if turned else None
+            turned = {QUATERNIONS: "network/turn", TURNED: "network/axes"} if NETWORK in inputs.facts else {}
+            more = {told: inputs.read(name, view) for told, name in turned.items() if told in inputs.facts}
             single = SINGLE_OPACITY in inputs.facts
             for i in range(len(inputs.partition)):
                 k = inputs.rig.intrinsics[view]
@@ -53,7 +53,8 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
                     # here, because torch takes two seconds to load and nothing else of this stage asks for it
                     from posegaussian.stages.gaussians.learned import over_prior
 
-                    found = over_prior(start, said[0][i], said[1][i], k, None if turn is None else turn[i], single)
+                    turn, axes = (more[t][i] if t in more else None for t in turned)
+                    found = over_prior(start, said[0][i], said[1][i], k, turn, single, axes)
                 # the prior alone has neither a share of the learned value nor a twist
                 for name, data in zip(channels, found, strict=False):
                     maps[name][i] = data

@@ -7,7 +7,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING, UNREST
 from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.network.params import NETWORK, QUATERNIONS, found_depth_reads
+from posegaussian.stages.network.params import NETWORK, QUATERNIONS, TURNED, TWISTED, found_depth_reads
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
@@ -30,13 +30,14 @@ def halo(params: GaussiansParams, facts: Facts) -> tuple[int, int]:
 STAGE = Stage(
     name="gaussians",
     summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
-    version=2,
+    version=3,
     run="posegaussian.stages.gaussians.run:run",
     check="posegaussian.stages.gaussians.run:check",
     reads=(
         *found_depth_reads(halo),
         Read("network/numbers", when=lambda p, f: NETWORK in f),
         Read("network/turn", when=lambda p, f: NETWORK in f and QUATERNIONS in f),
+        Read("network/axes", when=lambda p, f: NETWORK in f and TURNED in f),
         Read("network/confidence", when=lambda p, f: NETWORK in f),
         Read("depth/confidence", halo=halo),
         Read("frames/mask"),
@@ -75,7 +76,7 @@ STAGE = Stage(
             "1",
             "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
             keep="until_done",
-            when=QUATERNIONS,
+            when=TWISTED,
         ),
         ArraySpec(
             "gaussians/opacity",

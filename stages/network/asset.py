@@ -5,15 +5,27 @@ Nothing heavy is imported before a network is made: a plan asks for the file and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from posegaussian.stages.contract.declaration import Asset
+from posegaussian.stages.geometry.turning import turned_pairs
 from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped
 from posegaussian.stages.network.choice import settled
-from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, SINGLE_OPACITY, NetworkParams
+from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
+from posegaussian.stages.network.params import (
+    AUTO,
+    NETWORK,
+    NONE,
+    QUATERNIONS,
+    SINGLE_OPACITY,
+    TURNED,
+    TWISTED,
+    NetworkParams,
+)
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.capture import SourceFile
 from posegaussian.storage.model.errors import ConfigError
 
@@ -54,6 +66,17 @@ def kinds_of_heads(params: NetworkParams) -> list[str]:
     preset = Preset.from_json(card_of(params).network)
     kinds = {QUATERNIONS: preset.rotation_head == "quaternion", SINGLE_OPACITY: preset.opacity_head == "single"}
     return [name for name, holds in kinds.items() if holds]
+
+
+def facts_of(rig: Rig, sources: Sequence[int], params: NetworkParams) -> list[str]:
+    """What the heads say, and whether Gaussians are twisted: by whole rotations, or by pairs that lie turned in their
+    pictures. Raises as `kinds_of_heads`."""
+    kinds = kinds_of_heads(params)
+    if QUATERNIONS in kinds:
+        return [*kinds, TWISTED]
+    if params.weights == NONE or len(sources) < 2 or not turned_pairs(rig, sources, params.pairs, TRAINED_ANGLE):
+        return kinds
+    return [*kinds, TURNED, TWISTED]
 
 
 def notes(params: NetworkParams) -> list[str]:

@@ -18,6 +18,7 @@ from posegaussian.stages.geometry.pairs import choose_pairs, pair_report
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.geometry.turning import common_turn, turn_in_picture
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
 from posegaussian.stages.network.model.pairs import (
     PairViews,
@@ -27,7 +28,7 @@ from posegaussian.stages.network.model.pairs import (
     window_around,
     windows,
 )
-from posegaussian.stages.network.model.presets import TRAINED_ANGLE
+from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
 from posegaussian.stages.network.single_view import beside, single_pair
 from posegaussian.stages.network.third_view import candidates, third_of
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
@@ -65,19 +66,34 @@ class Looks:
     pairs: tuple[RectifiedPair, ...]
     thirds: tuple[tuple[int, ...], ...]
     """Of each pair, the views that could be its third, the best one first."""
+    axes: Mapping[int, float]
+    """Of each view, the turn in its picture (radians, from x towards y) of the axes along which sizes and normals are
+    said: what its pairs have in common, or 0, the picture's own."""
 
     @classmethod
-    def of(cls, rig: Rig, views: tuple[int, ...], count: int, widest: float = TRAINED_ANGLE) -> Looks:
+    def of(
+        cls, rig: Rig, views: tuple[int, ...], count: int, widest: float = TRAINED_ANGLE, turned: bool = False
+    ) -> Looks:
         """Each view with its `count` nearest usable neighbours, every pair once; none of more than `widest` degrees,
         beyond what the network was trained on: where a real pair stood 65 apart and the widest trained on 60, both
-        views' depths agreed on 13 % fewer pixels with it than without."""
+        views' depths agreed on 13 % fewer pixels with it than without. `turned`: whether axes may be turned in their
+        pictures."""
         reports = pair_report(rig, views, widest)
         partners = choose_pairs(rig, views, count, reports=reports)
         centre = look_at_point(rig.subset(views))
         scale = _scale(rig, views)
         unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
         pairs = tuple(rectify(rig, a, b, centre, scale) for a, b in unordered)
-        return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs))
+        turns: dict[int, list[float]] = {v: [] for v in views}
+        for pair in pairs if turned else ():
+            for which, view in enumerate(pair.views):
+                turns[view].append(turn_in_picture(rig, pair, which))
+        axes = {view: common_turn(found) for view, found in turns.items()}
+        return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs), axes)
+
+    def along_axes(self, learned: Learned, pair: RectifiedPair, which: int, first: int) -> Learned:
+        """What was said along the axes of a pair, along those of its view."""
+        return along(learned, turn_in_picture(self.rig, pair, which) - self.axes[pair.views[which]], first)
 
 
 def _scale(rig: Rig, views: tuple[int, ...]) -> float:
@@ -105,7 +121,8 @@ def look_alone(
         rectified = single_view(pair, shown, (window, beside(pair, window)), network.joints)
     prediction = predict(network, rectified, iterations, precision, timer)
     with clock("pulling back"):
-        return learned_of(pair, 0, window, rectified, prediction, shown.depth)
+        said = learned_of(pair, 0, window, rectified, prediction, shown.depth)
+        return along(said, turn_in_picture(rig, pair, 0), leaning(network.preset))
 
 
 def look(
@@ -137,9 +154,8 @@ def look(
         prediction = predict(network, rectified, iterations, precision, timer)
         with clock("pulling back"):
             for which, view in enumerate(pair.views):
-                found.setdefault(view, []).append(
-                    learned_of(pair, which, around[which], rectified, prediction, shown[which].depth)
-                )
+                said = learned_of(pair, which, around[which], rectified, prediction, shown[which].depth)
+                found.setdefault(view, []).append(looks.along_axes(said, pair, which, leaning(network.preset)))
     with clock("pulling back"):
         return {view: _merged(parts) for view, parts in found.items()}
 
@@ -188,6 +204,25 @@ def learned_of(
         for m in maps
     ]
     return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], np.stack(pulled[2:]))
+
+
+def leaning(preset: Preset) -> int:
+    """Which of the heads' numbers is the first of the two that lean a normal: a quaternion's turn comes before."""
+    return 4 if preset.rotation_head == "quaternion" else 3
+
+
+def along(learned: Learned, turn: float, first: int) -> Learned:
+    """What is said along two axes that are turned by `turn` radians, from x towards y, along the axes themselves.
+
+    Sizes are mixed by the share of each axis in the other: exact for quarter turns, and the less so the nearer a turn
+    is to an eighth (`common_turn` leaves none of those). Normals lean towards (x, -y), and the vectors of whole
+    rotations are turned alike; `first` as `leaning` says.
+    """
+    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+    said, numbers = learned.numbers, learned.numbers.copy()
+    numbers[0], numbers[1] = c * c * said[0] + s * s * said[1], s * s * said[0] + c * c * said[1]
+    numbers[first], numbers[first + 1] = c * said[first] + s * said[first + 1], c * said[first + 1] - s * said[first]
+    return replace(learned, numbers=numbers)
 
 
 def _merged(parts: list[Learned]) -> Learned:

@@ -13,6 +13,10 @@ NETWORK = fact("network")
 """The stage's name, and the fact that it is needed."""
 QUATERNIONS = fact("quaternions")
 """The weights' rotation head says a whole rotation, so that Gaussians have a twist about their normal."""
+TURNED = fact("turned_pairs")
+"""Pairs lie turned in their pictures, so that the sizes that the weights give Gaussians lie along turned axes."""
+TWISTED = fact("twisted")
+"""Gaussians have a twist about their normal, for one or the other of these reasons."""
 SINGLE_OPACITY = fact("single_opacity")
 """The weights' opacity head says one opacity, the same from everywhere."""
 AUTO, NONE = "auto", "none"

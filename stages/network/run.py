@@ -9,11 +9,11 @@ import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.timing import TimedInputs
-from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, look, look_alone, refined
+from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leaning, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import QUATERNIONS, NetworkParams
+from posegaussian.stages.network.params import QUATERNIONS, TURNED, NetworkParams
 from posegaussian.stages.network.precision import precision_of
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
@@ -25,7 +25,7 @@ SURE = 0.1
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view, and
-    `network/turn` of quaternions; views that are not sources get zeros.
+    `network/turn` of quaternions, `network/axes` of turned pairs; views that are not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
@@ -38,11 +38,12 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     confidence = {v: np.zeros(shape, np.float16) for v in read}
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
     turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in read}
+    axes = np.zeros((len(inputs.rig), shape[0], 1), np.float32)
 
     @cache
     def looks(valid: tuple[int, ...]) -> Looks:
         with inputs.timed("rectification"):
-            return Looks.of(inputs.rig, valid, params.pairs, network.preset.widest)
+            return Looks.of(inputs.rig, valid, params.pairs, network.preset.widest, TURNED in inputs.facts)
 
     for f in range(shape[0]):
         valid = tuple(v for v in read if inputs.valid[f, v])
@@ -52,6 +53,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
                 depth[v][f] = refined(depth[v][f], learned)
             confidence[v][f] = learned.confidence
             numbers[v][f], turn[v][f] = stored(learned.numbers, network.preset)
+            axes[v, f] = looks(valid).axes[v] if TURNED in inputs.facts else 0
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
@@ -60,12 +62,14 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
             yield Block("network/turn", turn.get(v, np.zeros((shape[0], 1, *shape[1:]), np.float16)), v)
+        if TURNED in inputs.facts:
+            yield Block("network/axes", axes[v], v)
 
 
 def stored(said: np.ndarray, preset: Preset) -> tuple[np.ndarray, np.ndarray]:
     """`network/numbers` [8, h, w] and `network/turn` [1, h, w] of what the heads say [n, h, w]: scale (3), rotation
     (3, or 4 of a quaternion, whose first is the turn), opacity (2, or 1)."""
-    said, first = np.clip(said, -6e4, 6e4), 3 + (preset.rotation_head == "quaternion")
+    said, first = np.clip(said, -6e4, 6e4), leaning(preset)
     numbers = np.zeros((NUMBERS, *said.shape[1:]), said.dtype)
     numbers[:3], rest = said[:3], said[first:]
     numbers[3 : 3 + len(rest)] = rest
@@ -153,6 +157,7 @@ def check(block: Block, params: NetworkParams) -> list[str]:
         "network/share": (0.0, 1.0),
         "network/numbers": (-65504.0, 65504.0),
         "network/turn": (-65504.0, 65504.0),
+        "network/axes": (-np.pi / 4 - 1e-6, np.pi / 4 + 1e-6),
     }[block.array]
     wrong = ~(np.isfinite(data) & (data >= low) & (data <= high))
     if wrong.any():

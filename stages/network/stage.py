@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, JOINTS3D, SINGLE_SOURCE, Facts
-from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of, kinds_of_heads
+from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of, facts_of
 from posegaussian.stages.network.asset import notes as weights_notes
 from posegaussian.stages.network.choice import WEIGHTS, settled
 from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, NetworkParams
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, TURNED, NetworkParams
 from posegaussian.stages.network.precision import PRECISION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -46,7 +46,7 @@ def _heatmaps(params: NetworkParams, facts: Facts) -> bool:
 STAGE = Stage(
     name=NETWORK,
     summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
-    version=2,
+    version=3,
     run="posegaussian.stages.network.run:run",
     check="posegaussian.stages.network.run:check",
     reads=(
@@ -99,6 +99,14 @@ STAGE = Stage(
             keep="until_done",
             when=QUATERNIONS,
         ),
+        ArraySpec(
+            "network/axes",
+            ("frame", "view", "one"),
+            "float32",
+            "rad",
+            "Turn in the picture, from x towards y, of the axes that the heads' sizes and normals are said along.",
+            when=TURNED,
+        ),
     ),
     over=("sequence", "time"),
     params=NetworkParams,
@@ -109,5 +117,5 @@ STAGE = Stage(
     notes=lambda evidence: weights_notes(settled(evidence.params, evidence.facts)),
     assets=(TRAINED, SHIPPED_NETWORKS),
     choices=(WEIGHTS, PRECISION),
-    facts=lambda capture, views, params, facts: kinds_of_heads(params),
+    facts=lambda capture, views, params, facts: facts_of(capture.rig, views.sources, params),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
-from posegaussian.stages.network.params import QUATERNIONS, depth_reads
+from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
@@ -45,7 +45,7 @@ STAGE = Stage(
             Read(name, halo=halo)
             for name in ("frames/color", "frames/mask", "gaussians/scale", "gaussians/rotation", "gaussians/opacity")
         ),
-        Read(TWIST, halo=halo, when=lambda p, f: QUATERNIONS in f),
+        Read(TWIST, halo=halo, when=lambda p, f: TWISTED in f),
         *depth_reads(halo),
     ),
     writes=(

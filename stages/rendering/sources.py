@@ -7,7 +7,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Inputs
-from posegaussian.stages.network.params import QUATERNIONS, depth_array
+from posegaussian.stages.network.params import TWISTED, depth_array
 
 REFINEMENT = fact("refinement")
 """Name of the refinement stage, and the fact that it is needed."""
@@ -38,7 +38,7 @@ def refined_arrays(facts: Facts) -> tuple[str, ...]:
 
 def twist_arrays(facts: Facts) -> tuple[str, ...]:
     """The Gaussians' twist, where there is one."""
-    return (TWIST,) if QUATERNIONS in facts else ()
+    return (TWIST,) if TWISTED in facts else ()
 
 
 def map_arrays(facts: Facts) -> tuple[str, ...]:

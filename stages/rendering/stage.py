@@ -5,7 +5,7 @@ from __future__ import annotations
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
-from posegaussian.stages.network.params import QUATERNIONS, depth_reads
+from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.rendering.effects import (
     ANTI_ALIASING,
     HOLE_FILLING,
@@ -62,7 +62,7 @@ STAGE = Stage(
     reads=(
         Read("frames/color"),
         *(Read(name, when=_ours) for name in OF_GAUSSIANS),
-        Read(TWIST, when=lambda p, f: _ours(p, f) and QUATERNIONS in f),
+        Read(TWIST, when=lambda p, f: _ours(p, f) and TWISTED in f),
         *depth_reads(),
         *(Read(name, when=lambda p, f: _ours(p, f) and REFINEMENT in f) for name in (*REFINED, OUTCOME)),
         Read(

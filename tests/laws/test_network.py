@@ -24,7 +24,7 @@ from posegaussian.dags.training.weights import save_weights
 from posegaussian.stages.network.card import Card
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.presets import PRESETS, Preset
-from posegaussian.stages.network.params import QUATERNIONS, SINGLE_OPACITY
+from posegaussian.stages.network.params import QUATERNIONS, SINGLE_OPACITY, TURNED, TWISTED
 from posegaussian.stages.rendering.sources import map_arrays, unrefined_arrays
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
@@ -253,5 +253,5 @@ def test_weights_of_quaternions_and_a_single_opacity_run_and_their_twist_is_kept
 
 
 def test_weights_of_normals_leave_no_trace_of_a_twist(learned: Pipeline) -> None:
-    assert not learned.context().facts & {QUATERNIONS, SINGLE_OPACITY}
+    assert not learned.context().facts & {QUATERNIONS, SINGLE_OPACITY, TURNED, TWISTED}
     assert not any(Results(learned.context()).has(a) for a in ("gaussians/twist", "network/turn"))

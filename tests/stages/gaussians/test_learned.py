@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
-from posegaussian.stages.gaussians.learned import CHANNELS, over_prior
+from posegaussian.stages.gaussians.learned import CHANNELS, over_prior, turned_sizes
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import rays
 from posegaussian.stages.gaussians.run import prior
@@ -95,3 +96,54 @@ def test_a_single_opacity_is_the_same_from_everywhere() -> None:
     opacity = over_prior(p, said, np.ones(SHAPE, np.float16), K, None, True)[2]
     np.testing.assert_array_equal(opacity[0], opacity[1])
     assert (opacity[0][p[2][0] > 0] > p[2][0][p[2][0] > 0]).all()
+
+
+def spread(scale: torch.Tensor, twist: torch.Tensor) -> torch.Tensor:
+    """[B, h, w, 2, 2] symmetric matrices of standard deviations along the tangents, turned by the twist."""
+    c, s = twist.unbind(dim=1)
+    axes = torch.stack([torch.stack([c, -s], dim=-1), torch.stack([s, c], dim=-1)], dim=-2)
+    return axes @ torch.diag_embed(torch.stack([scale[:, 0], scale[:, 1]], dim=-1)) @ axes.transpose(-1, -2)
+
+
+def sizes() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    rng = torch.Generator().manual_seed(0)
+    prior, growth = (torch.rand((1, 3, 6, 7), generator=rng, dtype=torch.float64) + 0.1 for _ in range(2))
+    return prior, growth, torch.rand((1, 1, 6, 7), generator=rng, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, -0.7, np.pi / 2])
+def test_sizes_along_turned_axes_are_blended_with_the_priors_as_matrices(angle: float) -> None:
+    prior, growth, share = sizes()
+    scale, twist = turned_sizes(prior, growth, share, angle)
+    c, s = np.cos(angle), np.sin(angle)
+    axes = torch.tensor([[c, s], [-s, c]])  # of the tangents (x, -y): a turn from x towards y takes x to (c, -s)
+    own = torch.diag_embed(prior[:, :2].movedim(1, -1))
+    along = torch.diagonal(axes.T @ own @ axes, dim1=-2, dim2=-1) * growth[:, :2].movedim(1, -1)
+    expected = (1 - share[:, 0, ..., None, None]) * own + share[:, 0, ..., None, None] * (
+        axes @ torch.diag_embed(along) @ axes.T
+    )
+    np.testing.assert_allclose(spread(scale, twist), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(scale[:, 2], (1 - share[:, 0] + share[:, 0] * growth[:, 2]) * prior[:, 2], rtol=1e-9)
+    assert (torch.cos(2 * (torch.atan2(twist[:, 1], twist[:, 0]) + angle / 2)) >= 0).all()
+
+
+def test_without_a_turn_every_size_is_blended_by_itself_and_nothing_is_twisted() -> None:
+    prior, growth, share = sizes()
+    scale, twist = turned_sizes(prior, growth, share, 0.0)
+    np.testing.assert_allclose(scale, (1 - share) * prior + share * growth * prior, rtol=1e-12)
+    np.testing.assert_array_equal(twist[:, 0], 1)
+    np.testing.assert_array_equal(twist[:, 1], 0)
+
+
+def test_along_turned_axes_a_confidence_of_0_is_the_prior_and_a_normal_leans_as_it_is_said() -> None:
+    p = picture()
+    *found, _, twist = over_prior(p, numbers(3.0), np.zeros(SHAPE, np.float16), K, axes=np.array([0.6], np.float32))
+    for ours, theirs in zip(found, p, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=2e-6, atol=1e-7)
+    np.testing.assert_allclose(np.hypot(*twist), 1, rtol=1e-6)
+    said, turned = numbers(0.0), numbers(0.0)
+    said[3], turned[4] = 0.5, 0.5  # towards x; along axes turned by a quarter, x is where -y was
+    everywhere = np.ones(SHAPE, np.float16)
+    plain = over_prior(p, said, everywhere, K)[1]
+    quarter = over_prior(p, turned, everywhere, K, axes=np.array([np.pi / 2], np.float32))[1]
+    np.testing.assert_allclose(quarter, plain, rtol=1e-5, atol=1e-6)

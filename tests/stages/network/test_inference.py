@@ -9,7 +9,18 @@ import pytest
 import torch
 
 from posegaussian.stages.geometry.rectification import RectifiedPair
-from posegaussian.stages.network.inference import FURTHEST, HEADS, NUMBERS, Learned, Looks, _merged, look, refined
+from posegaussian.stages.geometry.turning import turn_in_picture
+from posegaussian.stages.network.inference import (
+    FURTHEST,
+    HEADS,
+    NUMBERS,
+    Learned,
+    Looks,
+    _merged,
+    along,
+    look,
+    refined,
+)
 from posegaussian.stages.network.model.heads import trust
 from posegaussian.stages.network.model.network import Prediction
 from posegaussian.stages.network.model.pairs import PairViews, SourceView, windows
@@ -113,11 +124,15 @@ def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
     rig = two_cameras()
     views = shown(rig)
     oracle = Oracle([0.0, 0.0], confidence=0.3)
-    found = look(oracle, Looks.of(rig, (0, 1), 1), views, 1, "float32")[1]  # type: ignore[arg-type]
+    looks = Looks.of(rig, (0, 1), 1)
+    found = look(oracle, looks, views, 1, "float32")[1]  # type: ignore[arg-type]
+    turn = turn_in_picture(rig, looks.pairs[0], 1)
+    assert 0.01 < abs(turn) < 0.1  # the pair's rows are not quite the picture's
     said = float(trust(torch.tensor(np.log(0.3 / 0.7))))
     np.testing.assert_allclose(found.confidence[found.confidence > 0], said, rtol=1e-5)
     assert found.numbers.shape[0] == NUMBERS
     expected = np.repeat([0.3, 0.3, 0.2], [3, 3, 2])
+    expected[3:5] = 0.3 * (np.cos(turn) + np.sin(turn)), 0.3 * (np.cos(turn) - np.sin(turn))
     np.testing.assert_allclose(
         found.numbers[:, inner(views[1].depth)],
         np.broadcast_to(expected[:, None], (8, inner(views[1].depth).sum())),
@@ -125,6 +140,30 @@ def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
     )
     assert HEADS == ("scale", "rotation", "opacity")
     assert refined(views[1].depth, found).tobytes() == views[1].depth.tobytes()
+
+
+def said_by_chance(shape: tuple[int, int] = (2, 3)) -> Learned:
+    numbers = np.random.default_rng(0).normal(size=(NUMBERS, *shape)).astype(np.float32)
+    return Learned(np.zeros(shape, np.float32), np.ones(shape, np.float32), numbers)
+
+
+def test_four_quarter_turns_are_none_and_two_turn_what_leans_a_normal_round() -> None:
+    said = said_by_chance()
+    half = along(along(said, np.pi / 2, 3), np.pi / 2, 3)
+    np.testing.assert_allclose(half.numbers, said.numbers * np.array([1, 1, 1, -1, -1, 1, 1, 1])[:, None, None], 1e-5)
+    np.testing.assert_allclose(along(along(half, np.pi / 2, 3), np.pi / 2, 3).numbers, said.numbers, rtol=1e-5)
+    quarter = along(said, np.pi / 2, 3).numbers
+    np.testing.assert_allclose(quarter[[1, 0]], said.numbers[[0, 1]], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.3, -1.2, 2.5])
+def test_what_leans_a_normal_keeps_its_length_and_is_turned_back_by_the_opposite_turn(turn: float) -> None:
+    said = said_by_chance()
+    turned = along(said, turn, 3)
+    np.testing.assert_allclose(*(np.hypot(*n.numbers[3:5]) for n in (turned, said)), rtol=1e-5)
+    np.testing.assert_allclose(along(turned, -turn, 3).numbers[3:5], said.numbers[3:5], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(turned.numbers[:2].sum(axis=0), said.numbers[:2].sum(axis=0), rtol=1e-4, atol=1e-6)
+    np.testing.assert_array_equal(turned.numbers[5:], said.numbers[5:])
 
 
 def test_what_pairs_say_is_averaged_by_their_confidence() -> None:
