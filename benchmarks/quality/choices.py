@@ -92,11 +92,15 @@ def row_of(choice: Judged, cell: Cell, settings: tuple[str, ...]) -> dict[str, A
     }
 
 
+def _counts(text: str) -> tuple[int | None, ...]:
+    return tuple(None if n == "own" else int(n) for n in text.split(","))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("choice", nargs="?", choices=list(CHOICES), default="depth")
     parser.add_argument("--seeds", type=seeds, default=(1, 2, 3, 4))
-    parser.add_argument("--cameras", type=lambda text: tuple(int(n) for n in text.split(",")), default=(8, 6))
+    parser.add_argument("--cameras", type=_counts, default=(8, 6), help="numbers, or `own`: as many as a scene has")
     parser.add_argument("--scenes", choices=list(SCENES), default="plain")
     parser.add_argument("--variant", default="clean")
     parser.add_argument("--size", type=int, default=512)

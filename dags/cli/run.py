@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from posegaussian.dags.budget.points import PRESETS
 from posegaussian.dags.cli.options import (
     ArchiveOption,
     ConfigOption,
@@ -108,6 +108,14 @@ def run(
     start: FromOption = None,
     force: ForceOption = None,
     path: PathOption = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(
+            "--budget",
+            help="Choose settings by the time there is: seconds a frame (2s/frame) or for the whole run (3h), measured"
+            f" on a few frames first; or by name, unmeasured: {', '.join(PRESETS)}. What you set yourself stays.",
+        ),
+    ] = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
     verbose: VerboseOption = False,
@@ -115,16 +123,28 @@ def run(
 ) -> None:
     """Do what the plan says; what is fresh is left alone, a failed partition fails alone.
 
-    Example: posegaussian run --sequence balance
+    Example: posegaussian run --sequence balance --budget 5s/frame
     """
     session = open_session(config, assignments, archive, scheduler, json, voice(verbose, quiet))
     after_run.check(session)
-    selection = selected(only, start, force)
-    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
+    selection, paths = selected(only, start, force), tuple(path or ())
+    names = session.names(sequence or ())
+    settled = None
+    if budget is not None:
+        from posegaussian.dags.budget.bought import bought
+
+        settled = bought(session, names, paths, budget, selection)
+        session = open_session(
+            config, [*(assignments or []), *settled.words], archive, scheduler, json, voice(verbose, quiet)
+        )
+    plans, failed = session.usable(names, paths, selection)
     session.say(failed, "red")
-    raise typer.Exit(
-        session.run_and_report(plans, selection, failed, say_next=True, closing=partial(after_run.tell, session))
-    )
+
+    def closing(seconds: float) -> None:
+        session.say(settled.against(seconds) if settled is not None else ())
+        after_run.tell(session, seconds)
+
+    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True, closing=closing))
 
 
 def status(

@@ -1,0 +1,55 @@
+"""Settings from cheap to dear, of those measured that no other is both faster and better than
+(docs/measurements/tradeoff.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Point:
+    """One of them."""
+
+    name: str
+    told: str
+    """What it does, in a few words."""
+    against_default: float
+    """Box PSNR against the default's, dB: mean over simulated people that nothing was tuned on, of
+    `python -m benchmarks.quality.front`."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """{stage.key: value}; what is not named stays as it is set."""
+    size: float = 1.0
+    """Share of the pictures' longest side that is kept."""
+
+    def values(self, longest: int) -> dict[str, Any]:
+        """{stage.key: value} for pictures of `longest` px."""
+        return {**self.settings, **({"frames.size": max(1, round(self.size * longest))} if self.size < 1 else {})}
+
+
+def _floor(depth: str, steps: int) -> dict[str, Any]:
+    return {"depth.method": depth, "network.weights": "none", "refinement.steps": steps}
+
+
+def _learned(depth: str, steps: int) -> dict[str, Any]:
+    return {"depth.method": depth, "network.weights": "auto", "refinement.steps": steps}
+
+
+POINTS = (
+    Point("preview", "half size, depth from silhouettes alone", -6.1, _floor("hull", 0), 0.5),
+    Point("half, matched", "half size, matched depth, 20 steps of refinement", -2.9, _floor("sweep", 20), 0.5),
+    Point("half, learned", "half size, matched depth, network, 50 steps", -1.9, _learned("sweep", 50), 0.5),
+    Point("matched", "matched depth, 20 steps of refinement", -1.1, _floor("sweep", 20)),
+    Point("learned", "matched depth, network, 20 steps of refinement", -0.3, _learned("sweep", 20)),
+    Point("balanced", "depth and network by the judge, 50 steps of refinement", 0.0, _learned("auto", 50)),
+    Point("dear", "depth and network by the judge, 200 steps of refinement", 0.1, _learned("auto", 200)),
+)
+"""Cheapest first."""
+PRESETS = ("preview", "balanced", "dear")
+"""Points that are taken by name, with nothing measured."""
+
+
+def preset(name: str) -> Point:
+    """The preset of that name."""
+    return next(p for p in POINTS if p.name == name)

@@ -1,0 +1,84 @@
+"""What settings take on this machine and capture: a few frames of one sequence are run with them, beside its results,
+and left nothing of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from posegaussian.dags.config.settings import Settings, merge
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan, make_plan
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.task_cost import load
+from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.storage.archive.deletion import delete_folder
+
+FRAMES = 4
+"""Frames that are run: as many as refinement rehearses for together."""
+
+
+def with_values(settings: Any, values: Mapping[str, Any]) -> Any:
+    """Settings of a sequence with others for some {stage.key: value}."""
+    partial: dict[str, Any] = {}
+    for knob, value in values.items():
+        stage, _, key = knob.partition(".")
+        partial.setdefault(stage, {})[key] = value
+    return Settings.model_validate(merge(settings.model_dump(), partial))
+
+
+def middle(context: Context) -> str:
+    """`frames.range` of FRAMES frames in the middle of those that are worked on, the first of them one that refinement
+    rehearses on."""
+    frames = context.source_frames
+    first = max(0, len(frames) // 2 - FRAMES // 2) // FRAMES * FRAMES
+    chosen = frames[first : first + FRAMES]
+    stride = int(chosen[1] - chosen[0]) if len(chosen) > 1 else 1
+    return f"{chosen[0]}:{chosen[-1] + 1}:{stride}"
+
+
+@dataclass
+class Probe:
+    """Runs settings on a few frames of a sequence, one task at a time in this process."""
+
+    context: Context
+    """The sequence, as it is set."""
+    threads: int
+    """Of a task."""
+    _warm: set[str] = field(default_factory=set)
+    """Stages that ran: a first task of a stage imports libraries and loads kernels, which no later one does."""
+    _folders: set[Path] = field(default_factory=set)
+
+    def rates(self, values: Mapping[str, Any]) -> dict[str, float]:
+        """{stage: seconds of its tasks per unit of work} under these {stage.key: value}. What an earlier probe made
+        and would come out equal is not made again. Raises RunFailed."""
+        different = {**values, "frames.range": middle(self.context)}
+        settings = with_values(self.context.settings, {**different, "run.keep": "everything"})
+        paths = self.context.path_texts if self.context.asked_for else ()
+        own = settled_variant(self.context.sequence, settings, {"probe": different}, paths)
+        self._folders.add(own.sequence.root.parent)
+        plan = self._run(own, Selection())
+        fresh = frozenset({t.stage for t in plan.verdicts} - self._warm - plan.unneeded.keys())
+        if fresh:
+            self._warm |= fresh
+            plan = self._run(own, Selection(force=fresh))
+        seconds, work = Counter[str](), Counter[str]()
+        for task, receipt in plan.book.receipts.items():
+            seconds[task.stage] += receipt.facts["seconds"]
+            work[task.stage] += load(plan.context, task).work
+        return {s: seconds[s] / work[s] for s in seconds if work[s] and s not in plan.unneeded}
+
+    def _run(self, context: Context, selection: Selection) -> Plan:
+        from posegaussian.dags.runtime.executors.inline_run import run_here
+
+        plan = make_plan(context, selection)
+        run_here(plan, selection, self.threads)
+        return plan
+
+    def clean(self) -> None:
+        """Delete all that was made."""
+        for folder in self._folders:
+            delete_folder(folder)

@@ -1,0 +1,163 @@
+"""Settings by time: more time never buys less, what the user set stays, and measuring leaves nothing behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given as drawn
+from hypothesis import settings
+from hypothesis import strategies as st
+from rich.console import Console
+from typer.testing import CliRunner
+
+from posegaussian.dags.budget import choice
+from posegaussian.dags.budget.amount import UNITS, Amount
+from posegaussian.dags.budget.choice import distinct, given, preset_values
+from posegaussian.dags.budget.points import POINTS, PRESETS, preset
+from posegaussian.dags.budget.probe import Probe
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.storage.model.errors import ConfigError
+from tests.support.pipeline import NAME, Pipeline, film
+
+FIXED = ("run.scheduler=serial", "run.report=off", "views.held_out=[mid00]", "partition.frames=2")
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    folder = tmp_path_factory.mktemp("budget")
+    film(folder / "capture", views=4, frames=6, depth=False)
+    pipeline = Pipeline(folder / "archive", folder / "capture")
+    pipeline.register()
+    return pipeline
+
+
+def session_of(pipeline: Pipeline, *assignments: str) -> Session:
+    configuration = load_configuration(None, [*FIXED, *assignments], folder=pipeline.root)
+    return Session(configuration, str(pipeline.root), Console(quiet=True))
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("a_frame", [True, False])
+def test_amounts_are_read_in_every_unit(unit: str, a_frame: bool) -> None:
+    amount = Amount.of(f" 1.5 {unit}{' / frame' if a_frame else ''}")
+    assert amount == Amount(1.5 * UNITS[unit], a_frame)
+    assert amount.over(10) == pytest.approx(amount.seconds * (10 if a_frame else 1))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "fast", "-1s", "1e9s", "0s", "0ms/frame", "9999h", "1s/view", "nan s", "1.2.3s"]
+)
+def test_what_is_no_amount_is_a_sentence(text: str) -> None:
+    with pytest.raises(ConfigError, match="--budget"):
+        Amount.of(text)
+
+
+def test_points_go_from_cheap_and_coarse_to_dear_and_fine() -> None:
+    assert [p.against_default for p in POINTS] == sorted(p.against_default for p in POINTS)
+    assert len({p.name for p in POINTS}) == len(POINTS)
+    assert set(PRESETS) <= {p.name for p in POINTS}
+
+
+def test_balanced_is_what_runs_by_default() -> None:
+    default = load_configuration(None, []).default
+    for knob, value in preset("balanced").settings.items():
+        stage, _, key = knob.partition(".")
+        assert getattr(getattr(default, stage), key) == value, knob
+
+
+def test_what_the_user_set_stays(filmed: Pipeline) -> None:
+    session = session_of(filmed, "refinement.steps=7", f"sequences={{{NAME}: {{depth: {{method: sgbm}}}}}}")
+    assert {"refinement.steps", "depth.method"} <= given(session.configuration)
+    assert preset_values(session, [NAME], "preview") == {"network.weights": "none", "frames.size": 24}
+    for _, values in distinct([filmed.context()], given(session.configuration)):
+        assert not {"refinement.steps", "depth.method"} & values.keys()
+
+
+def test_no_two_points_set_the_same(filmed: Pipeline) -> None:
+    for own in ((), ("refinement.steps",), ("depth.method", "network.weights"), tuple(POINTS[1].settings)):
+        found = [tuple(sorted(values.items())) for _, values in distinct([filmed.context()], own)]
+        assert len(found) == len(set(found)) >= 2
+
+
+def test_a_capture_that_has_no_choice_of_depth_is_left_its_own(tmp_path: Path) -> None:
+    film(tmp_path / "capture", views=1, frames=2, held_out=0, masks=False)
+    single = Pipeline(tmp_path / "archive", tmp_path / "capture", ["depth.method=auto"], held_out="[]")
+    single.register()
+    for _, values in distinct([single.context()], ()):
+        assert "depth.method" not in values
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@drawn(
+    st.lists(st.floats(0.01, 9), min_size=len(POINTS), max_size=len(POINTS)).map(sorted),
+    st.lists(st.floats(0.1, 12), min_size=2, max_size=2).map(sorted),
+)
+def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets: list[float]) -> None:
+    bought, frames = [-100.0], len(filmed.context().source_frames)
+    for seconds in budgets:
+        fits = [n for n, t in enumerate(took) if t * frames <= seconds * frames]
+        costs = iter(took)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Probe, "rates", lambda probe, values: {})
+            patch.setattr(choice, "seconds", lambda *_, costs=costs: next(costs) * frames)
+            if not fits:
+                with pytest.raises(ConfigError, match="the cheapest settings already take"):
+                    choice.choose(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+                continue
+            made = choice.choose(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+        assert made.chosen.point == POINTS[fits[-1]]
+        assert made.cheaper is None if len(fits) == 1 else made.cheaper.point == POINTS[fits[-2]]
+        assert made.better is None if len(fits) == len(POINTS) else made.better.point == POINTS[fits[-1] + 1]
+        bought.append(made.chosen.point.against_default)
+    assert bought == sorted(bought)
+
+
+def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: Pipeline, tmp_path: Path) -> None:
+    copy = filmed.copy(tmp_path / "archive")
+    values = preset("preview").values(48)
+
+    def expected(frames: int, rate: float) -> float:
+        session = session_of(copy, f"frames.range=0:{frames}")
+        return choice.seconds(session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate))
+
+    more = [expected(frames, 1e-4) - choice.START for frames in (2, 4, 6)]
+    assert more[0] > 0
+    assert more == pytest.approx([more[0], 2 * more[0], 3 * more[0]])
+    assert expected(4, 3e-4) - choice.START == pytest.approx(3 * more[1])
+    words = [w for k, v in values.items() for w in ("--set", f"{k}={v}")]
+    fixed = [word for a in (*FIXED, "frames.range=0:4") for word in ("--set", a)]
+    done = CliRunner().invoke(app, ["run", "--archive", str(copy.root), *fixed, *words])
+    assert done.exit_code == 0, done.output
+    assert expected(4, 1e-4) == choice.START
+
+
+def session_contexts(session: Session) -> list[Context]:
+    return [make_context(session.archive.sequence(NAME), session.configuration.for_sequence(NAME), ())]
+
+
+def test_a_budget_that_nothing_fits_says_what_would_and_leaves_nothing(filmed: Pipeline) -> None:
+    before = sorted(p.relative_to(filmed.root) for p in filmed.root.rglob("*"))
+    words = [word for a in (*FIXED, "frames.range=0:2") for word in ("--set", a)]
+    done = CliRunner().invoke(app, ["run", "--archive", str(filmed.root), "--budget", "1ms/frame", *words])
+    assert isinstance(done.exception, ConfigError)
+    assert "the cheapest settings already take preview" in str(done.exception)
+    assert "give at least" in str(done.exception)
+    after = sorted(p.relative_to(filmed.root) for p in filmed.root.rglob("*"))
+    assert [p for p in after if p not in before] in ([], [Path("_variants")])
+
+
+def test_a_preset_runs_as_its_settings_would(filmed: Pipeline, tmp_path: Path) -> None:
+    copy = filmed.copy(tmp_path / "archive")
+    words = ["--archive", str(copy.root), *(word for a in (*FIXED, "frames.range=0:2") for word in ("--set", a))]
+    done = CliRunner().invoke(app, ["run", "--budget", "preview", *words])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "--set depth.method=hull --set network.weights=none --set refinement.steps=0 --set frames.size=24" in said
+    chosen = [w for k, v in preset("preview").values(48).items() for w in ("--set", f"{k}={v}")]
+    again = CliRunner().invoke(app, ["run", *words, *chosen])
+    assert "all fresh, nothing to do" in again.output
