@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.files.write import write_atomically
@@ -171,10 +172,11 @@ def write_picture(plans: Sequence[Plan], file: Path) -> Path:
 def title(plans: Sequence[Plan]) -> str:
     """Which sequences, how long."""
     some = [
-        f"{p.context.sequence.name} ({p.context.grid.frames} frames in {len(p.context.grid.partitions)} partitions)"
+        f"{p.context.sequence.name} ({number(p.context.grid.frames, 'frame')} in"
+        f" {number(len(p.context.grid.partitions), 'partition')})"
         for p in plans[:3]
     ]
-    return ", ".join(some) + (f" and {len(plans) - 3} more sequences" if len(plans) > 3 else "")
+    return ", ".join(some) + (f" and {number(len(plans) - 3, 'more sequence')}" if len(plans) > 3 else "")
 
 
 def mermaid(drawn: Sequence[StageCard], heading: str) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
@@ -249,7 +250,7 @@ class OpenSequence:
             raise KeyboardInterrupt
         if outcome.collector.failures:
             failed = "\n".join(f"{f.task.label()}: {f.error.strip()}" for f in outcome.collector.failures)
-            raise UserError(f"{len(outcome.collector.failures)} tasks failed:\n{failed}")
+            raise UserError(f"{number(len(outcome.collector.failures), 'task')} failed:\n{failed}")
 
     def _index(self, view: str | int) -> int:
         if isinstance(view, int):
