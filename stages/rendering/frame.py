@@ -31,7 +31,7 @@ from posegaussian.stages.rendering.sources import (
     angles_at,
     choose,
     faded_in,
-    left_out,
+    reach,
     refined_arrays,
     refined_shares,
     unrefined_arrays,
@@ -149,7 +149,7 @@ class FrameRenderer:
         if refined:
             parts = [self._lifted[v, True].from_all_sides() for v in views]
         else:
-            limit = left_out(angles, self.usable, self.params.sources)
+            limit = reach(angles, self.usable, self.params.sources)
             parts = [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
@@ -193,7 +193,7 @@ class FrameRenderer:
             self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
     def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
-        """One view's Gaussians as the camera sees them; `limit` rad is the angle of the nearest view left out."""
+        """One view's Gaussians as the camera sees them; `limit` rad is the angle at which a view has no say."""
         lifted = self._lifted[view, False]
         seen = lifted.seen_from(camera)
         color = (

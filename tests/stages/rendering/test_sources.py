@@ -39,6 +39,34 @@ def test_weights_change_without_a_jump_around_the_ring() -> None:
         np.testing.assert_allclose(w.max(axis=1), 1)
 
 
+UNEVEN = np.array([[np.cos(a), np.sin(a), 0.2] for a in np.radians([0.0, 48.0, 170.0, 250.0])])
+"""Cameras of a sparse rig around the origin, no two gaps alike."""
+
+
+def uneven(degrees: float, count: int = 2) -> np.ndarray:
+    camera = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.2])
+    out = np.zeros(len(UNEVEN))
+    for view, weight in choose(angles_at(np.zeros(3), UNEVEN, camera), np.ones(len(UNEVEN), bool), count):
+        out[view] = weight
+    return out
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_at_a_source_of_a_sparse_rig_that_source_stands_alone_too(count: int) -> None:
+    """Whatever a neighbour far away shows of the same place: it errs there, the source does not."""
+    for view, degrees in enumerate((0.0, 48.0, 170.0, 250.0)):
+        expected = np.zeros(4)
+        expected[view] = 1
+        np.testing.assert_allclose(uneven(degrees, count), expected, atol=1e-6)
+
+
+def test_between_two_of_a_sparse_rig_both_count_alike_midway_and_nothing_jumps() -> None:
+    np.testing.assert_allclose(uneven(24.0)[:2], [1, 1], atol=1e-7)
+    w = np.array([uneven(d) for d in np.arange(0.0, 48.0, 0.05)])
+    assert np.abs(np.diff(w, axis=0)).max() < 0.07  # as around the even ring: the root is steep where a view fades in
+    assert (np.diff(w[: len(w) // 2, 1]) >= 0).all(), "the second grows all the way"
+
+
 def test_views_without_a_picture_are_passed_over() -> None:
     usable = np.ones(8, bool)
     usable[0] = False
