@@ -113,6 +113,7 @@ def judge(
     as_kept = still_good(parts, receipt.parts)
     same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
     why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    why = why or [f"{name} is asked for" for name in lacking(book.context, task, receipt)]
     why += [book.problems[task]] if task in book.problems else []
     why += [forced] if forced else []
     return (State.STALE, tuple(why), parts) if why else (State.FRESH, (), as_kept)
@@ -166,6 +167,14 @@ def make_plan(
     return Plan(context, book, verdicts, context.unneeded(), selection, wanted)
 
 
+def lacking(context: Context, task: Task, receipt: Receipt) -> list[str]:
+    """Outputs that a task is to make and that its receipt does not have: what is written hangs on more facts than a
+    fingerprint holds, such as whether Gaussians have a twist. Those of sequence-wide stages are compared there."""
+    stage, made = stage_named(task.stage), {o.array for o in receipt.outputs}
+    names = [w.name.format(path=task.path or "") for w in stage.writes_for(context.facts)]
+    return [] if stage.sequence_wide else [name for name in names if name not in made]
+
+
 def kept_result(context: Context, task: Task, selection: Selection, parts: Mapping[str, Any]) -> Receipt | None:
     """What an earlier run made with these fingerprint parts, where it was put aside and may be taken over.
 
@@ -181,7 +190,7 @@ def kept_result(context: Context, task: Task, selection: Selection, parts: Mappi
         and receipt.facts.get("sources") != pictures_digest(context, task)
     ):
         return None
-    return receipt
+    return None if receipt is not None and lacking(context, task, receipt) else receipt
 
 
 def pictures_digest(context: Context, task: Task) -> str:
