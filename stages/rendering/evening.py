@@ -65,7 +65,7 @@ class Outlines:
         What gains alpha takes the mean colour around it, weighted by alpha; what loses some keeps its own.
         """
         whole = color.astype(np.float32), alpha.astype(np.float32)
-        drawn = _part(alpha > 0)
+        drawn = part_around(alpha > 0, 2 * REACH)
         for out, part in zip(whole, self._evened(color[drawn], alpha[drawn]), strict=True):
             out[drawn] = part
         return whole
@@ -107,21 +107,21 @@ def outlines_for(camera: Camera, rig: Rig, silhouettes: Silhouettes, masks: dict
 def _resized(mask: np.ndarray, factor: float) -> np.ndarray:
     """The part of a mask [h, w] uint8 that has an outline, `factor` times as large; at most twice, as nothing finer is
     known."""
-    part = mask[_part(mask > 0)]
+    part = mask[part_around(mask > 0, 2 * REACH)]
     if not part.size:
         return part
     size = tuple(max(1, round(n * min(factor, 2.0))) for n in part.shape[::-1])
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR))
 
 
-def _part(there: np.ndarray) -> tuple[slice, slice]:
-    """The part of a picture [h, w] bool that holds something, and as far around it as evening looks."""
+def part_around(there: np.ndarray, beyond: int) -> tuple[slice, slice]:
+    """The part of a picture [h, w] bool that holds something, and so many px `beyond` it; empty where nothing does."""
     rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
     if not len(rows):
-        return slice(0), slice(0)
+        return slice(0, 0), slice(0, 0)
     return (
-        slice(max(rows[0] - 2 * REACH, 0), rows[-1] + 2 * REACH + 1),
-        slice(max(columns[0] - 2 * REACH, 0), columns[-1] + 2 * REACH + 1),
+        slice(max(int(rows[0]) - beyond, 0), int(rows[-1]) + beyond + 1),
+        slice(max(int(columns[0]) - beyond, 0), int(columns[-1]) + beyond + 1),
     )
 
 

@@ -43,7 +43,7 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     return Resources(
         cpu=1,
         gpu=1,
-        ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 8),
+        ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 12),
         vram=int(lifted + picture + 2**28),
     )
 

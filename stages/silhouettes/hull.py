@@ -19,8 +19,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -117,6 +119,21 @@ class Silhouettes:
         sphere would take more than `MOST_POINTS`."""
         return max(float(self.pixels.min()), 2 * self.radius / MOST_POINTS)
 
+    @cached_property
+    def whole(self) -> np.ndarray:
+        """[S, h, w] float32: px by which a pixel lies within the part of a mask that carves nothing off it; beside it,
+        as far as it lies outside the silhouette, negative."""
+        out = -0.5 - self.distance
+        for near, beside_it in zip(out, self.distance, strict=True):
+            inside = beside_it <= -0.5
+            rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+            if len(rows):
+                # one px around it is not inside, where there is any
+                part = tuple(slice(max(int(n[0]) - 1, 0), int(n[-1]) + 2) for n in (rows, columns))
+                depth = cv2.distanceTransform(inside[part].astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+                near[part] = np.where(inside[part], np.minimum(depth, FARTHEST), near[part])
+        return out
+
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""
         chosen = [i for i, v in enumerate(self.views) if v in views]
@@ -194,8 +211,6 @@ def visual_hull(
 def _distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
     """[h, w] float32: px by which a pixel lies outside the silhouette, sub-pixel from the soft edge, saturated;
     inside <= 0."""
-    import cv2
-
     soft = mask[: size[1], : size[0]]
     inside = foreground(soft)
     steps = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 3)

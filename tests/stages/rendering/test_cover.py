@@ -1,0 +1,96 @@
+"""How much of a picture the hull of the silhouettes covers: soft like the masks, and the same however it is found."""
+
+import numpy as np
+import pytest
+
+from posegaussian.stages.rendering import clipping
+from posegaussian.stages.rendering.clipping import cover
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.places import agreed
+from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.storage.model.cameras import Rig
+from tests.support.known_geometry import ring, sphere_mask
+
+CENTRE, RADIUS = np.array([0.1, -0.05, 0.1]), 0.5
+
+
+def seen_by(rig: Rig, view: int) -> Camera:
+    return Camera(rig.intrinsics[view], rig.world_to_camera[view], *(int(n) for n in rig.size[view]))
+
+
+def test_the_cover_of_a_sphere_is_its_soft_silhouette() -> None:
+    rig = ring(24, (96, 96), 90.0)
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(1, 24)}
+    found = cover(agreed(rig, masks), seen_by(rig, 0), np.ones((96, 96), bool))
+    truth = sphere_mask(rig, 0, CENTRE, RADIUS) / 255
+    assert (found[truth == 1] > 0.5).all()
+    # The rim of a sphere seen from above and below is bounded by no camera of a ring: a pixel or two remain.
+    assert np.abs(found - truth).mean() < 0.02
+    assert 0 < ((found > 0.05) & (found < 0.95)).sum() < 0.1 * found.size
+
+
+def test_without_silhouettes_all_is_covered() -> None:
+    rig = ring(4)
+    wanted = np.ones((64, 64), bool)
+    assert (cover(agreed(rig, {}), seen_by(rig, 0), wanted) == 1).all()
+    assert (
+        cover(agreed(rig, {v: np.full((64, 64), 255, np.uint8) for v in range(4)}), seen_by(rig, 0), wanted) == 1
+    ).all()
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(4)}
+    assert (cover(agreed(rig, masks), seen_by(rig, 0), ~wanted) == 1).all()
+
+
+def test_a_mask_that_contradicts_the_others_clips_nothing() -> None:
+    rig = ring(8, (64, 64))
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(8)}
+    without = cover(agreed(rig, {v: m for v, m in masks.items() if v != 3}), seen_by(rig, 0), np.ones((64, 64), bool))
+    masks[3] = np.roll(masks[3], 25, axis=1)
+    found = cover(agreed(rig, masks), seen_by(rig, 0), np.ones((64, 64), bool))
+    np.testing.assert_allclose(found, without, atol=0.05)
+
+
+def of_a_sphere(views: int, size: int, margin: int = 0) -> tuple[Silhouettes, Camera]:
+    """What `views` cameras say of a sphere, and a camera between two of them, which sees it from nearer."""
+    rig = ring(2 * views, (size, size), 180.0)
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(0, 2 * views, 2)}
+    for mask in masks.values():
+        mask[:margin] = 0
+    return agreed(rig, masks), seen_by(rig, 1)
+
+
+def walked(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray, patch: pytest.MonkeyPatch) -> np.ndarray:
+    """The cover without blocks: ray by ray."""
+
+    def nothing(_: object, origin: np.ndarray, directions: np.ndarray, around: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(len(directions), bool), np.full(len(directions), -1.0)
+
+    with patch.context() as alone:
+        alone.setattr(clipping, "covered_around", nothing)
+        return cover(silhouettes, camera, wanted)
+
+
+@pytest.mark.parametrize(("views", "margin"), [(2, 0), (3, 0), (8, 0), (8, 90)])
+def test_blocks_that_are_covered_as_a_whole_say_what_their_rays_say(
+    views: int, margin: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    silhouettes, camera = of_a_sphere(views, 192, margin)
+    everything = np.ones((192, 192), bool)
+    found = cover(silhouettes, camera, everything)
+    np.testing.assert_array_equal(found, walked(silhouettes, camera, everything, monkeypatch))
+    assert ((found > 0) & (found < 1)).any()
+    assert (found == 1).sum() > 2000
+
+
+def test_a_part_of_a_picture_is_covered_as_in_the_whole() -> None:
+    silhouettes, camera = of_a_sphere(6, 128)
+    whole = cover(silhouettes, camera, np.ones((128, 128), bool))
+    part = cover(silhouettes, camera, np.ones((61, 43), bool), corner=(21, 34))
+    np.testing.assert_array_equal(part, whole[21:82, 34:77])
+
+
+def test_no_more_is_said_than_what_is_enough() -> None:
+    silhouettes, camera = of_a_sphere(6, 128)
+    wanted, enough = np.ones((128, 128), bool), np.random.default_rng(0).random((128, 128)).astype(np.float32)
+    whole, found = cover(silhouettes, camera, wanted), cover(silhouettes, camera, wanted, enough)
+    np.testing.assert_array_equal(np.minimum(found, enough), np.minimum(whole, enough))
+    assert (found < whole).any(), "walks end early"
