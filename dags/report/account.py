@@ -9,6 +9,7 @@ from typing import Any
 
 from posegaussian.dags.config.settings import validate
 from posegaussian.dags.diagnostics.effects_table import effects_reasons
+from posegaussian.dags.diagnostics.plan_graph import StageCard, cards
 from posegaussian.dags.diagnostics.run_log import FailedTask, retry_command, still_failed
 from posegaussian.dags.diagnostics.status import Numbers, numbers, rendered_instead
 from posegaussian.dags.diagnostics.tables import grouped
@@ -16,7 +17,8 @@ from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.report.pictures import Drawn, bytes_each, pictures_of
+from posegaussian.dags.report.changes import changes_of, not_shown
+from posegaussian.dags.report.pictures import Drawn, bytes_each, most_changes, pictures_of
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.store import Archive
@@ -41,12 +43,16 @@ class Account:
     """Frames, cameras."""
     stages: Numbers = field(default_factory=dict)
     """How many tasks are done, failed, blocked, by stage."""
+    plan: list[StageCard] = field(default_factory=list)
+    """Every stage, what it makes and who reads that."""
     pictures: list[Drawn] = field(default_factory=list)
     """What can be shown."""
     measures: Curves = field(default_factory=dict)
     """Over the box around the subject, or the whole picture where there is no box."""
     effects: list[str] = field(default_factory=list)
     """A sentence each, with its reason."""
+    unseen: list[str] = field(default_factory=list)
+    """Effects that are on and that no picture shows."""
     seconds: dict[str, float] = field(default_factory=dict)
     """By stage, of finished tasks; dearest first."""
     failures: list[str] = field(default_factory=list)
@@ -88,6 +94,7 @@ def _account(
     if texts := rendered_instead(plan):
         plan = session.plan(name, Selection(), texts)
     context, results = plan.context, Results(plan.context, plan.book)
+    changes = changes_of(results)[: most_changes(most)]
     return Account(
         name,
         about=(
@@ -96,9 +103,11 @@ def _account(
             + (f", held out: {', '.join(context.held_out)}" if context.held_out else "")
         ),
         stages=numbers(plan, frozenset(f.task for f in failed)),
-        pictures=pictures_of(results, most),
+        plan=cards([plan]),
+        pictures=pictures_of(results, changes, most),
         measures=_measures(results),
         effects=effects_reasons(plan),
+        unseen=not_shown(results, changes),
         seconds=dict(sorted(spent.items(), key=lambda item: -item[1])),
         failures=grouped([_failure(f) for f in failed]),
         retry=[retry_command(session.archive, [name], run) for run in dict.fromkeys(f.run for f in failed)],

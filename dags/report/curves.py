@@ -30,8 +30,8 @@ def plot(title: str, curves: Mapping[str, Sequence[tuple[float, float]]]) -> str
     right, floor = WIDTH - 8, HEIGHT - BOTTOM
     axes = (
         f'<path d="M{LEFT} {TOP}V{floor}H{right}" fill="none" stroke="#9aa2ac"/>'
-        f'<text x="{LEFT - 5}" y="{TOP + 9}" text-anchor="end">{y1:.4g}</text>'
-        f'<text x="{LEFT - 5}" y="{floor}" text-anchor="end">{y0:.4g}</text>'
+        f'<text x="{LEFT - 5}" y="{TOP + 9}" text-anchor="end">{y1:.3g}</text>'
+        f'<text x="{LEFT - 5}" y="{floor}" text-anchor="end">{y0:.3g}</text>'
         f'<text x="{LEFT}" y="{HEIGHT - 5}">frame {x0:g}</text>'
         f'<text x="{right}" y="{HEIGHT - 5}" text-anchor="end">{x1:g}</text>'
     )

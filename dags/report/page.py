@@ -12,6 +12,7 @@ from html import escape
 from posegaussian.dags.humanize.text import number, seconds_text
 from posegaussian.dags.report.account import Account
 from posegaussian.dags.report.curves import plot
+from posegaussian.dags.report.flow import flow
 from posegaussian.dags.report.pictures import Drawn
 
 COLORS = {"done": "#2f9e63", "warnings": "#a86400", "failed": "#c92a2a", "unfinished": "#3b6fb6", "empty": "#6a727e"}
@@ -38,6 +39,10 @@ table{border-collapse:collapse;width:100%;font-size:.85rem}th,td{text-align:left
 padding:.22rem .6rem .22rem 0;border-bottom:1px solid #e8eaed}td.bar{width:30%}
 .stages td,.stages th{overflow-wrap:normal}.bar i{display:block;height:.7em;
 margin-top:.3em;background:#286e96;border-radius:2px}
+.plan{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(320px,100%),1fr));gap:1rem;align-items:start}
+.flow svg{width:100%;max-width:480px;display:block}.flow text{font-size:11px;fill:#4a5360}.flow .name{fill:#1d2430}
+.faint{opacity:.5}.arc path{fill:none;stroke:currentColor;stroke-width:1.2;opacity:.55}.arc .tip{fill:currentColor;
+stroke:none}.arc:hover path{opacity:1;stroke-width:2.5}
 pre{background:#20262e;color:#eef;padding:.5rem .7rem;border-radius:5px;white-space:pre-wrap;font-size:.82rem}
 summary{cursor:pointer;font-weight:bold;font-size:.95rem;margin-top:.8rem}.bad{color:#c92a2a}
 @keyframes play{to{transform:translateY(-100%)}}
@@ -99,8 +104,8 @@ def _section(index: int, account: Account) -> str:
         _listed("Warnings", account.warnings),
         _shown(account),
         _plots(account),
+        _changes(account),
         _stages(account),
-        _folded("Effects and choices, with their reasons", _list(account.effects)),
         _folded("Settings that differ from the default", _settings(account)),
         _folded("Versions it was made with", _pairs(account.libraries)),
         "</section>",
@@ -123,13 +128,30 @@ def _folded(title: str, content: str) -> str:
 
 def _shown(account: Account) -> str:
     """Pairs and the sheet; the strip is on the card, its bytes are there once."""
+    figures = _figures(account, ("pair", "sheet"))
+    return f"<h3>Pictures</h3>{figures}" if figures else ""
+
+
+def _figures(account: Account, kinds: Sequence[str]) -> str:
+    """Pictures of some kinds side by side, each with its caption."""
     figures = [
         f'<figure><img alt="{escape(p.caption, quote=True)}" src="{p.uri}" width="{p.width}">'
         f"<figcaption>{escape(p.caption)}</figcaption></figure>"
         for p in account.pictures
-        if p.kind != "strip"
+        if p.kind in kinds
     ]
-    return f'<h3>Pictures</h3><div class="row">{"".join(figures)}</div>' if figures else ""
+    return f'<div class="row">{"".join(figures)}</div>' if figures else ""
+
+
+def _changes(account: Account) -> str:
+    """What effects change as pictures, then every reason."""
+    figures = _figures(account, ("change",))
+    names = ", ".join(account.unseen)
+    unseen = f"<p>On, but the archive holds nothing made without them to compare with: {escape(names)}.</p>"
+    reasons = _folded("Effects and choices, with their reasons", _list(account.effects))
+    if not figures and not names:
+        return reasons
+    return f"<h3>What effects and choices change</h3>{figures}{unseen if names else ''}{reasons}"
 
 
 def _plots(account: Account) -> str:
@@ -155,7 +177,11 @@ def _stages(account: Account) -> str:
     if not rows:
         return ""
     head = "<tr><th>stage</th><th>tasks done</th><th>others</th><th>seconds</th><th></th></tr>"
-    return f'<h3>Stages, and where the seconds went</h3><table class="stages">{head}{rows}</table>'
+    failed = {stage for stage, counted in account.stages.items() if counted.get("failed")}
+    return (
+        f'<h3>The plan, and where the seconds went</h3><div class="plan">{flow(account.plan, account.seconds, failed)}'
+        f'<table class="stages">{head}{rows}</table></div>'
+    )
 
 
 def _settings(account: Account) -> str:

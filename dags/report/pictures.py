@@ -1,4 +1,5 @@
-"""Pictures of a sequence small enough for a page of a hundred: a strip that plays, pairs beside the truth, a sheet.
+"""Pictures of a sequence small enough for a page of a hundred: a strip that plays, pairs beside the truth, a sheet,
+what effects change.
 
 Read from what a run left; what was not made, or was dropped to save space, is left out.
 """
@@ -6,12 +7,14 @@ Read from what a run left; what was not made, or was dropped to save space, is l
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from posegaussian.dags.export.pictures import filled_sheet, held_out_picture, spread
 from posegaussian.dags.planning.results import Results
+from posegaussian.dags.report.changes import Change
 from posegaussian.storage.model.cameras import CameraPath
 from posegaussian.storage.model.errors import ShardMissing, UserError
 
@@ -19,8 +22,10 @@ PAGE_BYTES = 28_000_000
 """Bytes of all pictures of a page, as they stand in it: with text a page of many sequences stays under 30 MB."""
 MOST_BYTES = 270_000
 """Bytes of a sequence's pictures, as they stand in the page: enough that none looks coarse on a screen."""
-SHARES = {"strip": 0.4, "pair": 0.25, "sheet": 0.35}
-"""Of a sequence's bytes, by kind of picture."""
+SHARES = {"strip": 0.32, "pair": 0.18, "sheet": 0.25, "change": 0.25}
+"""Of a sequence's bytes, by kind of picture; rows of changes share theirs."""
+CHANGE = 2_500
+"""Bytes of a row of changes below which nothing is seen on it: as many rows are shown as have so many."""
 FRAMES, STRIP = 12, 180
 """Frames of the strip that plays, and their height, px: a person's motion is seen, a list of a hundred is light."""
 PAIR = 320
@@ -36,7 +41,7 @@ class Drawn:
     """A picture for the page."""
 
     kind: str
-    """strip, pair or sheet."""
+    """strip, pair, sheet or change."""
     caption: str
     """What it shows."""
     uri: str
@@ -54,20 +59,35 @@ def bytes_each(sequences: int) -> int:
     return min(MOST_BYTES, PAGE_BYTES // max(1, sequences))
 
 
-def pictures_of(results: Results, most: int) -> list[Drawn]:
-    """Of every kind that can be drawn of the first camera path that was rendered, at most `most` bytes together."""
+def most_changes(most: int) -> int:
+    """Rows of changes that a sequence whose pictures take `most` bytes has place for."""
+    return int(most * SHARES["change"]) // CHANGE
+
+
+def pictures_of(results: Results, changes: Sequence[Change], most: int) -> list[Drawn]:
+    """Of every kind that can be drawn, of the first camera path that was rendered, and changes: at most `most` bytes
+    together."""
+    each = int(most * SHARES["change"]) // max(1, len(changes))
+    rows = [_encoded("change", f"{', '.join(c.names)}: {c.caption}", [c.picture], each) for c in changes]
+    return _rendered(results, most) + rows
+
+
+def _rendered(results: Results, most: int) -> list[Drawn]:
     from posegaussian.storage.exporters.contact_sheet import drawn
 
     path = next((p for name, p in results.context.paths.items() if results.has(f"rendering/{name}/color")), None)
+    drawings: list[tuple[str, str, Callable[[], list[np.ndarray]]]]
     if path is None:
-        return []
-    told = results.context.path_text(path.name)
+        drawings = [("strip", "a source view, the subject cut out", lambda: _filmed(results))]
+    else:
+        told = results.context.path_text(path.name)
+        drawings = [
+            ("strip", f"along {told}", lambda: _strip(results, path)),
+            ("pair", "novel view, held-out picture", lambda: _pair(results, path)),
+            ("sheet", "contact sheet", lambda: [drawn(filled_sheet(results, path))]),
+        ]
     found: list[Drawn] = []
-    for kind, caption, draw in (
-        ("strip", f"along {told}", lambda: _strip(results, path)),
-        ("pair", "novel view, held-out picture", lambda: _pair(results, path)),
-        ("sheet", "contact sheet", lambda: [drawn(filled_sheet(results, path))]),
-    ):
+    for kind, caption, draw in drawings:
         try:
             shown = draw()
         except UserError:
@@ -75,6 +95,19 @@ def pictures_of(results: Results, most: int) -> list[Drawn]:
         if shown:
             found.append(_encoded(kind, caption, shown, int(most * SHARES[kind])))
     return found
+
+
+def _filmed(results: Results) -> list[np.ndarray]:
+    """Frames of the first source view over time, the subject alone: of a sequence that nothing is rendered of yet."""
+    context = results.context
+    view = context.views.sources[0]
+    width, height = context.rig.size[view]
+    pictures = []
+    for i in spread(np.flatnonzero(context.valid[:, view]), FRAMES):
+        color, mask = (results.read(f"frames/{a}", range(i, i + 1), view)[0] for a in ("color", "mask"))
+        cut = (color * (mask[..., None] / 255.0)).astype(np.uint8)
+        pictures.append(_scaled(cut[:height, :width], STRIP))
+    return pictures
 
 
 def _strip(results: Results, path: CameraPath) -> list[np.ndarray]:

@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.report.account import Account
+from posegaussian.dags.report.changes import changes_of
 from posegaussian.dags.report.curves import MOST_POINTS, plot
 from posegaussian.dags.report.page import page
-from posegaussian.dags.report.pictures import MOST_BYTES, PAGE_BYTES, bytes_each, pictures_of
+from posegaussian.dags.report.pictures import MOST_BYTES, PAGE_BYTES, bytes_each, most_changes, pictures_of
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline
 
@@ -59,8 +60,9 @@ def test_the_page_of_a_finished_archive_shows_it_and_asks_for_nothing(finished: 
 def test_pictures_stay_within_their_bytes(finished: Pipeline) -> None:
     results = Results(finished.context())
     for most in (MOST_BYTES, 6_000):
-        drawn = pictures_of(results, most)
+        drawn = pictures_of(results, changes_of(results)[: most_changes(most)], most)
         assert {d.kind for d in drawn} >= {"strip", "sheet"}
+        assert ("change" in {d.kind for d in drawn}) == (most == MOST_BYTES), "nothing is seen on a kilobyte"
         assert sum(len(d.uri) for d in drawn) <= most + 100
     assert bytes_each(100) * 100 <= PAGE_BYTES
 

@@ -80,6 +80,8 @@ def test_it_is_whole_at_any_width(browser: Browser, file: Path, width: int) -> N
     assert browser.run("document.documentElement.scrollWidth") <= width, "nothing is cut off at the side"
     assert browser.run("document.images.length") > 3 * len(OTHERS)
     assert browser.run("[...document.images].every((i) => i.complete && i.naturalWidth > 0)")
+    assert browser.run("document.querySelectorAll('.flow').length") == len(OTHERS) + 2, "everyone's plan is drawn"
+    assert text.count("blended with those before") == len(OTHERS) + 2, "what smoothing changes is shown"
     if folder := os.environ.get(SHOT):
         Path(folder, f"report-{width}.png").write_bytes(browser.screenshot())
     silent(browser)
