@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import ConfigOption, SetOption
+from posegaussian.dags.cli.options import ConfigOption, SetOption, say
+from posegaussian.dags.humanize.text import next_command
 
 
 def config(
@@ -28,3 +30,6 @@ def config(
         typer.echo(json.dumps(configuration_schema(), indent=1))
     else:
         typer.echo(load_configuration(config, assignments or ()).as_yaml(), nl=False)
+    if sys.stdout.isatty():  # else the lines go to a file, or to a program
+        following = ["config", "--schema"] if schema else ["plan"]
+        say([next_command(*following) + (" > pipeline.schema.json" if schema else "")])

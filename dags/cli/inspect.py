@@ -10,6 +10,7 @@ import typer
 from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, console, open_session, say
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import next_command
+from posegaussian.dags.session.next_steps import first_look_command
 
 
 def inspect(
@@ -36,6 +37,9 @@ def inspect(
     # Not `session.context`: what a stage would refuse to work with is to be inspected all the same.
     context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
     bad = run_inspection(context, console, output)
-    if not bad:
+    if bad:
+        say([next_command("inspect", name, *session.options, lead="when that is mended")])
+    else:
+        say(first_look_command(session, name, context.capture, "a first look in minutes"))
         say([next_command("run", "--sequence", name, *session.options)])
     raise typer.Exit(bad)

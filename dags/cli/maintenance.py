@@ -16,6 +16,7 @@ from posegaussian.dags.cli.options import (
     say,
     selected,
 )
+from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 
 
@@ -39,7 +40,11 @@ def verify(
     from posegaussian.dags.maintenance.verify import verify as read_again
 
     session = open_session(config, assignments, archive)
-    raise typer.Exit(read_again(session, session.names(sequence or ()), repair))
+    broken = read_again(session, session.names(sequence or ()), repair)
+    named = [word for glob in sequence or () for word in ("--sequence", glob)]
+    following = ["status"] if not broken else ["run"] if repair else ["verify", "--repair"]
+    say([next_command(*following, *named, *session.options)])
+    raise typer.Exit(broken)
 
 
 def gc(
@@ -63,7 +68,13 @@ def gc(
     from posegaussian.dags.maintenance.garbage_collection import collect
 
     session = open_session(config, assignments, archive)
-    raise typer.Exit(collect(session, session.names(sequence or ()), kind or [], apply))
+    failed, could_go = collect(session, session.names(sequence or ()), kind or [], apply)
+    if could_go and not apply:
+        named = [("--sequence", glob) for glob in sequence or ()] + [("--kind", k) for k in kind or ()]
+        say([next_command("gc", *(word for pair in named for word in pair), *session.options, "--apply")])
+    else:
+        say([next_command("status", *session.options)])
+    raise typer.Exit(failed)
 
 
 def reshard(
@@ -87,7 +98,9 @@ def reshard(
     from posegaussian.dags.maintenance.reshard import reshard as cut
 
     session = open_session(config, assignments, archive)
-    say(cut(session.plan(session.names([sequence])[0], Selection(), tuple(path or ())), frames, give_up))
+    name = session.names([sequence])[0]
+    say(cut(session.plan(name, Selection(), tuple(path or ())), frames, give_up))
+    say([next_command("status", "--sequence", name, *session.options)])
 
 
 def accept(
@@ -120,3 +133,4 @@ def accept(
             say(accept_every(partial(session.plan, name, Selection()), reason))
         else:
             say(keep(session.plan(name, Selection()), stage, reason))
+    say([next_command("plan", "--sequence", sequence, *session.options)])

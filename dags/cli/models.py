@@ -20,8 +20,10 @@ def list_models() -> None:
     Example: posegaussian models list
     """
     from posegaussian.dags.assets.downloads import listing
+    from posegaussian.stages.estimators.blazepose_files import model_files
 
-    say(listing())
+    following = ("models", "fetch", "blazepose") if model_files() is None else ("import", "auto", "FOLDER")
+    say([*listing(), next_command(*following)])
 
 
 @models.command()
@@ -55,4 +57,4 @@ def add(
     """
     from posegaussian.dags.assets.downloads import add as take
 
-    say(take(files))
+    say([*take(files), next_command("models", "list")])

@@ -20,7 +20,9 @@ from posegaussian.dags.cli.options import (
     voice,
 )
 from posegaussian.dags.export.output_paths import output_folder
+from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.next_steps import after_export
 from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 
 
@@ -138,11 +140,12 @@ def export(
         page_gaussians,
         budget,
     )
+    asked = open_session(config, assignments, archive, scheduler)
     unrendered = [] if order.renders else ["rendering.paths=[]"]
     session = open_session(config, [*(assignments or []), *unrendered], archive, scheduler, voice=voice(verbose, quiet))
     name = session.one_name(sequence)
     if page and path is None and not order.renders:  # what is not rendered is still the way the page flies
-        configured = open_session(config, assignments, archive).configuration.for_sequence(name).rendering.paths
+        configured = asked.configuration.for_sequence(name).rendering.paths
         order = replace(order, path=next(iter(configured or ()), None))
     p = session.plan(name, Selection(), (path,) if path is not None and order.renders else (), order.needed)
     order.check(p.context)
@@ -150,6 +153,7 @@ def export(
     if outcome:
         raise typer.Exit(outcome)
     say(order.write(p))
+    session.hint([after_export(asked, name, path, page is not None, order.renders)])
 
 
 def tradeoff(
@@ -192,4 +196,6 @@ def tradeoff(
 
     if output is not None:
         output_folder("tradeoff --output", output)
-    run_tradeoff(open_session(config, assignments, archive), sequence, knob, levels or [], repeats, output)
+    session = open_session(config, assignments, archive)
+    run_tradeoff(session, sequence, knob, levels or [], repeats, output)
+    say([next_command("run", *session.options, "--budget", "3s/frame")])

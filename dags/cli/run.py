@@ -34,6 +34,7 @@ from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.report import after_run
+from posegaussian.dags.session.next_steps import after_status
 from posegaussian.storage.model.errors import ConfigError
 
 
@@ -184,6 +185,7 @@ def status(
     )
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
+    say([after_status(session, standings.values())])
     raise typer.Exit(2 if failed else 0)
 
 
@@ -226,3 +228,5 @@ def why(
         say(chain(p, t))
     if not stale:
         console.print(f"{stage}: all {len(chosen)} fresh", markup=False)
+    following = ["run", "--sequence", p.context.sequence.name] if stale else ["status"]
+    say([next_command(*following, *session.options)])

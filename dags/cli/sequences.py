@@ -21,6 +21,7 @@ from posegaussian.dags.cli.options import (
 )
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import next_command, number
+from posegaussian.dags.session.next_steps import first_look_command
 from posegaussian.dags.simulation.shipped import shipped_scenes
 
 
@@ -84,6 +85,7 @@ def import_capture(
         soft_wrap=True,
     )
     say([next_command("inspect", made.name, *session.options)])
+    say(first_look_command(session, made.name, capture, "then, a first look in minutes"))
     say([next_command("run", "--sequence", made.name, *session.options, lead="then")])
 
 

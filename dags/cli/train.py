@@ -9,6 +9,7 @@ import typer
 
 from posegaussian.dags.cli.options import SetOption, say
 from posegaussian.dags.export.output_paths import output_folder
+from posegaussian.dags.humanize.text import next_command
 
 
 def train(
@@ -72,6 +73,7 @@ def train(
     from posegaussian.dags.training.config import load_training
     from posegaussian.dags.training.loop import TrainingOrder, chosen_device, cores
     from posegaussian.dags.training.loop import train as run
+    from posegaussian.dags.training.run_folder import RunFolder
     from posegaussian.storage.model.errors import ConfigError
 
     if device not in ("auto", "cpu", "cuda"):
@@ -87,3 +89,6 @@ def train(
         TrainingOrder(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device),
         lambda line: say([line]),
     )
+    weights = RunFolder(folder).weights_file
+    if weights.is_file():
+        say([next_command("run", "--set", f"network.weights={weights}")])

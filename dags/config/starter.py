@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 
+from posegaussian.dags.config.first_look import few_frames
 from posegaussian.dags.humanize.text import number
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import crop_settings
 
 MODERATE = 960
 """px of the longest side above which a first run is quicker with smaller pictures."""
-FEW = 24
-"""Frames that a first run shows enough with."""
 SPARED = 4
 """Cameras above which one can be held out and the others still see the subject from all its sides."""
 
@@ -20,18 +19,19 @@ def starter(source: str, capture: Capture) -> str:
     """The text of a partial configuration; everything that would change the result without being asked is commented
     out."""
     longest, numbers = int(capture.rig.size.max()), capture.numbers
-    first, end = int(numbers[0]), min(int(numbers[-1]) + 1, int(numbers[0]) + FEW)
-    counted = number(len(numbers), "frame")
+    few = few_frames(numbers.tolist())
+    enough = f'; "{few}" is enough for a first look' if few else ""
+    counted = f"{number(len(numbers), 'frame')} ({numbers[0]}..{numbers[-1]})"
     named = json.dumps(source, ensure_ascii=False)
     return "\n".join(
         [
             f"# Settings of {named}, laid over the packaged ones; `posegaussian config` prints all that hold.",
-            f"# Found: layout {capture.layout}, {counted} ({first}..{numbers[-1]}) at {capture.frame_rate:g} a second,",
+            f"# Found: layout {capture.layout}, {counted} at {capture.frame_rate:g} a second,",
             f"# {number(len(capture.rig), 'camera')}: {_cameras(capture)}.",
             "",
             "frames:",
-            f'  range: "::"          # all; "{first}:{end}" is enough for a first look (start:stop:stride)',
-            f"  size: null           # as filmed, {longest} px{_smaller(longest)}",
+            f'  range: "::"          # all{enough} (start:stop:stride)',
+            f"  # size: {min(longest, MODERATE)}          # longest side; as filmed, {longest} px{_smaller(longest)}",
             *_crops(capture),
             "",
             "views:",
@@ -40,6 +40,9 @@ def starter(source: str, capture: Capture) -> str:
             "",
             "rendering:",
             "  paths: null          # the held-out cameras, else between the sources; or [between, orbit]",
+            "",
+            "# Seconds: `posegaussian plan` says what a run will take; `run --budget 3s/frame`, or `2h` for all of it,",
+            "# takes the best settings for the time there is. What is set here stays as it is.",
             "",
             "run:",
             "  keep: everything     # as_declared: takes a fraction of the disk, what is dropped is computed again",

@@ -362,8 +362,9 @@ def _runs(archive: Archive) -> Iterator[Deletable]:
         )
 
 
-def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete: bool) -> int:
-    """Show what could go, delete it where told; returns the exit status. Raises ConfigError for an unknown kind."""
+def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete: bool) -> tuple[int, bool]:
+    """Show what could go, delete it where told; returns the exit status and whether anything could go. Raises
+    ConfigError for an unknown kind."""
     for kind in kinds:
         if kind not in KINDS:
             raise ConfigError(f"gc: no kind {kind!r}; the kinds are {', '.join(KINDS)}")
@@ -379,7 +380,7 @@ def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete
         session.say([f"deleted: {gigabytes(apply(found, plans))}"])
     else:
         session.say([f"{total} could go; nothing was deleted: add --apply, and --kind to choose"])
-    return 1 if failed else 0
+    return (1 if failed else 0), bool(found)
 
 
 def table(found: Sequence[Deletable]) -> Table:

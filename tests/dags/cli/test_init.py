@@ -8,6 +8,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
+from posegaussian.dags.budget.choice import given
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.config.settings import PACKAGED, load_configuration
 from posegaussian.storage.model.errors import ConfigError
@@ -29,6 +30,12 @@ def test_what_is_written_is_valid_and_changes_nothing_unasked(capture: Path) -> 
     assert '5 cameras: "cam00" (48 x 48 px)' in text
     assert '["cam02"] would be drawn' in text
     assert load_configuration().default == load_configuration(PACKAGED).default
+
+
+def test_a_budget_may_choose_what_the_file_leaves_open(capture: Path) -> None:
+    assert CliRunner().invoke(app, ["init", "walk"]).exit_code == 0
+    dearer = {"frames.size", "depth.method", "network.weights", "refinement.steps"}
+    assert not dearer & given(load_configuration())
 
 
 def test_no_file_is_written_over_unasked(capture: Path) -> None:

@@ -9,8 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from posegaussian.dags.cli.app import app
+from posegaussian.dags.config import first_look as looks
+from posegaussian.dags.config.first_look import FRAMES
 from posegaussian.dags.humanize.text import next_command
-from tests.support.pipeline import film
+from tests.support.pipeline import NAME, Pipeline, film
 
 
 @pytest.fixture
@@ -36,6 +38,52 @@ def test_the_way_from_an_import_to_a_run(capture: Path) -> None:
     assert last == "next: posegaussian run --sequence 'w*' --only frames --archive 'an archive'"
     ran = CliRunner().invoke(app, ["plan", *shlex.split(last)[3:]])
     assert ran.output.splitlines()[-1] == last
+
+
+def test_a_large_capture_is_looked_at_in_small_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    film(tmp_path / "walk", views=2, frames=FRAMES + 1, held_out=0, size=48)
+    monkeypatch.setattr(looks, "SIZE", 24)
+
+    def told(*settings: str) -> list[str]:
+        options = [word for s in settings for word in ("--set", s)]
+        return CliRunner().invoke(app, ["import", "auto", "walk", *options]).output.splitlines()[-2:]
+
+    look, running = told()
+    small = "--set frames.range=0:24 --set frames.size=24"
+    assert look == f"then, a first look in minutes: posegaussian export walk --page walk.html {small}"
+    assert running == "then: posegaussian run --sequence walk"
+    look, _ = told("frames.size=32")
+    assert look.endswith("--set frames.size=32 --set frames.range=0:24"), "what the user set stays"
+    assert "first look" not in told("frames.size=32", "frames.range=0:4")[0]
+
+
+def test_looking_at_an_archive_leads_on(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    archive = finished.copy(tmp_path / "archive")
+    monkeypatch.chdir(tmp_path)
+
+    def following(*words: str) -> list[str]:
+        done = CliRunner().invoke(app, [*words, *archive.options])
+        assert done.exit_code == 0, done.output
+        lead, _, command = done.output.splitlines()[-1].partition(": posegaussian ")
+        assert lead == "next"
+        return shlex.split(command)
+
+    page = ["export", NAME, *archive.options, "--page", f"{NAME}.html"]
+    video = ["export", NAME, *archive.options, "--video", f"{NAME}.mp4", "--sheet", f"{NAME}.png"]
+    report = ["report", *archive.options, "--page", "report.html"]
+    assert following("export", NAME, "--sheet", "a.png") == page
+    assert following(*page[:2], *page[-2:]) == video
+    assert following("export", NAME, "--sheet", "a.png", "--page", "a.html") == report
+    assert following("status") == report
+    assert following("why", NAME, "depth") == ["status", *archive.options]
+    assert following("verify") == ["status", *archive.options]
+    assert following("gc", "--kind", "strays") == ["status", *archive.options]
+    assert following("reshard", NAME, "--frames", "3") == ["status", "--sequence", NAME, *archive.options]
+    changed = ("--set", "rendering.sources=1")
+    assert following("status", *changed)[0] == "run"
+    assert following("why", NAME, "rendering", *changed)[:3] == ["run", "--sequence", NAME]
+    assert following("gc", "--kind", "arrays", "--set", "run.keep=as_declared")[-1] == "--apply"
 
 
 @pytest.mark.parametrize("command", ["run", "plan", "status"])
