@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CAPTURES ?= ../shared/captures
 
-.PHONY: help demo test lint bench crash fuzz extreme stability clean
+.PHONY: help demo test lint bench crash fuzz extreme stability mutations clean
 
 help: ## Print every target with what it does.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-20s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -56,6 +56,9 @@ extreme: $(STAMP) ## Draw ten thousand random scenes of extreme scale, opacity, 
 
 stability: $(STAMP) ## Draw every hard case in a naive version and in ours: docs/measurements/stability.md and docs/measurements/stability.png.
 	$(BIN)/python -m tests.hard_cases.stability
+
+mutations: $(STAMP) ## Break what every hard case guards, a line at a time: each case must fail. About twenty minutes on two cores.
+	$(BIN)/python -m tests.mutations
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.
 $(STAMP): pyproject.toml constraints.txt

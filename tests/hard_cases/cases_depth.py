@@ -13,12 +13,13 @@ import torch
 
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only
 from posegaussian.stages.depth.params import DepthParams
+from posegaussian.stages.depth.stage import STAGE as DEPTH
 from posegaussian.stages.geometry.pairs import classify
 from posegaussian.stages.geometry.projection import pixel_centres, project, unproject
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import body_points
 from posegaussian.stages.matching.bounds import Bounds
-from posegaussian.stages.matching.fuse import complete, transfer
+from posegaussian.stages.matching.fuse import complete, fuse, transfer
 from posegaussian.stages.matching.sampling import disagreement, fill, sample
 from posegaussian.stages.matching.sgbm import match
 from posegaussian.stages.metrics.depth_error import depth_error
@@ -26,8 +27,9 @@ from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
+from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.masks import foreground
-from posegaussian.storage.readers.images import read_depth, write_exr
+from posegaussian.storage.readers.images import read_depth, write_exr, write_png
 from tests.hard_cases.catalogue import Case, apart, worst
 from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask, textured_sphere
 
@@ -44,6 +46,9 @@ def pair_rig(azimuth: float, elevation: float = 8.0, roll: float = 0.0) -> Rig:
 VERTICAL = [pair_rig(0, 28), pair_rig(20, 28.5), pair_rig(22.5, roll=90)]
 """One above the other, diagonally above, and both on their side."""
 WIDE = [pair_rig(a) for a in (22.5, 45, 60, 67.5, 72, 90)]
+OPPOSITE = [pair_rig(a) for a in (120, 150)]
+UNEVEN = rig_of([camera(on_ring(0), ORIGIN), camera(on_ring(30, radius=2.6), ORIGIN)])
+"""One camera farther away: the baseline is not across the view."""
 
 
 def opencv(rig: Rig, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -102,10 +107,16 @@ def naive_stored() -> float:
 
 
 def stored_error() -> float:
+    """Of what is read back; infinite where integers are taken for metres."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "depth.exr"
+        file, integers = Path(folder) / "depth.exr", Path(folder) / "depth.png"
         write_exr(file, DEPTHS.astype(np.float32)[None])
-        return apart(read_depth(file)[0], DEPTHS)
+        write_png(integers, DEPTHS.astype(np.uint8)[None])
+        try:
+            read_depth(integers)
+        except SourceError:
+            return apart(read_depth(file)[0], DEPTHS)
+        return np.inf
 
 
 def naive_flow() -> float:
@@ -117,9 +128,10 @@ def naive_flow() -> float:
 
 
 def kept_depth_error() -> float:
-    """Depth is what is kept, in float32."""
+    """Depth is what is kept, in the declared type."""
     depth = project(BODY, *(a[0] for a in (pair_rig(60).intrinsics, pair_rig(60).world_to_camera)))[1]
-    return apart(depth.astype(np.float32), depth)
+    kept = next(a for a in DEPTH.writes if a.name == "depth/depth")
+    return apart(depth.astype(kept.dtype), depth)
 
 
 def behind_infinity(pair: RectifiedPair) -> np.ndarray:
@@ -187,20 +199,21 @@ def naive_cut() -> float:
 
 
 def uncounted() -> float:
-    rig = rig_of([camera(on_ring(a), ORIGIN) for a in (0, 60)], (256, 256), 204.8)
+    rig = pair_rig(60)
     truth = sphere_depth(rig, 0, ORIGIN, 0.6)
     found = depth_error(truth, truth, np.where(truth > 0, 255, 0).astype(np.uint8), rig, 0, range(2))
     return 1.0 if found is None else 1 - found.pixels / float((truth > 0).sum())
 
 
 def round_trip(size: tuple[int, int], shift: float) -> float:
-    """Px by which unprojected pixels miss themselves, when centres are taken `shift` px off."""
+    """Px by which unprojected pixels miss the middle of their pixel, when centres are taken `shift` px off."""
     rig = rig_of([camera(on_ring(20), ORIGIN)], size, 50.0)
     depth = np.random.default_rng(0).uniform(1, 3, size[::-1])
     k = rig.intrinsics[0].copy()
     k[:2, 2] += shift
     pixels = project(unproject(depth, k, rig.world_to_camera[0]), rig.intrinsics[0], rig.world_to_camera[0])[0]
-    return float(np.linalg.norm(pixels - pixel_centres(size), axis=-1).max())
+    rows, columns = np.mgrid[: size[1], : size[0]] + 0.5
+    return float(np.linalg.norm(pixels - np.stack([columns, rows], axis=-1), axis=-1).max())
 
 
 def soft_masks() -> tuple[Rig, dict[int, np.ndarray]]:
@@ -258,7 +271,11 @@ def matches() -> np.ndarray:
 
 
 def matched_background() -> float:
-    return float(((matches() > 0) & ~(sphere_scene()[2][0] > 0)).sum())
+    """Searched everywhere: nothing but the mask says where the sphere ends."""
+    rig, colors, depths = sphere_scene()
+    wide = Bounds(*(np.full(depths[0].shape, z, np.float32) for z in (2.0, 1.3, 2.6)))
+    found = match(rectify(rig, 0, 1, ORIGIN), *colors, depths[0] > 0, wide)
+    return float(((found > 0) & ~(depths[0] > 0)).sum())
 
 
 def hidden_scene() -> tuple[Rig, list[np.ndarray], list[np.ndarray], np.ndarray]:
@@ -293,7 +310,9 @@ def wrong_where_hidden(checked: bool) -> float:
     found, pair = hidden_matches(), rectify(rig, 0, 1, ORIGIN)
     kept = found[0] > 0
     if checked:
-        kept &= disagreement(found[0], found[1], transfer(rig, 0, 1), pair.sensitivity) <= DepthParams().consistency
+        errors = disagreement(found[0], found[1], transfer(rig, 0, 1), pair.sensitivity)
+        scale = np.array([pair.sensitivity])
+        kept = fuse(found[0][None], errors[None], scale, DepthParams().consistency)[0] > 0
     off = pair.sensitivity * np.abs(1 / np.where(kept, found[0], 1) - 1 / np.where(hidden, depths[0], 1))
     return float((kept & (off > 1.5))[hidden].mean())
 
@@ -313,7 +332,7 @@ CASES = (
         "no columns differ: depth is 0 / 0, and nobody objects",
         "m",
         lambda: worst(naive_stereo_depth(r) for r in VERTICAL),
-        lambda: worst(stereo_depth_error(r) for r in [*VERTICAL, *WIDE]),
+        lambda: worst(stereo_depth_error(r) for r in [*VERTICAL, *WIDE, UNEVEN]),
         1e-12,
         "pictures are turned until the baseline runs along their rows; float64",
     ),
@@ -323,7 +342,7 @@ CASES = (
         "the body leaves the rectified pictures",
         "of the body",
         lambda: worst(naive_lost(r) for r in WIDE),
-        lambda: worst(lost(r) for r in WIDE),
+        lambda: worst(lost(r) for r in [*WIDE, *OPPOSITE]),
         0.02,
         "principal points follow the subject; wider than 66 degrees is not matched",
     ),

@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import torch
 
+from posegaussian.dags.export.background import over
 from posegaussian.stages.rendering.run import quantise
 from posegaussian.stages.splatting.definition.scene import Cutoffs, Gaussians
 from tests.hard_cases import naive
 from tests.hard_cases.catalogue import Case, apart, worst
-from tests.hard_cases.laws import FIELDS, drawn, pictures, to
+from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
 from tests.support.gaussian_scenes import camera, cloud, draw, gaussians, turned_about_y
 
 SINGLE, DOUBLE = torch.float32, torch.float64
@@ -22,9 +23,10 @@ def huge(scale: float) -> Gaussians:
 
 
 def huge_error() -> float:
-    """Two sheets of a kilometre let a quarter through; at 1e30 m every number is finite all the same."""
-    drawn(huge(1e30), camera())
-    return apart(drawn(huge(1e3), camera())[0].alpha, 0.75)
+    """Two sheets of a kilometre let a quarter through; at 1e30 m every number is finite all the same, and both are
+    counted as left out."""
+    left_out = drawn(huge(1e30), camera())[0].masked
+    return apart(drawn(huge(1e3), camera())[0].alpha, 0.75) if left_out == (2,) else np.inf
 
 
 def poisoned(name: str, bad: float) -> Gaussians:
@@ -42,6 +44,12 @@ def without_it() -> Gaussians:
     g = cloud(20, dtype=SINGLE)
     rest = [i for i in range(20) if i != 7]
     return Gaussians(*(getattr(g, n)[rest] for n in FIELDS))
+
+
+def poison_error(name: str, bad: float) -> float:
+    """Against the picture without it; infinite where it is not counted."""
+    out = drawn(poisoned(name, bad), camera())[0]
+    return apart(out.color, draw(without_it(), camera()).color[None]) if out.masked == (1,) else np.inf
 
 
 ODD = [(1, 1), (3, 50), (33, 17)]
@@ -67,8 +75,10 @@ def odd_error(size: tuple[int, int]) -> float:
 
 
 def tied() -> Gaussians:
-    """Five Gaussians of five colours at one depth."""
-    return gaussians(torch.tensor([[0.0, 0, 2.0]]).repeat(5, 1), 0.5, 0.5, torch.eye(5, 3), dtype=SINGLE)
+    """Five Gaussians of five colours at one depth, and one behind, so that there is something to sort."""
+    behind = gaussians([0.0, 0, 3.0], 0.5, 0.5, (0.2, 0.4, 0.6), dtype=SINGLE)
+    equal = gaussians(torch.tensor([[0.0, 0, 2.0]]).repeat(5, 1), 0.5, 0.5, torch.eye(5, 3), dtype=SINGLE)
+    return Gaussians.concatenate([behind, equal])
 
 
 def naive_ties() -> float:
@@ -114,8 +124,12 @@ def naive_background() -> float:
 
 
 def background_error() -> float:
+    """Of colour put before white, and, in units of a grey level, of bytes that an export puts before it."""
     color, alpha, white = before_white()
-    return apart(color + (1 - alpha), white)
+    premultiplied, coverage = quantise(color), quantise(alpha[..., 0])
+    exported = over(premultiplied, coverage, np.full_like(premultiplied, 255))
+    expected = np.minimum(premultiplied + (255.0 - coverage)[..., None], 255)
+    return worst([apart(color + (1 - alpha), white), apart(exported, expected)])
 
 
 def wrapped(values: torch.Tensor) -> np.ndarray:
@@ -174,9 +188,26 @@ def disc_error(alpha: torch.Tensor) -> float:
     return float(alpha.double().sum())
 
 
+COMPENSATED = Cutoffs(low_pass=0.3, compensation=True)
+
+
 def drawn_disc(g: Gaussians) -> torch.Tensor:
     drawn(g, COLUMN)
-    return drawn(g, COLUMN, Cutoffs(low_pass=0.3, compensation=True))[0].alpha.detach()
+    return drawn(g, COLUMN, COMPENSATED)[0].alpha.detach()
+
+
+ACROSS = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+"""A quarter turn about the vertical without rounding: the area that is left is 0 and not next to it."""
+
+
+def floor_error() -> float:
+    """Of the opacity of a disc without any area of its own, as a share: 0.005 of it is left; and of the slopes over
+    its opacity and its scales, which are those of float64."""
+    disc = gaussians([0.0, 0.02, 2.0], [[0.1, 0.1, 0.0]], opacity=0.9, rotation=ACROSS, dtype=SINGLE)
+    out, slopes = drawn(disc, COLUMN, COMPENSATED)
+    seen = float(out.alpha.detach().max()) / (0.9 * COMPENSATED.compensation_min)
+    true = drawn(to(disc, DOUBLE), COLUMN, COMPENSATED)[1]
+    return worst([abs(seen - 1), *(relative(slopes[name], true[name]) for name in ("opacity", "scale"))])
 
 
 CASES = (
@@ -198,10 +229,7 @@ CASES = (
         lambda: worst(
             apart(naive.splat(poisoned(n, b), camera())[0], naive.splat(without_it(), camera())[0]) for n, b in POISONS
         ),
-        lambda: worst(
-            apart(drawn(poisoned(n, b), camera())[0].color, draw(without_it(), camera()).color[None])
-            for n, b in POISONS
-        ),
+        lambda: worst(poison_error(n, b) for n, b in POISONS),
         0.0,
         "the same bits as without it: it is masked, counted and reported",
     ),
@@ -293,7 +321,7 @@ CASES = (
         "the inverse of a singular covariance: 0 times infinity, or a line as bright as a face",
         "px",
         lambda: worst(disc_error(naive.splat(g, COLUMN)[1]) for g in EDGE_ON),
-        lambda: worst(disc_error(drawn_disc(g)) for g in EDGE_ON),
+        lambda: worst([*(disc_error(drawn_disc(g)) for g in EDGE_ON), floor_error()]),
         0.05,
         "widened by 0.3 px² at an opacity lowered to no less than 0.005",
     ),

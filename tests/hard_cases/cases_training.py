@@ -10,7 +10,7 @@ import torch
 
 from posegaussian.stages.network.losses import sequence_loss
 from posegaussian.stages.network.model.encoders import image_encoder
-from posegaussian.stages.network.model.heads import Heads, Prior, blend_quaternions, growth, limited
+from posegaussian.stages.network.model.heads import Heads, Prior, blend_quaternions, growth, limited, trust
 from posegaussian.stages.network.model.presets import PRESETS, Normalisation
 from posegaussian.stages.training.trainer import NetworkTrainer
 from tests.hard_cases.catalogue import Case, apart, worst
@@ -72,23 +72,29 @@ def blend_error() -> float:
 def dead_confidence(bounded: bool) -> float:
     """Share of logits without any slope."""
     x = torch.tensor(FAR, requires_grad=True)
-    return float((slope(x, torch.sigmoid(limited(x) if bounded else x)) < 1e-9).double().mean())
+    return float((slope(x, trust(x) if bounded else torch.sigmoid(x)) < 1e-9).double().mean())
 
 
 DISPARITIES = torch.tensor([64.3, 200.7, 511.2]).reshape(1, 1, 1, 3)
 
 
 def kept_disparity() -> float:
-    """Px by which untrained heads within bfloat16 autocast move the prior's disparity."""
+    """Px by which heads within bfloat16 autocast miss the prior's disparity, and, where they say 0.3, what that is
+    beside it in float32."""
     prior = Prior(
         DISPARITIES,
         torch.full((1, 3, 1, 3), 0.002),
         torch.tensor([0.0, 0, -1]).reshape(1, 3, 1, 1).expand(1, 3, 1, 3),
         torch.full((1, 2, 1, 3), 0.9),
     )
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
-        found = Heads(4)(torch.ones(1, 4, 1, 3, dtype=torch.bfloat16), prior, -prior.normal)
-    return apart(found.disparity, DISPARITIES)
+    found = []
+    for said in (0.0, 0.3):
+        heads = Heads(4)
+        torch.nn.init.constant_(heads.last["disparity"].bias, said)  # type: ignore[arg-type]
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+            out = heads(torch.ones(1, 4, 1, 3, dtype=torch.bfloat16), prior, -prior.normal)
+        found.append(apart(out.disparity, DISPARITIES + limited(torch.tensor(said), heads.reach)))
+    return worst(found)
 
 
 def told_by_neighbours(normalisation: Normalisation, training: bool) -> float:
