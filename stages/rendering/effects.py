@@ -44,14 +44,13 @@ def _trusted(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _clipping(evidence: Evidence, bound: float) -> Decision | None:
-    # Two simulated people in a room, six cameras: clipping by estimated masks changes box PSNR by -0.49 and +0.05 dB,
-    # filling by +0.46 and +0.11.
     if MASKS not in evidence.facts:
         return Decision(
-            False,
+            True,
             None,
             bound,
-            "the masks are estimated: where they are too small, clipping by them takes away more than it mends",
+            "the person is segmented in the source views: what lies farther beyond the masks' hull than such masks are"
+            " wrong is a stray piece",
         )
     return _trusted(evidence, bound)
 

@@ -8,10 +8,11 @@ from typing import TypeAlias
 import numpy as np
 import torch
 
+from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import cover, retouched
+from posegaussian.stages.rendering.clipping import UNSURE, cover, retouched
 from posegaussian.stages.rendering.closing import Body, closed
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.facts import (
@@ -165,15 +166,22 @@ class FrameRenderer:
         if self.body is not None:
             covered = cover(self.silhouettes, camera, touched[1] < 1)
             touched = closed(*touched, self.body, camera, covered)
-        filling, clipping = HOLE_FILLING in self.facts, SILHOUETTE_CLIPPING in self.facts
+        filling, beyond = HOLE_FILLING in self.facts, self._beyond
         outlines = (
             outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))
             if OUTLINE_EVENING in self.facts
             else None
         )
-        if filling or clipping or outlines:
-            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, clipping)
+        if filling or beyond is not None or outlines:
+            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, beyond)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+
+    @property
+    def _beyond(self) -> float | None:
+        """Px outside the silhouettes from which on pictures are clipped; None: not at all."""
+        if SILHOUETTE_CLIPPING not in self.facts:
+            return None
+        return 0.0 if MASKS in self.facts else UNSURE * float(self.rig.size[self.usable].max())
 
     def _body(self, silhouettes: Silhouettes | None) -> Body | None:
         """What closes gaps; None where no source view has a picture."""

@@ -1,10 +1,11 @@
 """How much of a picture the hull of the silhouettes covers: soft like the masks, and the same however it is found."""
 
+import cv2
 import numpy as np
 import pytest
 
 from posegaussian.stages.rendering import clipping
-from posegaussian.stages.rendering.clipping import cover
+from posegaussian.stages.rendering.clipping import cover, retouched
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
@@ -94,3 +95,28 @@ def test_no_more_is_said_than_what_is_enough() -> None:
     whole, found = cover(silhouettes, camera, wanted), cover(silhouettes, camera, wanted, enough)
     np.testing.assert_array_equal(np.minimum(found, enough), np.minimum(whole, enough))
     assert (found < whole).any(), "walks end early"
+
+
+def grown(mask: np.ndarray, px: int) -> np.ndarray:
+    return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1,) * 2))
+
+
+@pytest.mark.parametrize("fill", [True, False])
+def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: bool) -> None:
+    rig, margin, everywhere = ring(16, (96, 96), 90.0), 6, np.ones((96, 96), np.float32)
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(1, 16)}
+    silhouettes, camera = agreed(rig, masks), seen_by(rig, 0)
+    exact, inner, outer = (
+        cover(agreed(rig, {v: grown(m, px) for v, m in masks.items()}), camera, everywhere > 0) > 0.5
+        for px in (0, margin - 1, margin + 1)
+    )
+    grey = np.repeat(everywhere[..., None], 3, axis=2) / 2
+    color, alpha = retouched(grey, everywhere, silhouettes, camera, fill, None, margin)
+    assert (alpha[exact] > 0.99).all()
+    assert (alpha[inner] > 0.5).all(), "a disc of pixels and a distance differ by less than a px"
+    assert (alpha[~outer] < 0.5).all()
+    assert inner.mean() > exact.mean() + 0.1, "the margin is no trifle"
+    assert outer.mean() < 0.7, "something is clipped"
+    np.testing.assert_allclose(color, np.repeat(alpha[..., None] / 2, 3, axis=2), atol=1e-6)
+    untouched = retouched(grey, everywhere, silhouettes, camera, fill, None, None)[1]
+    np.testing.assert_array_equal(untouched, everywhere)

@@ -75,12 +75,12 @@ def test_anti_aliasing_is_for_targets_coarser_than_the_sources(person: PersonCap
     assert nothing.measured is None
 
 
-def test_estimated_masks_fill_holes_and_clip_nothing_unless_asked() -> None:
+def test_estimated_masks_fill_holes_and_clip_stray_pieces() -> None:
     estimated = SimpleNamespace(params=RenderingParams(), facts=frozenset({"segmented"}), sources=(0, 1, 2), noted={})
     filling, clipping = (e.decide(estimated, e.threshold) for e in (HOLE_FILLING, SILHOUETTE_CLIPPING))  # type: ignore[arg-type]
     assert filling is not None
     assert clipping is not None
-    assert (filling.on, clipping.on) == (True, False)
+    assert (filling.on, clipping.on) == (True, True)
     for effect in (HOLE_FILLING, SILHOUETTE_CLIPPING):
         assert effect.lacks(estimated) is None  # type: ignore[arg-type]
         assert "nobody segments" in (effect.lacks(unmasked()) or "")  # type: ignore[arg-type]
